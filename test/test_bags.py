@@ -8,6 +8,7 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, load_scene, open_recording, recording_cameras
 from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.bag_writer import BagWriter
 from flexx2_sim_ros.recording.convert import convert
 import made_bags
 from made_bags import (
@@ -32,6 +33,7 @@ import numpy as np
 import pytest
 
 TARGETS = ('folder-mcap', 'folder-sqlite3', 'file.mcap', 'file.db3')
+SUFFIX = {'mcap': '.mcap', 'sqlite3': '.db3'}
 RNG = np.random.default_rng(20240717)
 
 
@@ -113,6 +115,47 @@ def test_recordings_survive_a_bag_to_the_last_bit(kind: str, target: str, tmp_pa
     for field in ('depth', 'K', 'stamp', 'stamp_ns'):
         assert same(getattr(direct, field), getattr(through, field)), field
     assert direct.usecase == through.usecase
+
+
+@pytest.mark.parametrize('name', ['#1', 'a?b', 'w%41', '%', 'a b', 'w\xe4nd 雪'])
+@pytest.mark.parametrize('storage', STORAGES)
+def test_a_bag_lies_where_it_was_asked_for(storage: str, name: str, tmp_path: Path) -> None:
+    folder = tmp_path / name
+    folder.mkdir()
+    given = contents()['moving']
+    np.savez(folder / 'in.npz', **given)
+    bag, single = folder / name, folder / f'{name}{SUFFIX[storage]}'
+    for target in (bag, single):
+        convert(folder / 'in.npz', target, storage=storage)
+        recording = load_recording(target)
+        assert same(recording.depth, given['depth'])
+        assert same(recording.amplitude, given['amplitude'])
+        assert recording.notes == ()
+    with BagWriter(folder / f'{name}.2', storage) as writer:
+        writer.write('/a', made_bags.IMAGE, 1, b'1')
+    assert [message.data for message in Bag(folder / f'{name}.2').messages()] == [b'1']
+    # Nothing lies beside them under a part of the name.
+    assert list(tmp_path.iterdir()) == [folder]
+    assert set(folder.iterdir()) == {folder / 'in.npz', bag, single, folder / f'{name}.2'}
+    assert {file.suffix for file in bag.iterdir()} == {'.yaml', single.suffix}
+
+
+@pytest.mark.parametrize(('mode', 'step'), [('Mode_5_60fps', SECOND / 60), (None, SECOND / 30)])
+def test_a_recording_without_stamps_survives_a_bag(
+    mode: str | None, step: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = {'depth': depths(4, 9, 7), 'K': MATRIX} | ({} if mode is None else {'usecase': mode})
+    np.savez(tmp_path / 'in.npz', **given)
+    assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / 'bag')]) == 0
+    recording = load_recording(tmp_path / 'bag')
+    assert same(recording.depth, given['depth'])
+    assert recording.stamp_ns.tolist() == [round(index * step) for index in range(4)]
+    capsys.readouterr()
+    assert main(['convert', str(tmp_path / 'bag'), str(tmp_path / 'out.npz')]) == 0
+    assert 'out.npz: 4 frames of camera, 7 x 9' in capsys.readouterr().err
+    with np.load(tmp_path / 'out.npz') as back:
+        assert set(back.files) == set(given)
+        assert same(back['depth'], given['depth'])
 
 
 def test_a_converted_bag_is_what_a_camera_publishes(tmp_path: Path) -> None:

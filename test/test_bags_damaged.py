@@ -2,14 +2,28 @@
 
 import os
 from pathlib import Path
+import sqlite3
 import subprocess
 import sys
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording import load_recording, Recording
+from flexx2_sim_ros.recording import load_recording, open_recording, Recording
 from flexx2_sim_ros.recording.bag_files import Bag
-from made_bags import depths, driver_bag, driver_entries, EPOCH, MATRIX, same, STORAGES, write
+from flexx2_sim_ros.recording.convert import convert
+from flexx2_sim_ros.recording.truth import read_truth
+from flexx2_sim_ros.recording.uptime import uptime_of
+from made_bags import (
+    depths,
+    driver_bag,
+    driver_entries,
+    EPOCH,
+    MATRIX,
+    same,
+    SECOND,
+    STORAGES,
+    write,
+)
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode
@@ -201,6 +215,66 @@ def test_a_writer_that_is_killed_loses_a_second_at_most(tmp_path: Path) -> None:
             env={**os.environ, 'PYTHONPATH': str(root)},
         )
         assert len(list(Bag(bag).messages())) == 5
+
+
+def test_arrays_of_a_cut_off_bag_fit_the_frames_that_are_left(tmp_path: Path) -> None:
+    depth = depths(COUNT, 86, 112)
+    each = {
+        'stamp': np.arange(COUNT) / 8,
+        'received': np.arange(COUNT) / 8 + 0.5,
+        'uptime': np.arange(COUNT) / 8 + 60,
+        'known': depth > 1,
+        'clean_sigma': depth / 1000,
+        'incidence': depth / 5,
+        'reflectivity_spread': depth / 10,
+        'reflectivity': depth.astype('f8') / 10,  # No image: it is an array as well.
+    }
+    common = {'clean_depth': depth[0] + 1, 'plane': np.zeros((86, 112), np.uint8), 'K': MATRIX}
+    common |= {'plane_covariance': np.zeros((0, 0)), 'curve': np.arange(COUNT)}
+    np.savez(tmp_path / 'in.npz', depth=depth, **each, **common)
+    path = tmp_path / 'cut.mcap'
+    convert(tmp_path / 'in.npz', path)
+    os.truncate(path, path.stat().st_size * 9 // 10)
+    reader = open_recording(path)
+    count = len(reader.stamp)
+    assert 0 < count < COUNT
+    for key, array in each.items():
+        assert same(reader.arrays[key], array[:count]), key
+    for key, array in common.items():
+        assert same(reader.arrays[key], array), key
+    uptime = uptime_of(reader)
+    assert uptime is not None
+    assert len(uptime) == count
+    assert same(read_truth(path, reader.arrays, reader.shape).known, each['known'][:count])
+
+
+@pytest.mark.parametrize('key', ['stamp', 'stamp_ns'])
+def test_arrays_stay_with_their_frames_where_one_in_the_middle_is_lost(
+    key: str, tmp_path: Path
+) -> None:
+    depth = depths(COUNT, 9, 7)
+    # The simulation was reset on the way.
+    stamps = np.arange(COUNT) % 8 * SECOND // 8
+    each = {key: stamps if key == 'stamp_ns' else stamps / 1e9, 'uptime': np.arange(COUNT) / 8}
+    each['known'] = depth > 1
+    np.savez(tmp_path / 'in.npz', depth=depth, K=MATRIX, clean_depth=depth + 1, **each)
+    path = tmp_path / 'bag.db3'
+    convert(tmp_path / 'in.npz', path)
+    with sqlite3.connect(path) as connection:
+        # As by a flipped bit: their checksums are wrong then.
+        connection.execute(
+            'UPDATE messages SET timestamp = timestamp + 1 WHERE id IN (SELECT messages.id FROM '
+            'messages JOIN topics ON topics.id = topic_id WHERE name LIKE "%depth_image_0" '
+            'ORDER BY messages.id LIMIT 2 OFFSET 3)'
+        )
+    connection.close()
+    left = [0, 1, 2, *range(5, COUNT)]
+    recording = load_recording(path)
+    assert same(recording.depth, depth[left])
+    assert recording.stamp_ns.tolist() == stamps[left].tolist()
+    assert same(recording.clean_depth, depth[left] + 1)
+    for name in ('uptime', 'known'):
+        assert same(recording.extra[name], each[name][left]), name
 
 
 def test_cut_off_bag_converts_with_a_message(

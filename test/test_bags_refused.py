@@ -6,7 +6,7 @@ from typing import Any
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
-from made_bags import depths, driver_bag, MATRIX, SECOND
+from made_bags import depths, driver_bag, image, info, MATRIX, SECOND, write
 import numpy as np
 import pytest
 
@@ -37,6 +37,34 @@ def test_no_recording(name: str, content: Any, message: str, tmp_path: Path) -> 
         load_recording(path)
     assert str(path) in str(caught.value)
     assert main(['convert', str(path), str(tmp_path / 'out.mcap')]) == 2
+
+
+def test_a_camera_info_of_another_size_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    node = '/left/flexx2_camera'
+
+    def bag(name: str, size: tuple[int, int]) -> Path:
+        entries = []
+        for stamp, depth in enumerate(depths(2, 12, 16)):
+            entries += [
+                info(f'{node}/camera_info', stamp, size),
+                image(f'{node}/depth_image_0', stamp, depth),
+            ]
+        return write(tmp_path / name, entries)
+
+    colour = bag('colour', (480, 640))
+    said = (
+        f'{node}/camera_info: size: must be that of {node}/depth_image_0, 16 x 12, got 640 x 480'
+    )
+    with pytest.raises(InputError, match=f'^{colour}: {said}$'):
+        load_recording(colour)
+    assert main(['convert', str(colour), str(tmp_path / 'out.npz')]) == 2
+    assert said in ' '.join(capsys.readouterr().err.split())
+    assert not (tmp_path / 'out.npz').exists()
+    # Of a driver that leaves the size out.
+    for name, size in (('no_size', (0, 0)), ('no_height', (0, 16)), ('right', (12, 16))):
+        assert load_recording(bag(name, size)).depth.shape == (2, 12, 16)
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,13 @@ import zlib
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import load_recording
+from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.bag_messages import header_stamp
+from made_bags import driver_bag
 from made_images import counts, EIGHT, folder_of, K, metres, ost, save, SIZE
 import numpy as np
 import pytest
+from rosbags.rosbag2 import CompressionMode
 
 
 def convert(*arguments: Any) -> int:
@@ -84,6 +88,64 @@ def test_an_archive_with_other_keys(tmp_path: Path) -> None:
     np.savez(source, z=metres()[0], K=np.reshape(K, (3, 3)))
     assert convert(source, out, '--key', 'depth=z') == 0
     np.testing.assert_array_equal(load_recording(out).depth, metres()[:1])
+
+
+@pytest.mark.parametrize(
+    ('name', 'options'),
+    [
+        ('own.npz', ['--mask', 'mask.png']),
+        ('nameless.npz', ['--usecase', 'mode_5_60fps']),
+        ('other.npz', ['--key', 'depth=z']),
+        ('images', ['--usecase', 'Mode_5_60fps']),
+    ],
+)
+def test_frames_without_stamps_come_at_the_rate_of_the_mode(
+    name: str,
+    options: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    arrays = {'K': np.reshape(K, (3, 3)), 'usecase': 'Mode_5_60fps'}
+    np.savez('own.npz', depth=metres(), **arrays)
+    np.savez('nameless.npz', depth=metres(), K=arrays['K'])
+    np.savez('other.npz', z=metres(), **arrays)
+    folder_of(Path('images'), ['1.png', '2.png', '3.png'])
+    save(Path('mask.png'), np.eye(*SIZE, dtype=bool))
+    assert convert(name, 'bag', *options) == 0
+    assert 'taken for 60 Hz, that of Mode_5_60fps' in ' '.join(capsys.readouterr().err.split())
+    topic = '/camera/flexx2_camera/depth_image_0'
+    stamps = [header_stamp(message.data, topic) for message in Bag('bag').messages({topic})]
+    assert stamps == [0, 16_666_667, 33_333_333]
+    assert load_recording('bag').stamp_ns.tolist() == stamps
+    # A rate that is given has priority.
+    assert convert(name, 'slow.npz', *options, '--rate', '10') == 0
+    assert load_recording('slow.npz').stamp.tolist() == [0.0, 0.1, 0.2]
+
+
+@pytest.mark.parametrize('beside', ['preview.png', 'depth/preview.png'])
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('compressed', [False, True])
+def test_a_bag_with_an_image_beside_it_is_a_bag(
+    beside: str, storage: str, compressed: bool, tmp_path: Path
+) -> None:
+    given = np.where(counts() > 0, metres(), 0).astype(np.float32)
+    mode = CompressionMode.FILE if compressed else CompressionMode.NONE
+    bag = driver_bag(tmp_path / 'bag', given, storage, compression=mode)
+    save(bag / beside, counts()[0])
+    assert convert(bag, tmp_path / 'out.npz') == 0
+    found = load_recording(tmp_path / 'out.npz')
+    np.testing.assert_array_equal(found.depth, metres())
+    assert found.usecase == 'Mode_5_45fps'
+
+
+def test_images_may_lie_beside_metadata_of_others(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png'])
+    (folder / 'metadata.yaml').write_text('licence: none')
+    lens = folder / 'ost.yaml'
+    assert convert(folder, tmp_path / 'out.npz', '--calibration', lens) == 0
+    np.testing.assert_array_equal(load_recording(tmp_path / 'out.npz').depth, metres())
 
 
 def huge() -> bytes:

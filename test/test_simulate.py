@@ -10,6 +10,8 @@ from typing import Any
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.profiles.modes import flexx2
+from flexx2_sim_ros.recording import load_recording
+from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
 import pytest
 import yaml
@@ -182,6 +184,43 @@ def test_a_moving_scene_is_simulated_frame_by_frame(tmp_path: Path) -> None:
     fewer = simulate(source, tmp_path, '--frames', '4')
     for key in ('depth', 'clean_depth', 'reflectivity', 'stamp'):
         assert len(fewer[key]) == 4
+
+
+@pytest.mark.parametrize('keys', [('stamp', 'stamp_ns'), ('stamp_ns',)])
+def test_stamps_of_a_clock_are_kept_to_the_nanosecond(
+    keys: tuple[str, ...], tmp_path: Path
+) -> None:
+    exact = 1_700_000_000_123_456_789 + np.arange(5) * 33_333_333
+    stamps = {'stamp': exact / 1e9, 'stamp_ns': exact}
+    source = save(
+        tmp_path, clean_depth=np.stack([SCENE] * 5), **{key: stamps[key] for key in keys}
+    )
+    out = simulate(source, tmp_path, '--frames', '3', '--seed', '2')
+    np.testing.assert_array_equal(out['stamp_ns'], exact[:3])
+    recording = load_recording(tmp_path / 'out.npz')
+    np.testing.assert_array_equal(recording.stamp, exact[:3] / 1e9)
+    seen = Camera('Mode_9_30fps', seed=2).capture(SCENE, K, exact[:3])
+    np.testing.assert_array_equal(recording.depth, seen.depth)
+
+
+def test_arrays_with_one_image_a_frame_are_cut_with_the_frames(tmp_path: Path) -> None:
+    scenes = np.stack([SCENE] * 5)
+    known = np.isfinite(scenes)
+    source = save(
+        tmp_path,
+        clean_depth=scenes,
+        amplitude=np.ones(scenes.shape, np.uint16),
+        known=known,
+        clean_sigma=np.full(scenes.shape, 0.003, np.float32),
+        uptime=np.arange(60.0, 65.0),
+    )
+    simulate(source, tmp_path, '--frames', '3')
+    recording = load_recording(tmp_path / 'out.npz')
+    assert recording.extra['uptime'] == 60.0
+    assert recording.amplitude is not None
+    assert recording.amplitude.shape == (3, *SCENE.shape)
+    truth = read_truth(tmp_path / 'out.npz', recording.extra, recording.depth.shape)
+    np.testing.assert_array_equal(truth.known, known[:3])
 
 
 def test_the_input_may_be_a_recording(tmp_path: Path) -> None:

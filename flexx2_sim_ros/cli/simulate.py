@@ -25,6 +25,8 @@ _CHUNK = 30
 _LATEST = 1e9  # seconds
 _LONGEST_UPTIME = 1e6  # seconds
 _STARTS = 1_000_000  # seconds from which a scene has its own
+# Besides those of the scene itself: with three dimensions, one image a frame.
+_MAY_BE_STACKS = {'amplitude', 'known', 'clean_sigma', 'incidence', 'reflectivity_spread'}
 
 
 def add_parser(commands: Any) -> None:
@@ -34,9 +36,9 @@ def add_parser(commands: Any) -> None:
         help='simulate the camera on a scene from a file',
         description='Read clean depth and write what the camera would have recorded. IN.npz has '
         'clean_depth (H, W) or (T, H, W) in metres, NaN where there is no return, K (3, 3), '
-        'optionally reflectivity (0..1) and stamp (T,) in seconds. OUT.npz is a recording: '
-        'depth (T, H, W) float32 metres with NaN for invalid, clean_depth, K, stamp, usecase, '
-        'seed, effects if any, and all other keys of IN (docs/recordings.md).',
+        'optionally reflectivity (0..1) and stamp (T,) in seconds, or stamp_ns. OUT.npz is a '
+        'recording: depth (T, H, W) float32 metres with NaN for invalid, clean_depth, K, stamp, '
+        'usecase, seed, effects if any, and all other keys of IN (docs/recordings.md).',
         epilog='example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300',
     )
     parser.add_argument('input', metavar='IN.npz', help='scene to read')
@@ -105,6 +107,9 @@ def run(arguments: argparse.Namespace) -> int:
     )
     console = Console(stderr=True, markup=False)
     count = len(stamps)
+    # Stamps of a clock are exact in nanoseconds only; the noise depends on them.
+    exact = None if scene.stamp_ns is None else scene.stamp_ns[:count]
+    times = stamps if exact is None or len(exact) < count else exact
     invalid = 0
     with (
         RecordingWriter(arguments.output, count, *scene.clean_depth.shape[-2:]) as writer,
@@ -115,22 +120,31 @@ def run(arguments: argparse.Namespace) -> int:
             frame = camera.capture(
                 _frames(scene.clean_depth, part),
                 scene.K,
-                stamps[part],
+                times[part],
                 None if scene.reflectivity is None else _frames(scene.reflectivity, part),
             )
             writer.add_depth(frame.depth)
             invalid += int(np.isnan(frame.depth).sum())
         _write_scene(writer, scene, count, arguments.uptime)
         writer.add_array('stamp', stamps)
+        if times is exact:
+            writer.add_array('stamp_ns', exact)
         if delay := time_offset_of(effects).delay_ns:
             writer.add_array('received', stamps + delay / 1e9)
         writer.add_array('usecase', camera.usecase)
         writer.add_array('seed', arguments.seed)
         if effects:
             writer.add_array('effects', effects_yaml(effects))
+    _say(console, arguments.output, camera, scene, count, invalid)
+    return 0
+
+
+def _say(
+    console: Console, path: str, camera: Camera, scene: Scene, count: int, invalid: int
+) -> None:
     height, width = scene.clean_depth.shape[-2:]
     console.print(
-        f'{arguments.output}: {count} frames of {width} x {height}, '
+        f'{path}: {count} frames of {width} x {height}, '
         f'{printable(camera.profile.model)}, {camera.usecase}, '
         f'{invalid / (count * height * width):.1%} invalid',
         highlight=False,
@@ -150,7 +164,6 @@ def run(arguments: argparse.Namespace) -> int:
             style='yellow',
             highlight=False,
         )
-    return 0
 
 
 def _effects(path: str | None, draw: int | None) -> tuple[Effect, ...]:
@@ -184,8 +197,10 @@ def _write_scene(writer: RecordingWriter, scene: Scene, count: int, uptime: floa
         replaced.add('uptime')
         writer.add_array('uptime', uptime)
     for key, value in scene.extra.items():
+        if key == 'uptime' and value.shape not in ((), (count,)):
+            value = value[0]  # Of the first frame; stamps say those of the others.
         if key not in replaced:
-            writer.add_array(key, value)
+            writer.add_array(key, _up_to(value, count) if key in _MAY_BE_STACKS else value)
     writer.add_array('clean_depth', _up_to(scene.clean_depth, count))
     writer.add_array('K', scene.K)
     if scene.reflectivity is not None:

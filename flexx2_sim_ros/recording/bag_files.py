@@ -13,8 +13,8 @@ from flexx2_sim_ros.recording.bag_remains import check_file, McapRemains, Messag
 from flexx2_sim_ros.recording.bag_ros1 import Ros1Bag
 from flexx2_sim_ros.recording.checksums import Check
 from flexx2_sim_ros.recording.chunks import naming
+from flexx2_sim_ros.recording.sqlite_paths import BagReader
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
-from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
 
@@ -176,7 +176,7 @@ class _Whole:
     def __init__(self, path: Path, notes: list[str]) -> None:
         self._path = path
         self._notes = notes
-        with naming(path), Reader(path) as reader:
+        with naming(path), BagReader(path) as reader:
             self.topics = {
                 connection.topic: connection.msgtype
                 for connection in reader.connections
@@ -193,7 +193,7 @@ class _Whole:
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         try:
-            with naming(self._path), Reader(self._path) as reader:
+            with naming(self._path), BagReader(self._path) as reader:
                 wanted = [item for item in reader.connections if item.topic in topics]
                 if not wanted:
                     return

@@ -1,6 +1,7 @@
 """Recordings in bags, made with our nodes, the real driver or `flexx2 convert`."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -9,26 +10,21 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.messages.decoding import decode_distortion, decode_image, image_pixels
 from flexx2_sim_ros.npz_arrays import decode_npy
+from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import choose_camera, DEPTH_ENCODINGS, EVENTS
 from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.matching import ABSENT, match, Topic
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
 
 _GRAYS = ('mono8', '8UC1', 'mono16', '16UC1', '32FC1')
+_TIMES = ('stamp', 'stamp_ns', 'received', 'uptime')
+# Keys that can have an entry a frame; () or (H, W) is for all frames.
+_ONE_EACH = (*_TIMES, *STACKS, 'known', 'clean_sigma', 'incidence', 'reflectivity_spread')
 _FLOATS = {7: 'f4', 8: 'f8'}  # sensor_msgs/PointField
-_ABSENT = -1
 
 Decoder = Callable[[bytes], np.ndarray]
-
-
-@dataclass
-class _Topic:
-    """What the first pass over the bag finds about the messages of a topic."""
-
-    first: bytes
-    stamps: list[int]
-    times: list[int]
 
 
 @dataclass(frozen=True)
@@ -52,7 +48,7 @@ class BagRecording(RecordingReader):
     ----------
     path : pathlib.Path
         A folder, or a ``.mcap`` or ``.db3`` file.
-    camera : str, optional
+    camera, profile
         As for `open_recording`.
 
     Raises
@@ -62,17 +58,19 @@ class BagRecording(RecordingReader):
 
     """
 
-    def __init__(self, path: Path, camera: str | None = None) -> None:
+    def __init__(
+        self, path: Path, camera: str | None = None, profile: Profile | None = None
+    ) -> None:
         """Read the bag once, keeping stamps but no images."""
         self._bag = Bag(path)
         self._where = choose_camera(path, self._bag.topics, self._bag.samples, camera)
-        self._found: dict[str, _Topic] = {}
+        self._found: dict[str, Topic] = {}
         self._carried: dict[str, np.ndarray | None] = {}
         self._stacks: dict[str, _Stack] = {}
         self._usecases: list[tuple[int, str, str, bool]] = []
         self._infos: list[tuple[int, Any]] = []
         self._index()
-        super().__init__(path, self._where.name, self._content(path))
+        super().__init__(path, self._where.name, self._content(path), profile)
 
     def _index(self) -> None:
         where = self._where
@@ -97,7 +95,7 @@ class BagRecording(RecordingReader):
             elif topic == EVENTS:
                 self._take_event(time, data, label)
             else:
-                found = self._found.setdefault(topic, _Topic(data, [], []))
+                found = self._found.setdefault(topic, Topic(data, [], []))
                 found.stamps.append(messages.header_stamp(data, label))
                 found.times.append(time)
                 if topic == where.info and data[12:] != last_info:
@@ -129,13 +127,14 @@ class BagRecording(RecordingReader):
                 f'{path}: depth: must be the images of {self._source}, got an array on '
                 f'{where.carried}'
             )
-        content = Content({}, {}, self._bag.notes)
+        content = Content({}, {}, self._bag.notes, frames=len(self._found[self._source].stamps))
         first = self._infos[0][1]
         self._size = int(first.height), int(first.width)
         depth = partial(
             self._cloud_depth if self._source == where.cloud else self._depth, self._source
         )
         self._add_stack(content, 'depth', self._source, depth)
+        self._check_size(*content.layouts['depth'].shape)
         own = not self._carried
         if own or 'clean_depth' in self._carried:
             self._add_stack(content, 'clean_depth', where.clean, self._clean)
@@ -156,6 +155,15 @@ class BagRecording(RecordingReader):
             self._add_carried_arrays(content)
         return content
 
+    def _check_size(self, height: int, width: int) -> None:
+        # The camera matrix of another size would give another camera. A cloud is read in the size
+        # of the camera info, and a size of 0 says nothing.
+        if self._source == self._where.depth and self._size != (height, width) and all(self._size):
+            raise InputError(
+                f'{self._bag.path}: {self._where.info}: size: must be that of {self._source}, '
+                f'{width} x {height}, got {self._size[1]} x {self._size[0]}'
+            )
+
     def _add_stack(self, content: Content, key: str, topic: str, decoder: Decoder) -> None:
         if topic not in self._found or self._carried.get(key) is not None:
             return
@@ -166,9 +174,8 @@ class BagRecording(RecordingReader):
                 'are another view than that of depth'
             )
             return
-        stamps = self._found[self._source].stamps
-        numbers = _match(stamps, self._found[topic].stamps)
-        missing = int((numbers == _ABSENT).sum())
+        numbers = match(self._found[self._source], self._found[topic])
+        missing = int((numbers == ABSENT).sum())
         if missing:
             if missing == len(numbers):
                 content.notes.append(
@@ -229,14 +236,22 @@ class BagRecording(RecordingReader):
             before = usecase
 
     def _add_carried_arrays(self, content: Content) -> None:
-        count = len(self._found[self._source].stamps)
+        left = self._left()
         for key, array in self._carried.items():
             if array is not None:
-                # A bag that was cut off has fewer frames than stamps.
-                one_each = (key in ('stamp', 'stamp_ns', 'received') and array.ndim == 1) or (
-                    key in STACKS and array.ndim == 3
-                )
-                content.arrays[key] = array[:count] if one_each else array
+                one_each = array.ndim == (1 if key in _TIMES else 3) and key in _ONE_EACH
+                longer = one_each and len(array) > max(len(left), left[-1])
+                content.arrays[key] = array[left] if longer else array
+
+    def _left(self) -> list[int]:
+        # The numbers of the frames in the recording that was converted. A bag that was cut off or
+        # damaged has fewer: their stamps say which.
+        found = self._found[self._source].stamps
+        left: list[int] = []
+        for number, stamp in enumerate(_nanoseconds(self._carried)):
+            if len(left) < len(found) and stamp == found[len(left)]:
+                left.append(number)
+        return left if len(left) == len(found) else list(range(len(found)))
 
     def _frame(self, time: int) -> int:
         # The first frame that was received at a time or after it.
@@ -247,7 +262,7 @@ class BagRecording(RecordingReader):
         stack, layout = self._stacks[key], self.layouts[key]
         absent = np.full(layout.shape, np.nan if layout.dtype.kind == 'f' else 0, layout.dtype)
         wanted = set(stack.numbers.tolist())
-        kept: dict[int, np.ndarray] = {_ABSENT: absent}
+        kept: dict[int, np.ndarray] = {ABSENT: absent}
         source = enumerate(self._bag.messages({stack.topic}))
         for index, number in enumerate(stack.numbers.tolist()):
             while number not in kept:
@@ -266,7 +281,7 @@ class BagRecording(RecordingReader):
                     f'{layout.dtype} as before, got {image.shape} {image.dtype}'
                 )
             yield image
-            if number != _ABSENT and number not in stack.numbers[index + 1 : index + 2]:
+            if number != ABSENT and number not in stack.numbers[index + 1 : index + 2]:
                 del kept[number]
 
     def _image(self, topic: str, encodings: tuple[str, ...], data: bytes) -> np.ndarray:
@@ -330,18 +345,11 @@ class BagRecording(RecordingReader):
             return np.where(np.isfinite(depth) & (depth > 0), depth, depth.dtype.type(np.nan))
 
 
-def _match(stamps: list[int], others: list[int]) -> np.ndarray:
-    # For each stamp, the number of the other topic's message with that stamp.
-    numbers = {key: number for number, key in enumerate(_places(others))}
-    return np.array([numbers.get(key, _ABSENT) for key in _places(stamps)], np.int64)
-
-
-def _places(stamps: list[int]) -> Iterator[tuple[int, int, int]]:
-    # How often stamps have gone back so far (a simulation that was reset gives the same ones
-    # again), the stamp, and how many of the same there were just before.
-    passes, repeats, last = 0, 0, stamps[0] - 1
-    for stamp in stamps:
-        passes += stamp < last
-        repeats = repeats + 1 if stamp == last else 0
-        last = stamp
-        yield passes, stamp, repeats
+def _nanoseconds(arrays: Mapping[str, np.ndarray | None]) -> list[int]:
+    # The stamps of a recording as its messages have them; none where they cannot be stamps.
+    for key, unit in (('stamp_ns', 1), ('stamp', 1e9)):
+        array = arrays.get(key)
+        if array is not None and array.dtype.kind in 'fiu':
+            with suppress(OverflowError, ValueError):  # Not finite: refused later.
+                return [round(stamp * unit) for stamp in array.ravel().tolist()]
+    return []

@@ -16,6 +16,7 @@ import sys
 from typing import BinaryIO, NamedTuple
 from zlib import crc32
 
+from flexx2_sim_ros.recording.sqlite_paths import in_uri
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
@@ -114,7 +115,8 @@ class _Sqlite(Sqlite3Writer):
     """Writes a checksum for each message into a table of its own."""
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
-        super().__init__(path, compression)
+        super().__init__(in_uri(path), compression)
+        self.path = path / f'{path.name}.db3'
         self.conn.execute(f'CREATE TABLE {_TABLE}(id INTEGER PRIMARY KEY, crc32 INTEGER NOT NULL)')
 
     def write(self, connection: Connection, timestamp: int, data: bytes | memoryview) -> None:

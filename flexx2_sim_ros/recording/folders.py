@@ -49,6 +49,11 @@ def find_recordings(folder: str | Path) -> list[Path]:
     return found
 
 
+def has_bag_files(folder: Path) -> bool:
+    """Return whether a folder has files of a rosbag2 bag, also compressed ones."""
+    return any(file.name.removesuffix('.zstd').endswith(_ROS2_FILES) for file in folder.iterdir())
+
+
 def is_bag(path: Path) -> bool:
     """Return whether a path is a folder that is a rosbag2 bag or cannot be read."""
     if not path.is_dir():

@@ -103,7 +103,7 @@ class CompletedRecording(RecordingReader):
             source.changes,
             len(source.stamp),
         )
-        super().__init__(source.path, source.camera, content)
+        super().__init__(source.path, source.camera, content, source.profile)
 
     def frames(self, key: str) -> Iterator[np.ndarray]:
         """Iterate over the images of a stack; see `RecordingReader.frames`."""

@@ -7,6 +7,7 @@ import re
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.png import check_png, read_png
 from flexx2_sim_ros.recording.calibration import read_calibration
+from flexx2_sim_ros.recording.folders import has_bag_files
 from flexx2_sim_ros.recording.given import Given, MILLIMETRE
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader
 import numpy as np
@@ -94,10 +95,10 @@ class ImageRecording(RecordingReader):
 
 
 def has_images(path: Path) -> bool:
-    """Say whether a path is a PNG file or a folder of them."""
+    """Say whether a path is a PNG file or a folder of them, and no bag beside which one lies."""
     if path.suffix.lower() == '.png':
         return True
-    return path.is_dir() and bool(_pngs(path) or _pngs(path / _DEPTH))
+    return path.is_dir() and not has_bag_files(path) and bool(_depth_files(path))
 
 
 def mask_beside(path: Path) -> Path | None:

@@ -11,6 +11,7 @@ import zipfile
 from flexx2_sim_ros.atomic import checked_target, named, whole
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.npz_arrays import open_npz
+from flexx2_sim_ros.recording.stamps import read_stamps
 import numpy as np
 
 
@@ -29,6 +30,8 @@ class Scene:
         (H, W) or (T, H, W) in 0..1.
     stamp : numpy.ndarray or None
         (T,) float64 seconds.
+    stamp_ns : numpy.ndarray or None
+        (T,) int64 nanoseconds, if the file has them: `stamp` cannot hold those of a clock exactly.
     extra : dict
         All other arrays of the file.
 
@@ -38,6 +41,7 @@ class Scene:
     K: np.ndarray  # noqa: N815
     reflectivity: np.ndarray | None = None
     stamp: np.ndarray | None = None
+    stamp_ns: np.ndarray | None = None
     extra: dict[str, np.ndarray] = field(default_factory=dict)
 
 
@@ -84,17 +88,16 @@ def load_scene(path: str | Path) -> Scene:
             f'{path}: reflectivity: must have the size of clean_depth, {clean.shape}, got '
             f'{reflectivity.shape}'
         )
-    stamp = _numbers(path, arrays, 'stamp') if 'stamp' in arrays else None
-    if stamp is not None and stamp.ndim != 1:
-        raise InputError(f'{path}: stamp: must be seconds of shape (T,), got {stamp.shape}')
-    if stamp is not None and not np.isfinite(stamp).all():
-        raise InputError(f'{path}: stamp: must be finite, got NaN or infinity')
-    known = {'clean_depth', 'K', 'reflectivity', 'stamp'}
+    stamp, stamp_ns = (
+        read_stamps(path, arrays) if {'stamp', 'stamp_ns'} & arrays.keys() else (None, None)
+    )
+    known = {'clean_depth', 'K', 'reflectivity', 'stamp', 'stamp_ns'}
     return Scene(
         clean,
         matrix.astype(np.float64),
         reflectivity,
-        None if stamp is None else stamp.astype(np.float64),
+        stamp,
+        stamp_ns if 'stamp_ns' in arrays else None,
         {key: value for key, value in arrays.items() if key not in known},
     )
 

@@ -19,6 +19,8 @@ class NpzRecording(RecordingReader):
     ----------
     path : pathlib.Path
         The file; nothing in it is unpickled.
+    profile : Profile, optional
+        As for `open_recording`.
 
     Raises
     ------
@@ -27,7 +29,7 @@ class NpzRecording(RecordingReader):
 
     """
 
-    def __init__(self, path: Path, profile: Profile) -> None:
+    def __init__(self, path: Path, profile: Profile | None = None) -> None:
         """Read everything except the stacks."""
         # Stacks whose frames are not contiguous.
         self._loaded: dict[str, np.ndarray] = {}

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.profiles.modes import flexx2, Profile
+from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording.npz_recording import NpzRecording
 from flexx2_sim_ros.recording.reader import Recording, RecordingReader
 
@@ -40,11 +40,11 @@ def open_recording(
     path = Path(path)
     try:
         if path.suffix == '.npz':
-            return NpzRecording(path, profile or flexx2())
+            return NpzRecording(path, profile)
         # Bags need the library rosbags, .npz files do not.
         from flexx2_sim_ros.recording.bags import BagRecording
 
-        return BagRecording(path, camera)
+        return BagRecording(path, camera, profile)
     except OSError as error:
         raise InputError(f'{path}: cannot be read: {error.strerror or error}') from error
 

@@ -8,14 +8,13 @@ from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import DISTORTION_MODELS, full_distortion
-from flexx2_sim_ros.profiles.modes import Profile
+from flexx2_sim_ros.profiles.modes import flexx2, Profile
+from flexx2_sim_ros.recording.stamps import LONGEST, read_stamps
 import numpy as np
 
 # Keys that can have one image a frame; all other arrays are the recording's as a whole.
 STACKS = ('depth', 'clean_depth', 'reflectivity', 'amplitude')
 _KNOWN = {*STACKS, 'K', 'stamp', 'stamp_ns', 'usecase'}
-_LONGEST = 9_000_000_000  # seconds that int64 nanoseconds can hold, rounded down
-_SAME_NANOSECONDS = 1000
 _USUAL_RATE = 30.0  # Hz
 ASSUMED = 'stamp: not in the file'  # part of a note
 
@@ -118,6 +117,8 @@ class RecordingReader(ABC):
         The file or folder.
     camera : str or None
         Which camera of a bag.
+    profile : Profile
+        The camera whose modes give the rate of a file without stamps.
     K, stamp, stamp_ns, usecase
         As in `Recording`, of all frames.
     distortion : tuple of float
@@ -141,6 +142,7 @@ class RecordingReader(ABC):
         """Check what is there against the recording format."""
         self.path = path
         self.camera = camera
+        self.profile = profile or flexx2()
         self.layouts = content.layouts
         self.arrays = content.arrays
         self.notes = content.notes
@@ -156,7 +158,9 @@ class RecordingReader(ABC):
         self.usecase = None if usecase is None else str(usecase)
         self.assumed_stamps = not {'stamp', 'stamp_ns'} & self.arrays.keys()
         self.stamp, self.stamp_ns = (
-            self._usual_stamps(content.frames, profile) if self.assumed_stamps else self._stamps()
+            self._usual_stamps(content.frames)
+            if self.assumed_stamps
+            else read_stamps(self.path, self.arrays)
         )
         self._check_images()
 
@@ -200,9 +204,9 @@ class RecordingReader(ABC):
         """
         if 'received' not in self.arrays:
             return None
-        wanted = f'seconds ({len(self.stamp)},), one for each frame, at most {_LONGEST:g}'
+        wanted = f'seconds ({len(self.stamp)},), one for each frame, at most {LONGEST:g}'
         found = self._numbers('received', wanted)
-        if found.shape != self.stamp.shape or not (np.abs(found) <= _LONGEST).all():
+        if found.shape != self.stamp.shape or not (np.abs(found) <= LONGEST).all():
             raise InputError(
                 f'{self.path}: received: must be {wanted}, got {found.dtype} of shape '
                 f'{found.shape}'
@@ -276,44 +280,14 @@ class RecordingReader(ABC):
             )
         return full_distortion(found.ravel())
 
-    def _usual_stamps(self, frames: int, profile: Profile | None) -> tuple[np.ndarray, np.ndarray]:
+    def _usual_stamps(self, frames: int) -> tuple[np.ndarray, np.ndarray]:
         rate, whose = _USUAL_RATE, 'usual'
-        for mode in profile.modes if profile is not None else ():
+        for mode in self.profile.modes:
             if self.usecase is not None and mode.name.lower() == self.usecase.strip().lower():
                 rate, whose = mode.rate_hz, f'that of {mode.name}'
         self.notes.append(f'{self.path}: {ASSUMED}: taken for {rate:g} Hz, {whose}')
         exact = np.rint(np.arange(frames) * (1e9 / rate)).astype(np.int64)
         return exact / 1e9, exact
-
-    def _stamps(self) -> tuple[np.ndarray, np.ndarray]:
-        given = {
-            key: self._numbers(key, 'numbers (T,), the times of frames')
-            for key in ('stamp', 'stamp_ns')
-            if key in self.arrays
-        }
-        for key, values in given.items():
-            if values.ndim != 1 or not np.isfinite(values).all():
-                raise InputError(
-                    f'{self.path}: {key}: must be finite numbers (T,), got shape {values.shape}'
-                )
-        if 'stamp_ns' not in given:
-            seconds = given['stamp'].astype(np.float64)
-            if (np.abs(seconds) > _LONGEST).any():
-                raise InputError(
-                    f'{self.path}: stamp: must be seconds, at most {_LONGEST:g}, got '
-                    f'{np.abs(seconds).max():g}'
-                )
-            return seconds, np.rint(seconds * 1e9).astype(np.int64)
-        exact = given['stamp_ns']
-        if exact.dtype.kind not in 'iu':
-            raise InputError(
-                f'{self.path}: stamp_ns: must be whole numbers, got dtype {exact.dtype}'
-            )
-        exact = exact.astype(np.int64)
-        stamp = given.get('stamp', exact / 1e9).astype(np.float64)
-        if stamp.shape != exact.shape or (np.abs(stamp * 1e9 - exact) > _SAME_NANOSECONDS).any():
-            raise InputError(f'{self.path}: stamp: must be stamp_ns in seconds, got other times')
-        return stamp, exact
 
     def _numbers(self, key: str, wanted: str) -> np.ndarray:
         found = self.arrays.get(key)
