@@ -9,10 +9,12 @@ from bench.exposure import noise_by_exposure
 from bench.wall_campaigns import wall
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.cli.demo_picture import as_seen, draw
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.physics.geometry import centred, pixel_rays
 from flexx2_sim_ros.profiles.files import (
     find_profile,
     load_profile,
@@ -20,8 +22,9 @@ from flexx2_sim_ros.profiles.files import (
     save_profile,
     shipped,
 )
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.sensor import Sensor
-from matplotlib.image import imsave
+from matplotlib.image import imread, imsave
 import numpy as np
 import pytest
 
@@ -214,6 +217,24 @@ def test_a_robots_cameras_are_rendered_with_its_intrinsics(ros: None, name: str)
         assert rendered.height >= camera.height
     finally:
         node.destroy_node()
+
+
+@pytest.mark.parametrize('name', ['flexx2', 'kinect_v2'])
+def test_the_demo_compares_depth_in_the_pixels_of_the_camera(name: str, tmp_path: Path) -> None:
+    profile = find_profile(name)
+
+    def slope(camera: Intrinsics) -> np.ndarray:
+        x, y = pixel_rays(camera)
+        return (1.5 / (1 + 0.2 * x + 0.1 * y)).astype(np.float32)
+
+    camera = profile.intrinsics
+    clean, seen = slope(centred(camera)), slope(camera)
+    # A lens without distortion and with its axis in the middle is rendered as it is.
+    assert (clean.shape == seen.shape) == (name == 'flexx2')
+    np.testing.assert_allclose(as_seen(clean, profile), seen, atol=1e-4)
+    mode = profile.modes[0]
+    draw(tmp_path / 'demo.png', {('front_left', mode.name): (clean, seen)}, [mode], profile)
+    assert imread(tmp_path / 'demo.png').std() > 0.1
 
 
 def test_no_depth_outside_the_valid_region() -> None:

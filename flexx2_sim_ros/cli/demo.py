@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
         style='dim',
     )
     path = arguments.out / 'demo.png'
-    draw(path, pictures, modes, profile.model)
+    draw(path, pictures, modes, profile)
     console.print(f'picture: {path}', highlight=False)
     return 0
 

@@ -4,7 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from flexx2_sim_ros.atomic import whole
-from flexx2_sim_ros.profiles.modes import Mode
+from flexx2_sim_ros.physics.geometry import centred, Reprojection
+from flexx2_sim_ros.profiles.modes import Mode, Profile
 import numpy as np
 
 _INVALID = '#3a3a3a'
@@ -14,7 +15,7 @@ def draw(
     path: Path,
     pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.ndarray]],
     modes: list[Mode],
-    model: str,
+    profile: Profile,
 ) -> None:
     """
     Write the picture.
@@ -24,11 +25,12 @@ def draw(
     path : pathlib.Path
         PNG to write.
     pictures : mapping
-        By (camera, usecase): clean and simulated depth, (H, W) metres, NaN for invalid.
+        By (camera, usecase): clean depth as `go1_cameras` renders it for the profile, and
+        simulated depth in the camera's pixels; metres, NaN for invalid.
     modes : list of Mode
         One row each.
-    model : str
-        The camera's name.
+    profile : Profile
+        The camera.
 
     """
     import matplotlib
@@ -49,7 +51,8 @@ def draw(
     errors = pyplot.get_cmap('RdBu').with_extremes(bad=_INVALID)
     for row, mode in enumerate(modes):
         for column, camera in enumerate(cameras):
-            clean, seen = pictures[camera, mode.name]
+            rendered, seen = pictures[camera, mode.name]
+            clean = as_seen(rendered, profile)
             line = axes[row, 3 * column : 3 * column + 3]
             for axis, image in zip(line[:2], (clean, seen), strict=True):
                 depth = axis.imshow(
@@ -71,7 +74,32 @@ def draw(
     bar.ax.minorticks_off()
     bar.ax.set_yticklabels(['0.3', '0.5', '1', '2', '3', '5 m'])
     figure.colorbar(difference, ax=axes[:, -1], shrink=0.9, label='difference [mm]')
-    figure.suptitle(f'Two simulated {model} on a Go1 (gray: invalid)', fontsize=13)
+    figure.suptitle(f'Two simulated {profile.model} on a Go1 (gray: invalid)', fontsize=13)
     with whole(path) as part:
         figure.savefig(part, dpi=100, format='png')
     pyplot.close(figure)
+
+
+def as_seen(rendered: np.ndarray, profile: Profile) -> np.ndarray:
+    """
+    Return rendered depth in the pixels of the camera.
+
+    A renderer has no distortion and the principal point in the middle, so for some cameras it
+    draws a larger image.
+
+    Parameters
+    ----------
+    rendered : numpy.ndarray
+        Depth of the `centred` camera, metres.
+    profile : Profile
+        The camera.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) of the camera, NaN for invalid.
+
+    """
+    camera = profile.intrinsics
+    view = Reprojection(camera, centred(camera), sensor=profile.sensor)
+    return np.where(view.outside, np.float32(np.nan), view.depth(rendered))
