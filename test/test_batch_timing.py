@@ -6,6 +6,7 @@ from batches import DEVICES, look, scenes
 from flexx2_sim_ros.batch import BatchCamera, images, timing
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import load_randomisation
+from flexx2_sim_ros.effects.randomisation import Randomisation
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.gating import FrameGate
 import numpy as np
@@ -181,6 +182,27 @@ def test_a_reset_draws_another_delay_and_latency(tmp_path: Path) -> None:
             assert close.mean() > 1 - 1e-3
     assert all(own != other for own, other in zip(*drawn, strict=True))
     assert all(0.02 <= delay <= 0.06 for delay in drawn[0] if delay)
+
+
+def test_widths_are_drawn_at_a_reset_unless_they_shape_scattered_light(tmp_path: Path) -> None:
+    def drawn(effect: str, low: float, high: float) -> Randomisation:
+        width = {'parameters': {'width': {'low': low, 'high': high}}}
+        path = tmp_path / f'{effect}.yaml'
+        path.write_text(
+            yaml.safe_dump({'schema': 1, 'randomisation': {'effects': {effect: width}}})
+        )
+        return load_randomisation(path)
+
+    cameras = BatchCamera(4, device='cpu', K=MATRIX)
+    cameras.randomise(drawn('heavy_tails', 3.0, 8.0), seed=2, pool=16)
+    assert cameras.drawn is not None
+    scene = scenes(1)
+    seen = cameras(np.repeat(scene, 4, axis=0))
+    for i, k in enumerate(cameras.drawn.drawn.numpy()):
+        alone = Camera(seed=i, effects=cameras.drawn.cameras[k]).capture(scene[0], MATRIX, 0).depth
+        assert np.isclose(seen[i], alone, rtol=0, atol=2e-5, equal_nan=True).mean() > 1 - 1e-3
+    with pytest.raises(InputError, match='stray_light: cannot be drawn again'):
+        cameras.randomise(drawn('stray_light', 0.1, 0.5), seed=2, pool=16)
 
 
 def test_no_more_frames_are_kept_than_are_needed() -> None:

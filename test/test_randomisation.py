@@ -106,6 +106,8 @@ def test_a_file_of_distributions_needs_a_seed(tmp_path: Path) -> None:
     assert drawn == load_randomisation(path).draw(1, 7)[0] != load_effects(f'{path}#8')
     # The node's parameter `effects` and `Camera` take the same text.
     assert Camera(effects=f'{path}#7').effects == drawn
+    with pytest.raises(InputError, match='got no such file'):
+        load_effects(f'{"a" * 300}#7')
 
 
 def diagnosed(folder: Path, rows: int, effects: dict[str, Any]) -> Path:
@@ -164,6 +166,28 @@ def test_distributions_are_those_of_the_diagnosis(tmp_path: Path) -> None:
     assert found.narrower['offset.bias'] > 1
     (given,) = (effect for effect in one.effects if effect.name == 'temporal_filter')
     assert given.settings['share'] == 0.3
+
+
+def test_curves_and_maps_that_are_taken_as_given_are_written(tmp_path: Path) -> None:
+    folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
+    path = folder / 'diagnosis.json'
+    known = {
+        'fixed_pattern': {'pattern': [[0.0, 0.01], [0.02, 0.0]]},
+        'amplitude_bias': {'curve': {'knots': [1.0, 9.0], 'values': [0.0, 0.01]}},
+    }
+    table = json.loads(path.read_text()) | {'settings': {'known': known}}
+    path.write_text(json.dumps(table))
+    randomise(folder, tmp_path / 'r.yaml')
+    (drawn,) = load_randomisation(tmp_path / 'r.yaml').draw(1, 1)
+    assert {*parse_effects(known)} <= {*drawn}
+    # Neither the map of another file nor anything else is written over.
+    known['fixed_pattern']['pattern'] = [[0.1, 0.0], [0.0, 0.0]]
+    path.write_text(json.dumps(table))
+    randomise(folder, tmp_path / 'other.yaml')
+    assert load_randomisation(tmp_path / 'r.yaml').draw(1, 1)[0] == drawn
+    np.savez(tmp_path / 'again_fixed_pattern.npz', depth=np.ones((2, 3, 4)))
+    with pytest.raises(InputError, match=r'fixed_pattern\.npz: must be free for the map'):
+        randomise(folder, tmp_path / 'again.yaml')
 
 
 def with_age(folder: Path, age: Any, undecided: str = 'wiggling') -> Path:
@@ -285,3 +309,47 @@ def test_each_environment_draws_a_camera_at_reset(tmp_path: Path) -> None:
     )
     with pytest.raises(InputError, match='intrinsics_error: cannot be drawn again'):
         cameras.randomise(wrong)
+
+
+def test_drawn_cameras_stay_where_effects_and_modes_do_not_change(tmp_path: Path) -> None:
+    bias = {'strength': 1.0, 'bias': {'low': 0.05, 'high': 0.15}}
+    late = {'strength': 1.0, 'latency': 0.0, 'delay': {'low': 0.06, 'high': 0.07}}
+    table = {'effects': {'offset': {'parameters': bias}, 'time_offset': {'parameters': late}}}
+    cameras = BatchCamera(4, 'Mode_9_30fps', device='cpu', step_s=0.02)
+    cameras.randomise(load_randomisation(write(tmp_path / 'r.yaml', table)), seed=1, pool=1000)
+    wall, mask = np.full((4, 24, 32), 1.5, np.float32), np.arange(4) == 1
+
+    def biases() -> np.ndarray:
+        for _ in range(8):
+            seen = cameras(wall)
+        delays = (cameras.stamps.numpy() - cameras.image_stamps.numpy()) > 60_000_000
+        np.testing.assert_array_equal(delays, own != 0)
+        return np.asarray(np.nanmean(seen, (1, 2)) - 1.5)
+
+    def drawn() -> np.ndarray:
+        assert cameras.drawn is not None
+        biases = np.array(
+            [{one.name: one for one in own}['offset'].bias for own in cameras.drawn.cameras]
+        )
+        chosen = cameras.drawn.drawn.numpy()
+        return np.where(chosen < 0, 0.0, biases[chosen])
+
+    own = drawn()
+    assert np.ptp(own) > 0.01
+    np.testing.assert_allclose(biases(), own, atol=0.002)
+    cameras.set_usecase('Mode_5_30fps', mask)
+    np.testing.assert_array_equal(drawn(), own)
+    np.testing.assert_allclose(biases(), own, atol=0.002)
+    cameras.set_effects((), mask)
+    own = np.where(mask, 0.0, own)
+    np.testing.assert_array_equal(drawn(), own)
+    np.testing.assert_allclose(biases(), own, atol=0.002)
+    cameras.reset()
+    assert (drawn()[~mask] != own[~mask]).all()
+    own = drawn()
+    np.testing.assert_allclose(biases(), own, atol=0.002)
+    assert own[1] == 0
+    cameras.set_effects((), ~mask)
+    own[:] = 0
+    assert cameras.drawn is None
+    np.testing.assert_allclose(biases(), own, atol=0.002)

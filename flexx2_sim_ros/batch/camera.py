@@ -71,7 +71,7 @@ class BatchCamera:
         (N,) int64 on the device, nanoseconds: of the images that the last call returned. They are
         earlier than the call where an image is held or arrives late (`TimeOffset.delay`).
     drawn : DrawnCameras or None
-        After `randomise`: the cameras of the environments.
+        After `randomise`: the cameras of the environments that draw theirs.
 
     Raises
     ------
@@ -135,7 +135,7 @@ class BatchCamera:
 
     def set_usecase(self, usecase: str | Sequence[str], env_mask: Any = None) -> None:
         """
-        Change modes, between two frames.
+        Change modes, between two frames; environments forget what `reset` makes them forget.
 
         Parameters
         ----------
@@ -157,13 +157,14 @@ class BatchCamera:
             [modes[names[i]] if chosen[i] else mode for i, mode in enumerate(self._modes)],
             self._effects,
         )
-        self.reset(chosen)
+        self._forget(chosen)
 
     def set_effects(self, effects: Any, env_mask: Any = None) -> None:
         """
         Change effects, between two frames.
 
-        What effects keep between frames is forgotten, in all environments.
+        What effects keep between frames is forgotten, in all environments. After `randomise`,
+        the chosen environments draw no camera anymore; the others keep theirs.
 
         Parameters
         ----------
@@ -183,15 +184,12 @@ class BatchCamera:
         every = [read[i] if chosen[i] else own for i, own in enumerate(self._effects)]
         self._set(self._modes, every)
         self._rows.set_effects(every)
-        self._find_longest(every)
         self._has_effects = any(changing(own) and not without_kernel(own) for own in every)
-        self._stages = self.drawn = None
+        self._stages = None
         on_host = {i: own for i, own in enumerate(every) if without_kernel(own)}
-        self._host = (
-            HostCameras(on_host, self._modes, self._seeds, self._name, self.profile)
-            if on_host
-            else None
-        )
+        parts = self._modes, self._seeds, self._name, self.profile
+        self._host = HostCameras(on_host, *parts) if on_host else None
+        self._give(self.drawn if self.drawn and self.drawn.leave(chosen) else None)
 
     def randomise(self, randomisation: Randomisation, seed: int = 0, pool: int = 4096) -> None:
         """
@@ -214,17 +212,14 @@ class BatchCamera:
         """
         drawn = DrawnCameras(randomisation, self.num_envs, seed, pool, self.device)
         self.set_effects(drawn.effects)
-        self.drawn = drawn
-        self._find_longest(drawn.cameras)
-        with wp.ScopedDevice(self.device):
-            drawn.give(wp.ones(self.num_envs, dtype=wp.bool), self._rows)
+        self._give(drawn)
 
     def reset(self, env_mask: Any = None) -> None:
         """
         Forget what effects keep between frames; noise and stamps go on.
 
         The next call takes a frame and returns it, however late images arrive. After `randomise`,
-        these environments also get another camera.
+        these environments also draw another camera.
 
         Parameters
         ----------
@@ -237,8 +232,9 @@ class BatchCamera:
             For another shape or dtype.
 
         """
-        if env_mask is None:
-            env_mask = np.ones(self.num_envs, bool)
+        self._forget(np.ones(self.num_envs, bool) if env_mask is None else env_mask, draws=True)
+
+    def _forget(self, env_mask: Any, draws: bool = False) -> None:
         host = isinstance(env_mask, np.ndarray)
         place = wp.get_device('cpu') if host else self.device
         kind = checked('env_mask', env_mask, (self.num_envs,), np.bool_, place)
@@ -252,7 +248,7 @@ class BatchCamera:
             self._timing.forget(mask)
             if self._stages is not None:
                 self._stages.forget(mask)
-            if self.drawn is not None:
+            if draws and self.drawn is not None:
                 self.drawn.draw(mask)
                 self.drawn.give(mask, self._rows)
         if host:
@@ -355,8 +351,16 @@ class BatchCamera:
             self._stages.set_modes(self._modes)
         return self._stages
 
-    def _find_longest(self, cameras: Sequence[tuple[Effect, ...]]) -> None:
-        # Of all cameras that an environment may be.
+    def _give(self, drawn: DrawnCameras | None) -> None:
+        # Rows of environments that draw hold the effects of the file, which are no drawn camera.
+        self.drawn, cameras = drawn, self._effects
+        if drawn is not None:
+            kept = zip(self._effects, drawn.drawing, strict=True)
+            cameras = drawn.cameras + [own for own, draws in kept if not draws]
+            with wp.ScopedDevice(self.device):
+                drawn.give(wp.ones(self.num_envs, dtype=wp.bool), self._rows)
+            wp.synchronize_device(self.device)  # The next frame may be of another stream.
+        # The longest of all cameras that an environment may be.
         offsets = {time_offset_of(own) for own in cameras}
         self._latest_ns = max(offset.latency_ns for offset in offsets)
         self._longest_ns = max(offset.delay_ns for offset in offsets)

@@ -38,7 +38,8 @@ class DrawnCameras:
     cameras : list of tuple of Effect
         The pool.
     drawn : warp.array
-        (N,) int32 on the device: which camera of the pool each environment has.
+        (N,) int32 on the device: which camera of the pool each environment has; -1 where it has
+        effects of its own.
     effects : tuple of Effect
         All effects that a camera of the pool may have.
 
@@ -72,6 +73,16 @@ class DrawnCameras:
         with wp.ScopedDevice(device):
             self.draw(wp.ones(num_envs, dtype=wp.bool, device=device))
 
+    @property
+    def drawing(self) -> np.ndarray:
+        """Return (N,) bool: which environments have a camera of the pool."""
+        return self.drawn.numpy() >= 0
+
+    def leave(self, chosen: np.ndarray) -> bool:
+        """Draw no camera for the chosen environments (N,) anymore; return whether any are left."""
+        self.drawn.assign(np.where(chosen, -1, self.drawn.numpy()).astype(np.int32))
+        return bool(self.drawing.any())
+
     def draw(self, mask: wp.array) -> None:
         """Draw another camera for environments; ``mask`` is (N,) bool on the device."""
         parts = self._pool, self._seed, self._counts, self.drawn
@@ -92,8 +103,10 @@ def _on_device(cameras: Sequence[Sequence[Effect]], device: Any) -> wp.array:
 def _check(randomisation: Randomisation) -> None:
     drawn = {(one.effect, one.parameter) for one in randomisation.distributions}
     for effect in randomisation.effects:
-        once = _ONCE & set(effect.batched or ())
-        if once or not effect.has_kernel or (effect.name, 'width') in drawn:
+        needs = set(effect.batched or ())
+        # The kernel of scattered light is computed once from its width.
+        kernel = 'scatter' in needs and (effect.name, 'width') in drawn
+        if kernel or _ONCE & needs or not effect.has_kernel:
             raise InputError(
                 f'randomisation: {effect.name}: cannot be drawn again while a batch runs; draw '
                 'once, with set_effects(randomisation.draw(num_envs, seed))'

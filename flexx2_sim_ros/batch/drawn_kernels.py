@@ -15,9 +15,9 @@ def draw(
     counts: wp.array(dtype=wp.int32),
     drawn: wp.array(dtype=wp.int32),
 ):
-    """Draw another camera of the pool for each chosen environment."""
+    """Draw another camera of the pool for each chosen environment that draws its cameras."""
     i = wp.tid()
-    if mask[i]:
+    if mask[i] and drawn[i] >= 0:
         state = wp.rand_init(seed + i, counts[i])
         drawn[i] = wp.int32(wp.randu(state) % wp.uint32(pool.shape[0]))
         counts[i] = counts[i] + 1
@@ -36,7 +36,7 @@ def take(
 ):
     """Give each chosen environment the effects of its camera, and its `TimeOffset`."""
     i = wp.tid()
-    if mask[i]:
+    if mask[i] and drawn[i] >= 0:
         k = drawn[i]
         effects[i] = pool[k]
         latencies[i] = pool_latencies[k]

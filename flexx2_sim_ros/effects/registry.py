@@ -19,6 +19,7 @@ from flexx2_sim_ros.effects.randomisation import parse_randomisation, Randomisat
 from flexx2_sim_ros.effects.ray import AlongRay
 from flexx2_sim_ros.effects.tables import Curve, Form, PixelMap, plain, read_map, write_map
 from flexx2_sim_ros.errors import InputError, shown, shown_path, unquoted
+from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.paths import config_dir
 import yaml
 
@@ -136,9 +137,10 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     elif str(path) in registry() and not path.exists():
         return (registry()[str(path)](),)
     name, mark, seed = str(path).rpartition('#')
-    if mark and seed.isdecimal() and len(seed) < _LONGEST_SEED and not path.exists():
+    there = os.path.lexists(path)  # Path.exists raises an error for a name that is too long.
+    if mark and seed.isdecimal() and len(seed) < _LONGEST_SEED and not there:
         return load_randomisation(name).draw(1, int(seed))[0]
-    if not os.path.lexists(path):  # Path.exists raises an error for a name that is too long.
+    if not there:
         raise InputError(
             f'{shown_path(path)}: must be a file, a preset such as typical, or the name of an '
             'effect (see flexx2 effects), got none of them'
@@ -178,13 +180,36 @@ def load_randomisation(path: str | Path) -> Randomisation:
     content = read_config(Path(path))
     if 'randomisation' not in content:
         raise InputError(f'{where}: must be a table, got none')
-    return parse_randomisation(content['randomisation'], loadable(), where)
+    table = _with_maps_of_draws(content['randomisation'], Path(path).parent, where)
+    return parse_randomisation(table, loadable(), where)
+
+
+def _with_maps_of_draws(table: Any, folder: Path, where: str) -> Any:
+    # As `_with_maps`, one level deeper.
+    effects = table.get('effects') if isinstance(table, Mapping) else None
+    if not isinstance(effects, Mapping):
+        return table
+    out = {}
+    for name, one in effects.items():
+        own = {name: one['parameters']} if isinstance(one, Mapping) and 'parameters' in one else {}
+        read = _with_maps(own, folder, where)
+        out[name] = {**one, 'parameters': read[name]} if own else one
+    return {**table, 'effects': out}
 
 
 def save_randomisation(path: str | Path, one: Randomisation, comment: str = '') -> None:
-    """Write distributions as a file that `load_randomisation` reads, with a comment above."""
+    """
+    Write distributions as a file that `load_randomisation` reads, with a comment above.
+
+    A map is written beside it, as ``<name of the file>_<effect>.npz``.
+    """
+    before = maps_of_draws(path)
+    _write_maps(Path(path).parent, one.effects, before)
     lines = [f'# {line}'.rstrip() for line in comment.splitlines()]
-    table = {'schema': 1, 'randomisation': one.plain()}
+    content = one.plain()
+    for name, drawn in content['effects'].items():
+        drawn['parameters'] = for_reports({name: drawn['parameters']}, before)[name]
+    table = {'schema': 1, 'randomisation': content}
     text = yaml.safe_dump(table, sort_keys=False, default_flow_style=None, width=99)
     write_text(path, '\n'.join([*lines, text]))
 
@@ -219,11 +244,15 @@ def save_effects(path: str | Path, effects: Sequence[Effect], comment: str = '')
         Put above it, a ``#`` before each line.
 
     """
+    _write_maps(Path(path).parent, effects)
+    write_text(path, effects_yaml(effects, comment))
+
+
+def _write_maps(folder: Path, effects: Sequence[Effect], before: str = '') -> None:
     for effect in effects:
         for one in effect.forms.values():
             if isinstance(one, PixelMap):
-                write_map(Path(path).parent / map_file(effect.name), one)
-    write_text(path, effects_yaml(effects, comment))
+                write_map(folder / map_file(effect.name, before), one)
 
 
 def effects_yaml(effects: Sequence[Effect], comment: str = '') -> str:
@@ -241,17 +270,55 @@ def effects_yaml(effects: Sequence[Effect], comment: str = '') -> str:
     return '\n'.join(lines) + '\n'
 
 
-def map_file(effect: str) -> str:
-    """Return the name of the file of an effect's map."""
-    return f'{effect}.npz'
+def map_file(effect: str, before: str = '') -> str:
+    """Return the name of the file of an effect's map, with a text before it."""
+    return f'{before}{effect}.npz'
 
 
-def for_reports(effects: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+def maps_of_draws(path: str | Path) -> str:
+    """Return what the names of a file of distributions' maps begin with: a folder has several."""
+    return f'{Path(path).stem}_'
+
+
+def check_map_files(folder: str | Path, before: str = '') -> None:
+    """
+    Check that maps of effects can be written to a folder, before a long computation.
+
+    Parameters
+    ----------
+    folder : str or pathlib.Path
+        The folder.
+    before : str
+        As for `map_file`.
+
+    Raises
+    ------
+    InputError
+        Where another file, such as a recording, has the name of a map's file.
+
+    """
+    for name, kind in loadable().items():
+        path = Path(folder) / map_file(name, before)
+        if any(one.kind == 'map' for one in kind.tables().values()) and path.exists():
+            try:
+                with open_npz(path) as archive:
+                    keys = set(archive.headers)
+            except InputError:
+                keys = set()
+            if keys != {'map'}:
+                raise InputError(
+                    f'{shown_path(path)}: must be free for the map of {name}, got another file'
+                )
+
+
+def for_reports(
+    effects: Mapping[str, Mapping[str, Any]], before: str = ''
+) -> dict[str, dict[str, Any]]:
     """Return settings by effect for a JSON file: a map as the name of its file, not its pixels."""
     return {
         name: plain(
             {
-                key: map_file(name) if isinstance(value, PixelMap) else value
+                key: map_file(name, before) if isinstance(value, PixelMap) else value
                 for key, value in settings.items()
             }
         )

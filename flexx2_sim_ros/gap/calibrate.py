@@ -9,6 +9,7 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import loadable, parse_effects
+from flexx2_sim_ros.effects.registry import check_map_files
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
@@ -88,6 +89,7 @@ def calibrate(
     progress = progress or (lambda text, fraction: None)
     if out is not None:
         check_outputs('--out', out, FILES)
+        check_map_files(out)
     before = read_diagnosis(Path(diagnosis))
     explanations = _explanations(before)
     folder = Path(campaign_dir).absolute() if scheduler is not None else Path(campaign_dir)

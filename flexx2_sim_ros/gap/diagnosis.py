@@ -1,7 +1,7 @@
 """Diagnose a campaign: where the gap lies, what causes it, and how far the effects reduce it."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 import resource
 import time
@@ -12,6 +12,7 @@ from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
+from flexx2_sim_ros.effects.registry import check_map_files
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.cost import CostRequest, known_of, measure_cost
@@ -21,7 +22,7 @@ from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
 from flexx2_sim_ros.gap.elsewhere import Elsewhere
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.forms.named import calibrate_named, rounds_of_named, Simulator
+from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, rounds_of_named, Simulator
 from flexx2_sim_ros.gap.inference.decide import decidable_candidates, decide, Decision
 from flexx2_sim_ros.gap.inference.effects import (
     fitted_effects,
@@ -56,6 +57,49 @@ from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 
 _BEFORE_COST = 0.6  # fraction of the work, on the progress bar
+
+
+@dataclass(frozen=True)
+class _Named:
+    """
+    What is named, and what simulating it gives.
+
+    Attributes
+    ----------
+    fitted, effects : list of Effect
+        As found by the decision, and with curves, tables and maps where those were fitted.
+    held_out : list of list of Effect
+        As `fitted`, for each recording from the others.
+    first : list of Outcome
+        Of each recording, with `held_out`.
+    forms : Calibrated or None
+        The curves, tables and maps.
+    confirmed : list of Outcome
+        Of each recording, with `forms` where those are taken.
+    motions : list of numpy.ndarray
+        Where the camera of each recording was in `confirmed`.
+
+    """
+
+    fitted: list[Effect]
+    effects: list[Effect]
+    held_out: list[list[Effect]]
+    first: list[Outcome]
+    forms: Calibrated | None
+    confirmed: list[Outcome]
+    motions: list[np.ndarray]
+
+    def table(
+        self, model: Model, decision: Decision, used: list[Found], left_out: list[tuple[str, str]]
+    ) -> dict[str, Any]:
+        """Return the table of the diagnosis, as far as it is about the named effects."""
+        out = diagnosis_table(model, decision, self.fitted, self.first, used, left_out)
+        if self.forms is not None:
+            out = calibrated_table(out, model, decision, self.forms, self.confirmed, self.motions)
+        out['verdict'] = verdict_of(out)
+        for row, own in zip(out['recordings'], self.held_out, strict=False):  # Used ones first.
+            row['effects_without'] = table_of(own)
+        return out
 
 
 def diagnose(
@@ -125,6 +169,7 @@ def diagnose(
     request = CostRequest.of((), profile, seed, jobs) if cost else None
     if out is not None:
         check_outputs('--out', out, FILES)
+        check_map_files(out)
     if scheduler is not None:
         campaign_dir = Path(campaign_dir).absolute()  # Workers run in other folders.
     progress('looking for recordings', 0.0)
@@ -146,33 +191,10 @@ def diagnose(
         )
         model = Model(evidence, columns, prior)
         decision = _decide(model, candidates, hidden, progress)
-        effects = fitted_effects(model, decision.accepted)
-        held_out = held_out_effects(model, decision.accepted)
         as_noisy, noisy = noisier(used, profile, 1 + decision.accepted.sigma)
         simulator = Simulator(mapped, noisy, known, seed, tuple(prior))
-        step = stepper(progress, 'simulating the outcome', 0.65, 0.13, 2 * len(used))
-        shown = _shown(decision)
-        confirmed = _confirm(model, decision, held_out, as_noisy, shown, simulator, step)
-        motions = model.own.found(decision.accepted.nuisances)
-        elsewhere = Elsewhere(model, as_noisy, _is_posed(effects), simulator)
-        confirmed = elsewhere.measured(confirmed, motions, map(of_camera, held_out), step)
-        table = diagnosis_table(model, decision, effects, confirmed, used, [*left_out, *unusable])
-        forms = None
-        if calibrate:
-            total = rounds_of_named(effects) * len(used)
-            step = stepper(progress, 'fitting curves and maps', 0.78, 0.2, total)
-            forms = calibrate_named(as_noisy, motions, effects, held_out, simulator, step)
-        if forms is not None:
-            effects = forms.effects(effects)
-            if forms.taken:
-                confirmed, motions = forms.confirmed(simulator, shown, step)
-                elsewhere = replace(elsewhere, posed=_is_posed(effects))
-                now = forms.explained.now
-                confirmed = elsewhere.measured(confirmed, motions, now, step)
-            table = calibrated_table(table, model, decision, forms, confirmed, motions)
-        table['verdict'] = verdict_of(table)
-        for row, own in zip(table['recordings'], held_out, strict=False):  # Those used are first.
-            row['effects_without'] = table_of(own)
+        named = _simulate_named(model, decision, as_noisy, simulator, calibrate, progress)
+        effects, table = named.effects, named.table(model, decision, used, left_out + unusable)
         table['settings'] = _settings(found[0], seed, pose_prior, known)
         table['not_considered'] = _not_considered(
             without, known, no_phases, bool(model.own.posed.any()), hidden
@@ -188,7 +210,7 @@ def diagnose(
     table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
     table['version'] = __version__
     if out is not None:
-        write(Path(out), table, effects, model, decision, confirmed, forms)
+        write(Path(out), table, effects, model, decision, named.confirmed, named.forms)
     whole('done', 1.0)
     return table
 
@@ -232,6 +254,40 @@ def _decide(
     if not model.seen.any():
         return replace(decision, verdict='none')  # The table says `too_little`.
     return decision
+
+
+def _simulate_named(
+    model: Model,
+    decision: Decision,
+    used: list[Found],
+    simulator: Simulator,
+    calibrate: bool,
+    progress: Progress,
+) -> _Named:
+    fitted = fitted_effects(model, decision.accepted)
+    held_out = held_out_effects(model, decision.accepted)
+    step = stepper(progress, 'simulating the outcome', 0.65, 0.13, 2 * len(used))
+    shown = _shown(decision)
+    first = _confirm(model, decision, held_out, used, shown, simulator, step)
+    motions = model.own.found(decision.accepted.nuisances)
+    elsewhere = Elsewhere(model, used, _is_posed(fitted), simulator)
+    first = elsewhere.measured(first, motions, map(of_camera, held_out), step)
+    plain_ones = _Named(fitted, fitted, held_out, first, None, first, motions)
+    if not calibrate:
+        return plain_ones
+    total = rounds_of_named(fitted) * len(used)
+    step = stepper(progress, 'fitting curves and maps', 0.78, 0.2, total)
+    forms = calibrate_named(used, motions, fitted, held_out, simulator, step)
+    if forms is None:
+        return plain_ones
+    effects = forms.effects(fitted)
+    named = replace(plain_ones, effects=effects, forms=forms)
+    if not forms.taken:
+        return named
+    confirmed, motions = forms.confirmed(simulator, shown, step)
+    elsewhere = replace(elsewhere, posed=_is_posed(effects))
+    confirmed = elsewhere.measured(confirmed, motions, forms.explained.now, step)
+    return replace(named, confirmed=confirmed, motions=motions)
 
 
 def _confirm(

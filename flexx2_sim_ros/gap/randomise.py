@@ -14,6 +14,7 @@ from flexx2_sim_ros.effects import (
     registry,
     save_randomisation,
 )
+from flexx2_sim_ros.effects.registry import check_map_files, maps_of_draws
 from flexx2_sim_ros.effects.time_offset import TimeOffset
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
@@ -73,6 +74,7 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
     """
     if out is not None:
         checked_target(out)
+        check_map_files(Path(out).parent, maps_of_draws(out))
     before = read_diagnosis(Path(diagnosis))
     named = tuple(effect for effect in before.typical_effects() if effect.role != 'pose')
     for effect in named:
