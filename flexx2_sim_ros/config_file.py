@@ -1,5 +1,6 @@
 """Read YAML files, those in ``config/`` and those that users give."""
 
+from dataclasses import dataclass
 import os
 from pathlib import Path
 from stat import S_ISREG
@@ -10,12 +11,32 @@ import yaml
 
 # A camera profile or a set of effects has some kilobytes and 7 levels at most. Within these
 # bounds a file takes a fraction of a second and some megabytes to read, whatever is in it.
-_MOST_BYTES = 256 * 1024
-_MOST_NODES = 10_000
 _MOST_LEVELS = 30
-_MOST_TEXT = 10_000
 _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 _KINDS: dict[type, str] = {dict: 'a table', list: 'a list'}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """
+    What a file may have at most.
+
+    Attributes
+    ----------
+    size : int
+        Bytes.
+    values : int
+    text : int
+        Characters in one text.
+
+    """
+
+    size: int = 256 * 1024
+    values: int = 10_000
+    text: int = 10_000
+
+
+_USUAL = Limits()
 
 
 def is_regular_file(path: Path) -> bool:
@@ -26,7 +47,7 @@ def is_regular_file(path: Path) -> bool:
         return False
 
 
-def read_config(path: Path) -> dict[str, Any]:
+def read_config(path: Path, limits: Limits = _USUAL) -> dict[str, Any]:
     """
     Return a YAML file of schema 1.
 
@@ -35,6 +56,8 @@ def read_config(path: Path) -> dict[str, Any]:
     path : pathlib.Path
         The file: an ordinary one (no pipe, device or folder) of at most 256 KiB, 10,000 values,
         30 levels and 10,000 characters in one text, without YAML aliases.
+    limits : Limits, optional
+        Other limits than these, of files that a program writes.
 
     Returns
     -------
@@ -46,14 +69,14 @@ def read_config(path: Path) -> dict[str, Any]:
         When the file cannot be read or is not a YAML mapping of schema 1.
 
     """
-    content = read_mapping(path)
+    content = read_mapping(path, limits)
     if content.get('schema') != 1:
         got = shown(content['schema']) if 'schema' in content else 'none'
         raise InputError(f'{shown_path(path)}: schema: must be 1 (a line "schema: 1"), got {got}')
     return content
 
 
-def read_mapping(path: Path) -> dict[str, Any]:
+def read_mapping(path: Path, limits: Limits = _USUAL) -> dict[str, Any]:
     """
     Return a YAML file of any content; otherwise as `read_config`.
 
@@ -65,8 +88,8 @@ def read_mapping(path: Path) -> dict[str, Any]:
     """
     name = shown_path(path)
     try:
-        text = _read_bytes(path).decode('utf-8')
-        _check_size(text)
+        text = _read_bytes(path, limits.size).decode('utf-8')
+        _check_size(text, limits)
         content = yaml.load(text, Loader=_LOADER)  # noqa: S506
     except InputError as error:
         raise InputError(f'{name}: {error}') from error
@@ -79,19 +102,19 @@ def read_mapping(path: Path) -> dict[str, Any]:
     return content
 
 
-def _read_bytes(path: Path) -> bytes:
+def _read_bytes(path: Path, most: int) -> bytes:
     # Looked at before it is opened: opening alone can set a device off, or wait for ever.
     if not S_ISREG(path.stat().st_mode):
         raise InputError('must be an ordinary file, got a folder, a pipe or a device')
     no_wait = getattr(os, 'O_NONBLOCK', 0)
     with open(path, 'rb', opener=lambda name, flags: os.open(name, flags | no_wait)) as file:
-        content = file.read(_MOST_BYTES + 1) or b''
-    if len(content) > _MOST_BYTES:
-        raise InputError(f'must be at most {_MOST_BYTES} bytes long')
+        content = file.read(most + 1) or b''
+    if len(content) > most:
+        raise InputError(f'must be at most {most} bytes long')
     return content
 
 
-def _check_size(text: str) -> None:
+def _check_size(text: str, limits: Limits) -> None:
     # Looks at one parser event after the other, before anything is built from them.
     nodes = level = 0
     for event in yaml.parse(text, Loader=_LOADER):
@@ -103,12 +126,12 @@ def _check_size(text: str) -> None:
             level += 1
         if isinstance(event, yaml.CollectionEndEvent):
             level -= 1
-        if nodes > _MOST_NODES:
-            raise InputError(f'must have at most {_MOST_NODES} values')
+        if nodes > limits.values:
+            raise InputError(f'must have at most {limits.values} values')
         if level > _MOST_LEVELS:
             raise InputError(f'must have at most {_MOST_LEVELS} levels')
-        if isinstance(event, yaml.ScalarEvent) and len(event.value) > _MOST_TEXT:
-            raise InputError(f'must have at most {_MOST_TEXT} characters in a text')
+        if isinstance(event, yaml.ScalarEvent) and len(event.value) > limits.text:
+            raise InputError(f'must have at most {limits.text} characters in a text')
 
 
 def _reason(error: Exception) -> str:

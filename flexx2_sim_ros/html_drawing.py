@@ -109,6 +109,11 @@ def _ticks(low: float, high: float) -> list[float]:
     return [float(t) + 0.0 for t in np.arange(np.ceil(low / step), high / step + 1e-9) * step]
 
 
+def _apart(low: float, high: float) -> tuple[float, float]:
+    # Ends of an axis: a single value, or equal ones, lie in the middle of it.
+    return (low, high) if low < high else (low - 0.5, high + 0.5)
+
+
 def curves(
     x: np.ndarray,
     lines: np.ndarray,
@@ -145,8 +150,8 @@ def curves(
     ends = lines if band is None else np.concatenate([lines, band[:, seen]])
     low, high = float(np.nanmin(ends)), float(np.nanmax(ends))
     pad = max(0.08 * (high - low), (least - (high - low)) / 2)
-    low, high = low - pad, high + pad
-    left, right = float(x.min()), float(x.max())
+    low, high = _apart(low - pad, high + pad)
+    left, right = _apart(float(x.min()), float(x.max()))
 
     def at_x(value: float) -> float:
         return _LEFT + (value - left) / max(right - left, 1e-9) * (_WIDTH - _LEFT - 10)

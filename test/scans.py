@@ -3,11 +3,16 @@
 from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros.truth.meshes import load_room
+from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.validation.blind.meshes import write_mesh
 from flexx2_sim_ros.validation.blind.scanned import ScannedCamera
+import numpy as np
+from scipy.spatial.transform import Rotation
 import trimesh
 
 SEED, WIDTH, HEIGHT, RECORDINGS = 2, 112, 86, 4
+SMALL_K = np.array([[25.0, 0, 15.5], [0, 25, 11.5], [0, 0, 1]])
 SMALL = {'frames': 8, 'width': WIDTH, 'height': HEIGHT}
 
 
@@ -24,3 +29,16 @@ def scaled(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
     """Return the mesh in another scale."""
     mesh.apply_scale(factor)
     return mesh
+
+
+def box(folder: Path) -> tuple[str, np.ndarray]:
+    """Write `room.ply`, a bare box; return a pose in it, as for --pose, and 24 x 32 depths."""
+    mesh = trimesh.creation.box((4.0, 3.0, 2.5))
+    mesh.invert()
+    mesh.export(folder / 'room.ply')
+    turn = Rotation.from_euler('yxz', [35, -20, 3], degrees=True).as_quat()
+    numbers = np.array([0.2, 0.1, -0.3, *turn])
+    v, u = np.mgrid[:24, :32]
+    rays = np.stack([(u - SMALL_K[0, 2]) / 25, (v - SMALL_K[1, 2]) / 25], axis=-1).reshape(-1, 2)
+    seen = load_room(folder / 'room.ply').cast(Pose.from_numbers(numbers), rays)
+    return ','.join(map(str, numbers)), seen.depth.reshape(24, 32).astype(np.float32)

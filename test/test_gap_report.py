@@ -22,7 +22,7 @@ from flexx2_sim_ros.gap.report.words import (
     reduction,
     sentences,
 )
-from flexx2_sim_ros.html_drawing import MARKS
+from flexx2_sim_ros.html_drawing import curves, MARKS
 import numpy as np
 from PIL import Image
 import pytest
@@ -338,3 +338,9 @@ def test_a_noise_level_of_its_own_is_said(factor: float, said: str) -> None:
     text = ' '.join(sentences(table))
     assert said in text
     assert ('noise of this camera' in text) == bool(said)
+
+
+def test_a_curve_of_one_value_is_drawn() -> None:
+    drawn = curves(np.zeros(1), np.zeros((1, 1)), ['a'], 'x', 'y', 0.0)
+    assert 'nan' not in drawn
+    assert drawn.count('<polyline') == 1

@@ -15,7 +15,7 @@ from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 import numpy as np
 import pytest
-from scans import HEIGHT, record, RECORDINGS, scaled, WIDTH
+from scans import box, HEIGHT, record, RECORDINGS, scaled, SMALL_K, WIDTH
 import trimesh
 import yaml
 
@@ -207,6 +207,21 @@ def test_a_moving_camera_is_followed(tmp_path: Path, rough: np.random.Generator)
 def test_a_camera_that_stands_still_does_not_move(plain: tuple[Path, ScannedCamera]) -> None:
     for i in range(RECORDINGS):
         assert not observe(open_recording(plain[0] / 'in' / f'{i}.npz'), None).moving
+
+
+def test_a_pose_that_is_exact_is_written(tmp_path: Path) -> None:
+    """Assert it for noiseless depth, whose alignment ends with its first step."""
+    pose, depth = box(tmp_path)
+    np.savez(tmp_path / 'ideal.npz', depth=depth, K=SMALL_K, usecase='Mode_9_30fps')
+    out = tmp_path / 'out'
+    words = [str(tmp_path / 'ideal.npz'), '--scan', str(tmp_path / 'room.ply'), '--out', str(out)]
+    assert main(['gap', 'truth', *words, f'--pose={pose}', '--jobs', '1']) == 0
+    row = yaml.safe_load((out / 'truth.yaml').read_text())['recordings'][0]
+    assert row['verdict'] != 'refused'
+    assert row['residual_mm'] < 0.1
+    page = (out / 'truth.html').read_text()
+    assert page.count('data:image/png') == 2
+    assert '<polyline' not in page
 
 
 def test_an_interrupted_run_goes_on_where_it_was(

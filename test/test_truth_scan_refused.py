@@ -17,8 +17,9 @@ from flexx2_sim_ros.validation.blind.meshes import write_mesh
 from flexx2_sim_ros.validation.blind.scanned import ScannedCamera
 import numpy as np
 import pytest
-from scans import HEIGHT, record, scaled, WIDTH
+from scans import box, HEIGHT, record, scaled, SMALL_K, WIDTH
 import trimesh
+import yaml
 
 
 @pytest.fixture(scope='module')
@@ -149,6 +150,61 @@ def test_a_recording_that_cannot_be_used_is_one_sentence(
     assert main(['gap', 'truth', str(tmp_path / 'bad.npz'), *room]) == 2
     assert words in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_moving_recording_that_does_not_fit_is_refused_and_the_others_go_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pose, depth = box(tmp_path)
+    (tmp_path / 'in').mkdir()
+    rng = np.random.default_rng(1)
+    # Leaves in the wind: no frame has a surface.
+    leaves = rng.uniform(1, 4, (2, *depth.shape)).astype(np.float32)
+    stamp = np.arange(2) / 30
+    np.savez(tmp_path / 'in' / 'leaves.npz', depth=leaves, K=SMALL_K, stamp=stamp)
+    out = tmp_path / 'out'
+    words = ['gap', 'truth', str(tmp_path / 'in'), '--scan', str(tmp_path / 'room.ply')]
+    words += ['--out', str(out), f'--pose={pose}', '--motion', 'moving', '--jobs', '1']
+    assert main(words) == 2
+    assert 'must be the room of the recordings' in capsys.readouterr().err
+    assert not out.exists()
+    seen = depth + rng.normal(0, 0.002, (2, *depth.shape)).astype(np.float32)
+    np.savez(tmp_path / 'in' / 'room.npz', depth=seen, K=SMALL_K, stamp=stamp)
+    assert main(words) == 0
+    rows = yaml.safe_load((out / 'truth.yaml').read_text())['recordings']
+    assert [row['verdict'] == 'refused' for row in rows] == [True, False]
+    assert rows[0]['reasons'] == [
+        'the camera is lost: none of the frames that were tried fits the room'
+    ]
+
+
+@pytest.mark.parametrize('motion', ['still', 'moving', 'auto'])
+def test_what_a_mask_of_each_frame_hides_is_not_registered_and_stays_unknown(
+    tmp_path: Path, motion: str
+) -> None:
+    pose, depth = box(tmp_path)
+    rng = np.random.default_rng(2)
+    seen = depth + rng.normal(0, 0.002, (8, *depth.shape)).astype(np.float32)
+    known = np.ones(seen.shape, bool)
+    known[:4, :, :14] = known[4:, :, 18:] = False
+    seen[~known] = 0.5  # The robot's own legs.
+    file = tmp_path / 'walk.npz'
+    bright = depth**-2 * np.where(known, 1000, 50_000) * rng.normal(1, 0.02, seen.shape)
+    np.savez(file, depth=seen, K=SMALL_K, stamp=np.arange(8) / 30, known=known, amplitude=bright)
+    out = tmp_path / 'out'
+    words = ['gap', 'truth', str(file), '--scan', str(tmp_path / 'room.ply'), '--out', str(out)]
+    assert main([*words, f'--pose={pose}', '--motion', motion, '--jobs', '1']) == 0
+    row = yaml.safe_load((out / 'truth.yaml').read_text())['recordings'][0]
+    assert row['verdict'] == 'used'
+    assert row['motion'] == ('moving' if motion == 'moving' else 'still')
+    with np.load(out / 'walk.npz') as written:
+        assert not written['known'][~known].any()
+        assert written['known'][known].mean() > 0.9
+        assert row['known'] == pytest.approx(written['known'].mean(), abs=1e-3)
+        # Of the room alone; the legs are 50 times as bright.
+        assert np.nanmedian(written['reflectivity']) > 0.2
+        clean = np.broadcast_to(written['clean_depth'], seen.shape)
+        assert np.abs(clean - depth)[written['known']].max() < 0.02
 
 
 @pytest.mark.parametrize('pose', ['1,2,3', '0,0,0,0,0,0,0', 'a,b,c,d,e,f,g', 'nan,0,0,0,0,0,1'])

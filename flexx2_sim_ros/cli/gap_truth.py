@@ -16,7 +16,7 @@ from flexx2_sim_ros.cli.common import (
     command_line,
     progress_bar,
 )
-from flexx2_sim_ros.errors import InputError, printable, shown
+from flexx2_sim_ros.errors import each_once, InputError, printable, shown
 from flexx2_sim_ros.profiles.files import find_profile
 from rich.console import Console
 
@@ -170,6 +170,9 @@ def run(arguments: argparse.Namespace) -> int:
     console = Console(stderr=True, markup=False)
     with progress_bar(console) as progress:
         table = make(progress)
+    notes = [(row['source'], note) for row in table['recordings'] for note in row.get('notes', ())]
+    for note in each_once(notes):
+        console.print(printable(note), style='yellow', highlight=False)
     for row in table['recordings']:
         reasons = f': {"; ".join(row["reasons"])}' if row['reasons'] else ''
         console.print(printable(f'{row["name"]}: {row["verdict"]}{reasons}'), highlight=False)

@@ -77,7 +77,7 @@ def make_board_truth(request: BoardRequest, progress: Progress = no_progress) ->
 
     """
     target = read_target(request.board)
-    sources = sources_of(request)
+    sources = sources_of(request, request.board)
     with running(request, progress) as run:
         jobs = [_job(request, target, source) for source in sources]
         digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]

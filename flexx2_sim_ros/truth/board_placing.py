@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.board import find_board
+from flexx2_sim_ros.truth.files import reason_of
 from flexx2_sim_ros.truth.gray import Gray, GrayFit
 from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
 from flexx2_sim_ros.truth.observation import observe
@@ -96,28 +98,30 @@ def place_board(job: BoardJob) -> str:
     Returns
     -------
     str
-        A `Placed` as text.
-
-    Raises
-    ------
-    InputError
-        When the recording cannot be read.
+        A `Placed` as text, with the reason when the recording cannot be read.
 
     """
-    reader = open_recording(job.path, job.camera)
+    try:
+        return _found(job).to_json()
+    except InputError as error:  # The others can be used.
+        return _placed(False, [reason_of(error, job.path)]).to_json()
+
+
+def _found(job: BoardJob) -> Placed:
+    reader = open_recording(job.path, job.camera, job.profile)
     footage = observe(reader, job.profile, job.motion)
     moving, rays = footage.moving, footage.still.rays
     if not has_gray(reader):
-        return _placed(moving, ['it has no gray image (amplitude)']).to_json()
+        return _placed(moving, ['it has no gray image (amplitude)'])
     if moving and not has_gray_frames(reader):
-        return _placed(moving, ['it has one gray image for all frames, but moves']).to_json()
+        return _placed(moving, ['it has one gray image for all frames, but moves'])
     found: list[GrayFit | str] = []
     before = None
     for image in gray_images(reader, moving):
         fit = find_board(job.target, Gray(image, rays), job.lens_error, before)
         found.append(fit)
         before = None if isinstance(fit, str) else fit
-    return _placed(moving, found).to_json()
+    return _placed(moving, found)
 
 
 def _placed(moving: bool, found: list[Any]) -> Placed:

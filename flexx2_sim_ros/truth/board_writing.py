@@ -94,13 +94,11 @@ def write_board(what: BoardWriting) -> OnBoard:
         When the recording cannot be read or the file cannot be written.
 
     """
-    reader = open_recording(what.job.path, what.job.camera)
+    reader = open_recording(what.job.path, what.job.camera, what.job.profile)
     moving, placed = what.placed.moving, what.placed
     footage = observe(reader, what.job.profile, 'moving' if moving else 'still')
     room = BoardRoom(what.job.target)
-    images = (
-        (footage.observe(image) for image in reader.frames('depth')) if moving else [footage.still]
-    )
+    images = map(footage.observe, footage.frames()) if moving else [footage.still]
     truths: list[Clean] = []
     shown: _Shown | None = None
     for image, numbers in zip(images, placed.poses, strict=True):
@@ -125,13 +123,9 @@ def write_board(what: BoardWriting) -> OnBoard:
             'plane_covariance': plane,
             'plane_names': np.array(['board']),
         }
-    write_truth(reader, what.target, truths, moving, {**accuracy, **what.keys})
+    known = write_truth(reader, what.target, truths, moving, {**accuracy, **what.keys})
     gray = next(islice(gray_images(reader, moving), shown.number, None))
-    picture = replace(
-        picture_of([shown.clean], shown.image),
-        image=gray.astype(np.float32),
-        known=float(np.mean([one.known.mean() for one in truths])),
-    )
+    picture = replace(picture_of(shown.clean, shown.image, known), image=gray.astype(np.float32))
     return _judged(picture, shown, plane, len(covariances))
 
 

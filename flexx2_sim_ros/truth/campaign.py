@@ -90,7 +90,8 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
         then.
 
     """
-    sources = sources_of(request)
+    given = () if request.told is None or request.told.file is None else (request.told.file,)
+    sources = sources_of(request, request.room, *given)
     jobs = _jobs(request, sources)
     progress('loading the room', 0.0)
     room = load_room(request.room)

@@ -6,7 +6,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from flexx2_sim_ros import __version__, atomic
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.jobs import Map
+from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.recording import open_recording, RecordingReader
 from flexx2_sim_ros.recording.folders import BAG_FILES, find_recordings, is_bag
 import yaml
@@ -40,22 +43,104 @@ def names_of(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def opened(out: Path, paths: Sequence[Path], camera: str | None) -> list[RecordingReader]:
+def opened(
+    out: Path,
+    paths: Sequence[Path],
+    camera: str | None,
+    profile: Profile | None,
+    given: Sequence[Path] = (),
+) -> list[RecordingReader | None]:
     """
     Open recordings, and check that their ground truth can be written.
+
+    Parameters
+    ----------
+    out : pathlib.Path
+        The campaign's folder.
+    paths : sequence of pathlib.Path
+        The recordings.
+    camera : str or None
+        Which camera of bags that have several.
+    profile : Profile or None
+        The camera whose modes give the rate of files without stamps (None: the Flexx2).
+    given : sequence of pathlib.Path
+        What was named: the recordings or their folders, and further files that the run reads.
+
+    Returns
+    -------
+    list of RecordingReader or None
+        None for a file of a folder that cannot be read: the run goes on without it.
 
     Raises
     ------
     InputError
-        When a file cannot be read or written; then nothing is computed.
+        When a file that was named cannot be read, a file cannot be written, or one that is read
+        would be overwritten; then nothing is computed.
 
     """
     atomic.check_outputs('--out', out, FILES)
-    readers = []
-    for path, name in zip(paths, names_of(paths), strict=True):
-        readers.append(open_recording(path, camera))
-        atomic.check_distinct(path, out / name)
+    check_kept(out, [*FILES, *names_of(paths)], [*paths, *given])
+    readers: list[RecordingReader | None] = []
+    for path in paths:
+        try:
+            readers.append(open_recording(path, camera, profile))
+        except InputError:
+            if path in given:
+                raise
+            readers.append(None)
     return readers
+
+
+def reason_of(error: InputError, path: Path) -> str:
+    """Return why a recording cannot be used, without its name, for its row in ``truth.yaml``."""
+    return str(error).removeprefix(f'{path}: ')
+
+
+def check_kept(out: Path, names: Sequence[str], inputs: Sequence[Path]) -> None:
+    """
+    Check that no input is overwritten or removed, whichever of the inputs a file is written for.
+
+    Parameters
+    ----------
+    out : pathlib.Path
+        The campaign's folder.
+    names : sequence of str
+        The files to write there.
+    inputs : sequence of pathlib.Path
+        The files and folders that are read.
+
+    Raises
+    ------
+    InputError
+        When one of the inputs is a file to write, also by another path.
+
+    """
+    read = {_identity(path): path for path in inputs}
+    for name in names:
+        found = _identity(out / name)
+        if found is not None and found in read:
+            raise InputError(
+                f'--out: must be a folder where no input is overwritten, got {shown_path(out)}: '
+                f'{name} there is the input {shown_path(read[found])}'
+            )
+
+
+def has_truth(path: Path) -> bool:
+    """Return whether a file is a recording with ground truth, as a run writes it."""
+    try:
+        with open_npz(path) as archive:
+            return 'clean_depth' in archive.headers
+    except InputError:
+        return False
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    # The same for all paths to one file, through links as well; None where there is no file.
+    try:
+        stat = path.stat()
+    except (OSError, ValueError):
+        return None
+    return stat.st_dev, stat.st_ino
 
 
 def write_results(out: Path, table: dict[str, Any], html: str) -> None:
@@ -70,8 +155,11 @@ def digest(paths: Sequence[Path], words: Sequence[Any]) -> str:
     """Return a digest of files, in their present state, and of other values."""
     parts: list[Any] = [__version__, *words]
     for path in paths:
-        files = sorted(path.iterdir()) if path.is_dir() else [path]
-        parts += [(str(f.resolve()), f.stat().st_size, f.stat().st_mtime_ns) for f in files]
+        try:
+            files = sorted(path.iterdir()) if path.is_dir() else [path]
+            parts += [(str(f.resolve()), f.stat().st_size, f.stat().st_mtime_ns) for f in files]
+        except OSError:  # It cannot be read, as its job says.
+            parts.append(str(path))
     return hashlib.sha256(repr(parts).encode('utf-8', 'surrogatepass')).hexdigest()[:32]
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import RecordingReader
+from flexx2_sim_ros.truth.observation import mask_of
 import numpy as np
 
 _SATURATED = 0.002  # fraction of pixels at the largest gray value
@@ -29,28 +30,40 @@ def gray_images(reader: RecordingReader, moving: bool) -> Iterator[np.ndarray]:
     Yields
     ------
     numpy.ndarray
-        (H, W) float64, NaN where saturated or not a number.
+        (H, W) float64, NaN where saturated, not a number or hidden by a mask.
 
     """
+    if moving:
+        for image in _shown(reader):
+            yield _unsaturated(image, image)
+        return
+    total = top = None
+    count: Any = 0
+    for image in _shown(reader):
+        there = ~np.isnan(image)
+        total = np.where(there, image, 0) + (0 if total is None else total)
+        top = image if top is None else np.fmax(top, image)
+        count = count + there
+    if total is None or top is None:
+        raise InputError(f'{reader.path}: amplitude: must have an image, got none')
+    with np.errstate(invalid='ignore'):
+        yield _unsaturated(total / count, top)
+
+
+def _shown(reader: RecordingReader) -> Iterator[np.ndarray]:
+    # NaN where a mask of this frame hides the room; of one image for all, where it does in any.
     images: Any = reader.arrays.get('amplitude')
+    mask = mask_of(reader)
     if images is None:
         images = reader.frames('amplitude')
     elif images.ndim == 2:
         images = [images]
-    if moving:
-        for image in images:
-            yield _unsaturated(image.astype(np.float64), image)
-        return
-    total = top = None
-    count = 0
-    for image in images:
+        mask = mask if mask is None or mask.ndim == 2 else np.asarray(mask.all(axis=0))
+    for number, image in enumerate(images):
         image = image.astype(np.float64)
-        total = image if total is None else total + image
-        top = image if top is None else np.maximum(top, image)
-        count += 1
-    if total is None or top is None:
-        raise InputError(f'{reader.path}: amplitude: must have an image, got none')
-    yield _unsaturated(total / count, top)
+        if mask is not None:
+            image[~(mask if mask.ndim == 2 else mask[number])] = np.nan
+        yield image
 
 
 def _unsaturated(image: np.ndarray, brightest: np.ndarray) -> np.ndarray:

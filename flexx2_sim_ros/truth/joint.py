@@ -258,8 +258,9 @@ def _finish(views: list[View], columns: Columns, values: np.ndarray) -> Solution
         S_rest = S - sum((part for part, _ in mine), np.zeros((k, k)))
         left_out.append(np.linalg.solve(S_rest, s - sum((side for _, side in mine), np.zeros(k))))
     apart = np.array(left_out).reshape(len(left_out), k)
-    count = len(apart)
-    jackknife = np.sqrt((count - 1) / count * ((apart - apart.mean(axis=0)) ** 2).sum(axis=0))
+    count = max(len(apart), 1)  # There may be no view, where the camera is lost in all recordings.
+    middle = apart.sum(axis=0) / count
+    jackknife = np.sqrt((count - 1) / count * ((apart - middle) ** 2).sum(axis=0))
     scores = [_tile_scores(one, values) for one in equations]
     meat = prior + sum((own.T @ own for _, own in scores), np.zeros((k, k)))
     spread = inverse @ meat @ inverse

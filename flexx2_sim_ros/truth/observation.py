@@ -1,5 +1,6 @@
 """The images of a recording to register: the median of a still one, frames of a moving one."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -111,6 +112,10 @@ class Footage:
     moving: bool
     mode: Mode | None
 
+    def frames(self) -> Iterator[np.ndarray]:
+        """Yield the (H, W) depth of each frame, NaN where a mask of this frame hides it."""
+        return _shown(self.reader)
+
     def observe(self, depth: np.ndarray) -> Observation:
         """Return the observation of one (H, W) frame."""
         good = np.where(depth > _NEAREST, depth, np.nan).astype(np.float64)
@@ -146,14 +151,14 @@ def observe(reader: RecordingReader, profile: Profile | None, motion: str = 'aut
     _check_stamps(reader)
     rays = _rays(reader)
     mode = _mode(reader, profile or flexx2())
-    frames = _chosen_frames(reader)
+    frames, hidden = _chosen_frames(reader)
     if not np.isfinite(frames).any():
         raise InputError(f'{path}: depth: all pixels of all frames are invalid')
     moving = motion == 'moving' or (motion == 'auto' and _moved(frames, mode))
     if moving:
         depth, sigma = frames[0], _typical_sigma(frames[0], mode)
     else:
-        depth, sigma = _median(frames, mode)
+        depth, sigma = _median(frames, hidden, mode)
     still = Observation(rays, depth, sigma, _wraps(mode))
     return Footage(reader, still, moving, mode)
 
@@ -176,14 +181,45 @@ def _rays(reader: RecordingReader) -> np.ndarray:
     except InputError as error:
         raise InputError(f'{reader.path}: {error}') from error
     rays = np.moveaxis(pixel_rays(camera), 0, -1)
-    known = read_truth(reader.path, reader.arrays, reader.shape).known
-    if known is not None and known.ndim == 2 and not _has_truth(reader):
-        rays[~known] = np.nan  # A mask of the user, not of earlier ground truth.
+    mask = mask_of(reader)
+    if mask is not None:
+        rays[~mask if mask.ndim == 2 else ~mask.any(axis=0)] = np.nan
     return rays
 
 
-def _has_truth(reader: RecordingReader) -> bool:
-    return 'clean_depth' in reader.layouts or 'clean_depth' in reader.arrays
+def mask_of(reader: RecordingReader) -> np.ndarray | None:
+    """
+    Return where a recording shows its room and not, for example, the robot.
+
+    Parameters
+    ----------
+    reader : RecordingReader
+        The recording.
+
+    Returns
+    -------
+    numpy.ndarray or None
+        (H, W) or (T, H, W) bool, its ``known``; None without one, and where that is of earlier
+        ground truth and not a mask of the user.
+
+    Raises
+    ------
+    InputError
+        When the recording has such a key that cannot be used.
+
+    """
+    if 'clean_depth' in reader.layouts or 'clean_depth' in reader.arrays:
+        return None
+    return read_truth(reader.path, reader.arrays, reader.shape).known
+
+
+def _shown(reader: RecordingReader) -> Iterator[np.ndarray]:
+    mask = mask_of(reader)
+    for number, image in enumerate(reader.frames('depth')):
+        if mask is None or mask.ndim == 2:
+            yield image
+        else:
+            yield np.where(mask[number], image, np.nan)
 
 
 def _mode(reader: RecordingReader, profile: Profile) -> Mode | None:
@@ -203,16 +239,19 @@ def _wraps(mode: Mode | None) -> tuple[float, ...]:
     return tuple(dict.fromkeys([common, *single]))
 
 
-def _chosen_frames(reader: RecordingReader) -> np.ndarray:
+def _chosen_frames(reader: RecordingReader) -> tuple[np.ndarray, np.ndarray]:
+    # Also, in how many of them a mask hides a pixel: (H, W), or () for none.
     count = len(reader.stamp)
     wanted = np.unique(np.linspace(0, count - 1, min(count, _MOST_FRAMES)).round().astype(int))
     out = np.empty((len(wanted), *reader.shape[1:]))
     places = {frame: place for place, frame in enumerate(wanted.tolist())}
-    for number, image in enumerate(reader.frames('depth')):
+    for number, image in enumerate(_shown(reader)):
         if number in places:
             out[places[number]] = image
+    mask = mask_of(reader)
+    hidden = np.array(0) if mask is None or mask.ndim == 2 else (~mask[wanted]).sum(axis=0)
     with np.errstate(invalid='ignore'):
-        return np.where((out > _NEAREST) & np.isfinite(out), out, np.nan)
+        return np.where((out > _NEAREST) & np.isfinite(out), out, np.nan), hidden
 
 
 def _moved(frames: np.ndarray, mode: Mode | None) -> bool:
@@ -240,7 +279,9 @@ def _tiles(image: np.ndarray) -> np.ndarray:
     return np.median(blocks.swapaxes(1, 2).reshape(-1, _TILE * _TILE), axis=1)
 
 
-def _median(frames: np.ndarray, mode: Mode | None) -> tuple[np.ndarray, np.ndarray]:
+def _median(
+    frames: np.ndarray, hidden: np.ndarray, mode: Mode | None
+) -> tuple[np.ndarray, np.ndarray]:
     # Sorted with NaN last: quantiles of the valid ones, without the cost of nanquantile.
     ordered = np.sort(frames, axis=0)
     valid = np.isfinite(ordered).sum(axis=0)
@@ -253,7 +294,7 @@ def _median(frames: np.ndarray, mode: Mode | None) -> tuple[np.ndarray, np.ndarr
         )
         return low + (place - np.floor(place)) * (high - low)
 
-    median = np.where(valid > len(frames) // 2, take(0.5), np.nan)
+    median = np.where(valid > (len(frames) - hidden) // 2, take(0.5), np.nan)
     spread = (take(0.84) - take(0.16)) / 2
     if len(frames) < 8:
         return median, _typical_sigma(median, mode)

@@ -161,11 +161,10 @@ def _millimetres(value: float | None) -> str:
 
 
 def _pictures(row: Mapping[str, Any], where: Registered, shown: Picture) -> str:
-    history = where.history or (0.0,)
     if where.moving and len(where.costs) > 1:
         steps, label = where.costs, 'frame'
     else:
-        steps, label = history, 'step of the alignment'
+        steps, label = where.history, 'step of the alignment'
     caption = 'measured depth (dark is near), edges of the room in orange'
     return figures(row['name'], shown, caption, steps, label, 'truncated residual')
 
@@ -190,14 +189,14 @@ def figures(
     caption : str
         Caption of the overlay.
     costs : sequence of float
-        Costs of the alignment; empty if there was none.
+        Costs of the alignment; no curve is drawn of fewer than two.
     axis, cost : str
         Labels of the axes of `costs`.
 
     """
     name = escape(name)
     curve = ''
-    if costs:
+    if len(costs) > 1:
         steps = np.arange(len(costs), dtype=float)
         curve = curves(steps, np.array([costs]), [cost], axis, cost, 0.02)
     return (

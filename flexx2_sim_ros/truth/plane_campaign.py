@@ -83,7 +83,7 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
 
     """
     plan = read_planes(request.planes)
-    sources = sources_of(request)
+    sources = sources_of(request, request.planes)
     jobs = _jobs(request, plan, sources)
     with running(request, progress) as run:
         digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]

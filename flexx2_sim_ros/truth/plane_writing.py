@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.clean import Clean
+from flexx2_sim_ros.truth.files import reason_of
 from flexx2_sim_ros.truth.gray_frames import gray_images
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.plane_constraints import Constraints, Placed, seen_angle, settle
@@ -183,19 +185,18 @@ def place_planes(job: PlaneJob) -> str:
     Returns
     -------
     str
-        A `Judged` as text.
-
-    Raises
-    ------
-    InputError
-        When the recording cannot be read.
+        A `Judged` as text; refused when the recording cannot be read.
 
     """
     return _judged(job).to_json()
 
 
 def _judged(job: PlaneJob) -> Judged:
-    footage = observe(open_recording(job.path, job.camera), job.profile, job.motion)
+    try:
+        reader = open_recording(job.path, job.camera, job.profile)
+        footage = observe(reader, job.profile, job.motion)
+    except InputError as error:  # The others can be used.
+        return Judged('refused', (reason_of(error, job.path),))
     if footage.moving:
         return Judged('refused', ('the camera moves; planes need one that stands still',))
     middle = float(np.nanmedian(footage.still.depth))
@@ -316,7 +317,7 @@ def read_plane_light(what: PlaneWriting) -> list[GraySamples]:
         When the recording cannot be read.
 
     """
-    reader = open_recording(what.job.path, what.job.camera)
+    reader = open_recording(what.job.path, what.job.camera, what.job.profile)
     if not shows_light(reader, moving=False):
         return []
     image = observe(reader, what.job.profile, 'still').still
@@ -336,7 +337,7 @@ def write_planes(what: PlaneWriting) -> Picture:
 
     """
     job, planes = what.job, what.planes
-    reader = open_recording(job.path, job.camera)
+    reader = open_recording(job.path, job.camera, job.profile)
     image = observe(reader, job.profile, 'still').still
     truth, plane = _render(job, planes, image)
     if what.scale is not None and shows_light(reader, moving=False):
@@ -348,8 +349,8 @@ def write_planes(what: PlaneWriting) -> Picture:
         'plane_names': np.array([surface.name for surface in planes.surfaces]),
         **what.keys,
     }
-    write_truth(reader, job.target, [truth], False, keys)
-    return picture_of([truth], image)
+    known = write_truth(reader, job.target, [truth], False, keys)
+    return picture_of(truth, image, known)
 
 
 def _render(job: PlaneJob, planes: Nominal, image: Observation) -> tuple[Clean, np.ndarray]:

@@ -138,7 +138,7 @@ def register(job: Job) -> Registered:
     """
     room = load_room(job.room)
     begin = time.perf_counter()
-    footage = observe(open_recording(job.path, job.camera), job.profile, job.motion)
+    footage = observe(open_recording(job.path, job.camera, job.profile), job.profile, job.motion)
     source = None if job.told is None else camera_trajectory(job.told, job.path)
     told = _told(job, footage, source)
     found, first, mirrored = _search(job, footage, _start(job, told))
@@ -249,7 +249,7 @@ def _search(
 
 def frame(footage: Footage, number: int) -> Observation:
     """Return one frame of a recording."""
-    for index, image in enumerate(footage.reader.frames('depth')):
+    for index, image in enumerate(footage.frames()):
         if index == number:
             return footage.observe(image)
     raise IndexError(number)
@@ -259,7 +259,7 @@ def _track(
     room: Room, footage: Footage, start: Pose, first: int, told: Sequence[Pose | None]
 ) -> list[tuple[Pose, float]]:
     # Follows the camera from this frame forwards to the end, then backwards to the beginning.
-    images = list(footage.reader.frames('depth'))
+    images = list(footage.frames())
     fits: dict[int, tuple[Pose, float]] = {}
     for order in (range(first, len(images)), range(first - 1, -1, -1)):
         sign = 1 if order.step > 0 else -1
@@ -299,14 +299,16 @@ def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[View
     recording, how, where = job
     room = load_room(how.room)
     footage = observe(
-        open_recording(how.path, how.camera), how.profile, 'moving' if where.moving else 'still'
+        open_recording(how.path, how.camera, how.profile),
+        how.profile,
+        'moving' if where.moving else 'still',
     )
     if where.moving:
         chosen = np.unique(np.linspace(0, len(where.poses) - 1, _KEY_FRAMES).round().astype(int))
         images = dict.fromkeys(chosen.tolist())
         pictures = {
             number: footage.observe(image)
-            for number, image in enumerate(footage.reader.frames('depth'))
+            for number, image in enumerate(footage.frames())
             if number in images and where.costs[number] < _LOST
         }
     else:

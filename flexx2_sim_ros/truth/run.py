@@ -14,6 +14,7 @@ from flexx2_sim_ros.jobs import Map, workers
 from flexx2_sim_ros.recording.folders import find_recordings
 from flexx2_sim_ros.truth.files import (
     CACHE,
+    has_truth,
     names_of,
     opened,
     recordings_of,
@@ -25,6 +26,7 @@ import numpy as np
 
 # Called with the name of the current step and the fraction of the work that is done.
 Progress = Callable[[str, float], None]
+_LONGEST_COMMAND = 2000  # characters that are stored
 _Item = TypeVar('_Item')
 
 
@@ -84,12 +86,15 @@ class Source:
         The file to write, with ground truth.
     uptime : numpy.ndarray or None
         As in `uptime.uptimes`.
+    notes : tuple of str
+        What a person should know of the file, as in `Recording`.
 
     """
 
     path: Path
     target: Path
     uptime: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def keys(self) -> dict[str, np.ndarray]:
@@ -103,27 +108,38 @@ class Source:
             'source': str(self.path),
             'verdict': verdict,
             'reasons': list(reasons),
+            **({'notes': list(self.notes)} if self.notes else {}),
             **more,
         }
 
 
-def sources_of(request: TruthRequest) -> list[Source]:
+def sources_of(request: TruthRequest, *others: Path) -> list[Source]:
     """
     Return the recordings of a request.
+
+    Parameters
+    ----------
+    request : TruthRequest
+        The request.
+    *others : pathlib.Path
+        Further files that the run reads.
 
     Raises
     ------
     InputError
-        When a folder has none, one of them cannot be read, or its file cannot be written.
+        When a folder has none, one that was named cannot be read, its file cannot be written, or a
+        file that is read would be overwritten.
 
     """
     paths = recordings_of(request.recordings)
-    readers = opened(request.out, paths, request.camera)
+    given = [*request.recordings, *others]
+    readers = opened(request.out, paths, request.camera, request.profile, given)
+    known = iter(uptimes([one for one in readers if one is not None], request.uptime))
     return [
-        Source(path, request.out / name, uptime)
-        for path, name, uptime in zip(
-            paths, names_of(paths), uptimes(readers, request.uptime), strict=True
-        )
+        Source(path, request.out / name)
+        if reader is None
+        else Source(path, request.out / name, next(known), tuple(dict.fromkeys(reader.notes)))
+        for path, name, reader in zip(paths, names_of(paths), readers, strict=True)
     ]
 
 
@@ -202,6 +218,14 @@ class Run:
         return tick
 
 
+def _shortened(command: str) -> str:
+    # A shell writes out thousands of recordings that a pattern names.
+    if len(command) <= _LONGEST_COMMAND:
+        return command
+    half = _LONGEST_COMMAND // 2
+    return f'{command[:half]} ... {command[-half:]}'
+
+
 @contextmanager
 def running(request: TruthRequest, progress: Progress) -> Iterator[Run]:
     """
@@ -257,14 +281,14 @@ def write_table(
     """
     written = [row['name'] for row in rows if row['verdict'] != 'refused']
     for row in rows:
-        if row['verdict'] == 'refused':
-            (request.out / row['name']).unlink(missing_ok=True)
+        if row['verdict'] == 'refused' and has_truth(request.out / row['name']):
+            (request.out / row['name']).unlink()
     others = [path.name for path in find_recordings(request.out) if path.name not in written]
     table = {
         'schema': 1,
         'kind': kind,
         'version': __version__,
-        'command': request.command,
+        'command': _shortened(request.command),
         **about,
         'recordings': list(rows),
         **findings,

@@ -39,6 +39,8 @@ def uptimes(
         When `first` is given and cannot be used.
 
     """
+    if not readers:
+        return []
     own = [uptime_of(reader) for reader in readers]
     if any(one is not None for one in own):
         if first is not None:

@@ -17,6 +17,8 @@ _RIVAL = 1.3  # times the cost of the best pose
 _MOST_METRES, _MOST_DEGREES = 0.01, 0.5  # standard deviation of a pose
 _OUTLYING, _OUTLYING_METRES = 3.0, 0.01  # times the usual median residual; metres
 
+_LOST = 'the camera is lost: none of the frames that were tried fits the room'
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -62,10 +64,16 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]
 
     """
     numbers = [_numbers(i, solution) for i in range(len(registered))]
-    usual = float(np.median([residual for _, residual, _ in numbers]))
+    seen = {view.recording for view in solution.views}
+    usual = float(np.median([numbers[i][1] for i in sorted(seen)])) if seen else 0.0
     out = []
-    for one, (fitting, residual, deviation) in zip(registered, numbers, strict=True):
+    for i, (one, (fitting, residual, deviation)) in enumerate(
+        zip(registered, numbers, strict=True)
+    ):
         refused, doubts = [], []
+        if i not in seen:
+            out.append(Verdict('refused', (_LOST,), fitting, residual, deviation))
+            continue
         if fitting < _LEAST_FITTING:
             refused.append(f'only {fitting:.0%} of its pixels fit the room')
         elif fitting < FITTING:
@@ -77,7 +85,7 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]
                 f'what it sees does not hold its pose: {deviation[0] * 1e3:.0f} mm and '
                 f'{deviation[1]:.1f} degrees along the worst axes'
             )
-        if len(registered) > 2 and residual > max(_OUTLYING * usual, _OUTLYING_METRES):
+        if len(seen) > 2 and residual > max(_OUTLYING * usual, _OUTLYING_METRES):
             doubts.append(
                 f'its residual is {residual * 1e3:.0f} mm, that of most is {usual * 1e3:.0f} mm'
             )

@@ -12,7 +12,7 @@ from flexx2_sim_ros.truth.clean import Clean, difference, edges, render, strange
 from flexx2_sim_ros.truth.columns import Columns
 from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
 from flexx2_sim_ros.truth.meshes import load_room
-from flexx2_sim_ros.truth.observation import Footage, Observation, observe
+from flexx2_sim_ros.truth.observation import Footage, mask_of, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.reflectivity import (
     gray_samples,
@@ -109,7 +109,7 @@ def write_recording(what: Writing) -> Picture:
 
     """
     room = load_room(what.job.room)
-    reader = open_recording(what.job.path, what.job.camera)
+    reader = open_recording(what.job.path, what.job.camera, what.job.profile)
     moving = what.registered.moving
     footage = observe(reader, what.job.profile, 'moving' if moving else 'still')
     if moving:
@@ -124,10 +124,10 @@ def write_recording(what: Writing) -> Picture:
             with_reflectivity(truth, gray, footage.still.rays, what.scale)
             for truth, gray in zip(truths, gray_images(reader, moving), strict=True)
         ]
-    write_truth(
+    known = write_truth(
         reader, what.target, truths, moving, {'pose_covariance': what.covariance, **what.keys}
     )
-    return picture_of(truths, footage.still)
+    return picture_of(truths[0], footage.still, known)
 
 
 def read_light(what: Writing) -> list[GraySamples]:
@@ -144,7 +144,7 @@ def read_light(what: Writing) -> list[GraySamples]:
 
     """
     room = load_room(what.job.room)
-    reader = open_recording(what.job.path, what.job.camera)
+    reader = open_recording(what.job.path, what.job.camera, what.job.profile)
     moving = what.registered.moving
     if not shows_light(reader, moving):
         return []
@@ -175,7 +175,7 @@ def write_truth(
     truths: Sequence[Clean],
     moving: bool,
     keys: Mapping[str, np.ndarray],
-) -> None:
+) -> float:
     """
     Write a recording with ground truth, whole or not at all.
 
@@ -192,6 +192,11 @@ def write_truth(
     keys : mapping of str to numpy.ndarray
         Further keys: the accuracy of the ground truth, the time since power-on.
 
+    Returns
+    -------
+    float
+        Fraction of the pixels that are known.
+
     Raises
     ------
     InputError
@@ -202,6 +207,9 @@ def write_truth(
         for image in reader.frames('depth'):
             file.add_depth(image[None])
         arrays = {**_arrays(truths, moving), **keys}
+        mask = mask_of(reader)
+        if mask is not None:
+            arrays['known'] = arrays['known'] & mask
         for key, value in arrays.items():
             file.add_array(key, value)
         for key, value in _copied(reader, arrays.keys()):
@@ -209,21 +217,21 @@ def write_truth(
                 file.add_array(key, value)
             else:
                 file.add_frames(key, reader.layouts[key].dtype, value)
+    return float(arrays['known'].mean())
 
 
-def picture_of(truths: Sequence[Clean], first: Observation) -> Picture:
+def picture_of(truth: Clean, first: Observation, known: float) -> Picture:
     """Return the images of a recording for the page: of its first frame or median."""
-    residual = np.where(truths[0].known, difference(truths[0], first), np.nan)
-    known = float(np.mean([truth.known.mean() for truth in truths]))
+    residual = np.where(truth.known, difference(truth, first), np.nan)
     return Picture(
-        first.depth.astype(np.float32), edges(truths[0]), residual.astype(np.float32), known
+        first.depth.astype(np.float32), edges(truth), residual.astype(np.float32), known
     )
 
 
 def _of_frames(room: Room, what: Writing, footage: Footage) -> list[Clean]:
     # Of a moving camera. Where images are late, from where the camera was at the stamp: that is
     # where later images were taken. The last frames have no later ones and are unknown.
-    frames = [footage.observe(image) for image in footage.reader.frames('depth')]
+    frames = [footage.observe(image) for image in footage.frames()]
     poses = [_pose_of(room, what, footage, frame, i) for i, frame in enumerate(frames)]
     seen = [render(room, pose, footage.still.rays, what.room_error) for pose in poses]
     truths = [without_strangers(*pair) for pair in zip(seen, frames, strict=True)]

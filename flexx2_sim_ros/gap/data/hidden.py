@@ -3,11 +3,14 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from flexx2_sim_ros.config_file import is_regular_file, read_config
+from flexx2_sim_ros.config_file import is_regular_file, Limits, read_config
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 
 TRUTH_FILE = 'truth.yaml'
+# A row has about 40 values, with three planes 80: this fits thousands of recordings. Text: earlier
+# versions stored commands of any length.
+_LIMITS = Limits(32 << 20, 400_000, 2_000_000)
 
 
 class Hidden(NamedTuple):
@@ -52,7 +55,7 @@ def hidden_effects(folder: str | Path) -> list[Hidden]:
     path = Path(folder) / TRUTH_FILE
     if not is_regular_file(path):
         return []
-    rows = read_config(path).get('cannot_decide', [])
+    rows = read_config(path, _LIMITS).get('cannot_decide', [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise InputError(f'{shown_path(path)}: cannot_decide: must be a list of mappings')
     return [_hidden(path, row) for row in rows if 'absorbed' in row]
