@@ -60,6 +60,23 @@ def test_an_offset_of_recordings_that_all_begin_at_0(tmp_path: Path, same: bool)
     assert sum('very same noise' in note for note in notes) == (6 if same else 0)
 
 
+def test_a_wall_where_the_range_ends_is_no_gap(tmp_path: Path) -> None:
+    """
+    Assert that it does not matter which of its pixels have a depth: a pose decides that.
+
+    False failures: none, because all noise is seeded.
+    """
+    write_walls(tmp_path)
+    clean = np.full(SHAPE, 7.0, np.float32) + np.linspace(-0.01, 0.01, SHAPE[1], dtype=np.float32)
+    stamp = np.arange(10) / 30
+    for i in range(3):  # The pose is wrong by 6 mm.
+        seen = Camera(MODE, seed=10 + i).capture(clean + np.float32(0.006), K, stamp).depth
+        np.savez(
+            tmp_path / f'far{i}.npz', depth=seen, clean_depth=clean, K=K, stamp=stamp, usecase=MODE
+        )
+    assert diagnose(tmp_path)['verdict'] == 'none'
+
+
 def test_a_fixed_pattern_is_still_found(tmp_path: Path) -> None:
     folder = tmp_path / 'walls'
     folder.mkdir()

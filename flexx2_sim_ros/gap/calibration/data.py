@@ -146,6 +146,7 @@ class Binning:
     bend: float = constant(0.3, 'fraction of 1/depth', 'a larger change is another surface')
     bend_step: int = constant(28, '', 'the width over this is the reach of concavity', DEFINITION)
     beyond: float = constant(1.1, 'range_max', 'farther is beyond the range')
+    limit: float = constant(0.05, 'm', 'so near to an end of the range is not compared')
 
 
 READING = Reading()

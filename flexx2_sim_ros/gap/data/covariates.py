@@ -129,7 +129,9 @@ def look_at(
     compared = _compared(lens, mode.sensor, border, known)
     edge, inside = _edges_and_surfaces(surface, compared, known)
     with np.errstate(invalid='ignore', divide='ignore'):
-        seen = compared & (clean >= mode.range_min) & (clean <= mode.range_max)
+        # At the ends of the range, millimetres of the pose decide whether there is a depth.
+        nearest, farthest = mode.range_min + BINNING.limit, mode.range_max - BINNING.limit
+        seen = compared & (clean >= nearest) & (clean <= farthest)
         inside &= seen
         bins = _Bins(axes, (height, width))
         _sort_surfaces(bins, surface, clean, reflectivity, inside)
