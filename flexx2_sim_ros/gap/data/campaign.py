@@ -200,8 +200,10 @@ def read(found: Found, profile: Profile | None, known: Table | None = None) -> R
     truth = _of_frames(read_truth(path, reader.arrays, reader.shape), chosen)
     notes: list[str] = []
     depth, clean = _depths(found, parts, truth.known, notes)
-    if clean.ndim == 3 and (clean == clean[0]).all(where=np.isfinite(clean)):
-        clean, truth = clean[0], _still(truth)
+    if clean.ndim == 3:
+        first = _first_known(clean, truth.known)
+        if (clean == first).all(where=np.isfinite(clean)):
+            clean, truth = first, _still(truth)
     reflectivity = _reflectivity(found, reader.K, parts, clean, notes)
     clean, reflectivity = _filled(found, clean, reflectivity, truth.known)
     uptime = _uptime(reader, chosen)
@@ -230,6 +232,13 @@ def _of_frames(truth: Truth, chosen: np.ndarray) -> Truth:
         for one in (truth.known, truth.clean_sigma)
     )
     return replace(truth, known=None if known is None or known.all() else known, clean_sigma=sigma)
+
+
+def _first_known(clean: np.ndarray, known: np.ndarray | None) -> np.ndarray:
+    # A pixel that is unknown in the first frame may stand still all the same.
+    if known is None or known.ndim < 3:
+        return np.asarray(clean[0])
+    return np.take_along_axis(clean, known.argmax(axis=0)[None], axis=0)[0]
 
 
 def _still(truth: Truth) -> Truth:
