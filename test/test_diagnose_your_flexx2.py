@@ -109,4 +109,4 @@ def test_the_commands_for_another_camera_exist() -> None:
     parser = make_parser()
     commands = [shlex.split(line)[1:] for line in lines('text') if line.startswith('flexx2 ')]
     profiles = [parser.parse_args(words).profile for words in commands]
-    assert profiles == ['my_camera.yaml'] * 6
+    assert profiles == ['my_camera.yaml'] * 7

@@ -153,10 +153,17 @@ def test_a_laser_decides_what_fitted_planes_leave_open(plan: Plan, tmp_path: Pat
     assert bits['frontal', 'planes'] < 0.8 * bits['frontal', 'laser']
     # Where no recording of the plan can be used, a scene of one's own is still ranked.
     own = tmp_path / 'own.npz'
+    frames = np.arange(20) / 30
     np.savez(
         own,
         clean_depth=np.full((43, 56), 1.5),
         K=np.array([[52.0, 0, 28], [0, 52.0, 21], [0, 0, 1]]),
+        # As a recording of a still scene has it.
+        stamp=frames,
+        received=frames + 0.02,
+        uptime=frames + 100,
+        known=np.ones((20, 43, 56), bool),
+        clean_sigma=np.full((20, 43, 56), 0.002),
     )
     alone = replace(plan, recordings=())
     found = suggest(tmp_path / 'diagnosis', campaign, alone, scenes=[own]).table

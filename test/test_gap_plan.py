@@ -6,7 +6,7 @@ from pathlib import Path
 import re
 import subprocess
 
-from flexx2_sim_ros.camera import flexx2
+from flexx2_sim_ros.camera import flexx2, Intrinsics
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
@@ -66,6 +66,39 @@ def test_command_writes_a_checklist_with_every_recording_and_effect(tmp_path: Pa
     assert {name for one in plan.recordings for name in one.effects} | {'pose_error'} == set(
         registry()
     )
+
+
+def test_plan_of_another_camera_has_its_mode_and_its_name_in_the_commands(tmp_path: Path) -> None:
+    command = [executable('flexx2'), 'gap', 'plan', '--profile', 'kinect_v2', '--out']
+    subprocess.run([*command, tmp_path], check=True)
+    text = (tmp_path / 'checklist.md').read_text()
+    assert 'recordings, mode depth_30fps.' in text
+    assert 'gap diagnose campaign/ --out diagnosis/ --profile kinect_v2' in text
+    assert 'ros2 param set' not in text
+    wrong = subprocess.run(
+        [*command, tmp_path, '--usecase', 'Mode_9_30fps'],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert wrong.returncode == 2
+    assert 'usecase: must be one of depth_30fps' in wrong.stderr
+
+
+def test_no_image_is_made_smaller_than_the_smallest_camera() -> None:
+    small = Intrinsics.from_matrix(np.array([[9.0, 0, 3.5], [0, 9.0, 3.5], [0, 0, 1]]), 8, 8)
+    assert smaller(small, 0.5) == small
+    lens = smaller(flexx2().intrinsics, 0.001)
+    assert min(lens.width, lens.height) == 8
+
+
+def test_a_plan_beyond_the_range_of_the_mode_is_refused(two: Path, tmp_path: Path) -> None:
+    two.write_text(TWO.replace('[1.0, 40, 0.8]', '[20, 40, 0.8]').replace('[2.0,', '[20,'))
+    plan: Plan = read_plan(two)
+    plan = replace(plan, recordings=plan.recordings[:1])
+    request = Request(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
+    with pytest.raises(InputError, match='--plan: must have recordings within the range of Mode'):
+        compute(request, 'x', lambda text, share: None)
 
 
 def test_shipped_table_says_what_made_it() -> None:

@@ -1,6 +1,7 @@
 """`flexx2 gap plan`: write what to record, and which effects these recordings can find."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,12 @@ def add_parser(commands: Any) -> None:
     parser.add_argument('--out', required=True, metavar='DIR', help=f'gets {CHECKLIST} and {PAGE}')
     parser.add_argument(
         '--plan', metavar='FILE', help='your own plan (default: config/gap_plan.yaml)'
+    )
+    parser.add_argument(
+        '--usecase',
+        metavar='MODE',
+        help="mode to record in (default: the plan's; of the shipped plan, the camera's usual one "
+        'if it lacks that)',
     )
     parser.add_argument(
         '--compute',
@@ -53,6 +60,10 @@ def run(arguments: argparse.Namespace) -> int:
 
     plan = read_plan(Path(arguments.plan) if arguments.plan else default_plan())
     profile = find_profile(arguments.profile)
+    if arguments.usecase is not None:
+        plan = replace(plan, usecase=profile.mode(arguments.usecase).name)
+    elif not arguments.plan and plan.usecase not in profile.names:
+        plan = replace(plan, usecase=profile.default_usecase)
     profile.mode(plan.usecase)
     out = atomic.output_folder(arguments.out)
     console = Console(stderr=True, markup=False)
@@ -63,8 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
         atomic.write_text(out / TABLE, to_yaml(table))
     else:
         table = read_table(shipped_table())
-    shipped = not arguments.plan and not arguments.profile
-    told = Checklist(plan, profile, table, shipped or arguments.compute)
+    shipped = not (arguments.plan or arguments.profile or arguments.usecase)
+    told = Checklist(plan, profile, table, shipped or arguments.compute, arguments.profile)
     atomic.write_text(out / CHECKLIST, markdown(told))
     atomic.write_text(out / PAGE, page(told))
     written = [CHECKLIST, PAGE, *([TABLE] if arguments.compute else [])]

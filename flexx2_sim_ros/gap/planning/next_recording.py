@@ -139,12 +139,16 @@ def suggest(
         setting, repeated = _setting(before, campaign, camera, seed, mapped, progress)
         told = camera, setting.given, seed
         possible = of_plan(folder, plan, chosen, *told)
+        own = []
         for i, scene in enumerate(scenes):
             written = folder / f'own_{i}.npz'
-            possible.append(of_scene(written, Path(scene), plan.usecase, *told))
-        possible += of_campaign(repeated)
+            own.append(of_scene(written, Path(scene), plan.usecase, *told))
+        possible += [*own, *of_campaign(repeated)]
         step = stepper(progress, 'simulating recordings', 0.2, 0.6, len(possible))
         outcomes = mapped(bind(_look_out, setting=setting), possible, step)
+        for one, outcome in zip(possible, outcomes, strict=True):
+            if one in own and isinstance(outcome, str):
+                raise InputError(f'--scene: {one.name}: cannot be used: {outcome}')
         rows = [one for one in outcomes if isinstance(one, _Row)]
         if not any(not one.possible.repeat for one in rows):
             raise InputError(f'DIAGNOSIS: no recording of the plan can be used: {outcomes[0]}')

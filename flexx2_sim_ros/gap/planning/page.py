@@ -1,9 +1,10 @@
 """The readable plan: a checklist in Markdown, and a page with drawings."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 import math
+import shlex
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
@@ -58,6 +59,8 @@ class Checklist:
         The result of `table.compute`.
     own : bool
         Whether the table was computed for this plan.
+    named : str
+        What ``--profile`` of other commands takes for this camera; empty: a Flexx2.
 
     """
 
@@ -65,6 +68,7 @@ class Checklist:
     profile: Profile
     table: Mapping[str, Any]
     own: bool
+    named: str = ''
 
 
 def record_command(planned: PlannedRecording) -> str:
@@ -95,7 +99,7 @@ def markdown(told: Checklist) -> str:
     plan = told.plan
     lines = [f'# {plan.title}', '', f'{len(plan.recordings)} recordings, mode {plan.usecase}.', '']
     lines += ['## You need', '', *(f'- {one}' for one in _PREPARE), '', _TILT, '']
-    lines += ['## Before you start', '', '```bash', *_before(plan), '```', '']
+    lines += ['## Before you start', '', '```bash', *_before(told), '```', '']
     for planned in plan.recordings:
         lines += [
             f'## [ ] {planned.name}: {planned.title}',
@@ -109,7 +113,7 @@ def markdown(told: Checklist) -> str:
             '- Measured: ______________',
             '',
         ]
-    lines += ['## Afterwards', '', '```bash', *_AFTERWARDS, '```', '']
+    lines += ['## Afterwards', '', '```bash', *_afterwards(told), '```', '']
     lines += [_UPTIME, '', '## What this plan can find', '', _table_words(told), '']
     header, rows = _cells(told.table)
     lines += [f'| {" | ".join(header)} |', '|---' * len(header) + '|']
@@ -128,9 +132,9 @@ def page(told: Checklist) -> str:
         '<h2>You need</h2><ul>',
         *(f'<li>{_code(one)}</li>' for one in _PREPARE),
         f'</ul><p>{escape(_TILT)}</p>',
-        f'<h2>Before you start</h2><pre><code>{escape(chr(10).join(_before(plan)))}</code></pre>',
+        f'<h2>Before you start</h2>{_shell(_before(told))}',
         *(_set_up(planned, told.profile) for planned in plan.recordings),
-        f'<h2>Afterwards</h2><pre><code>{escape(chr(10).join(_AFTERWARDS))}</code></pre>',
+        f'<h2>Afterwards</h2>{_shell(_afterwards(told))}',
         f'<p>{_code(_UPTIME)}</p>',
         f'<h2>What this plan can find</h2><p>{_code(_table_words(told))}</p>',
         '<div class="scroll"><table><tr>',
@@ -142,10 +146,6 @@ def page(told: Checklist) -> str:
     return html_page(plan.title, _STYLE, '\n'.join(body))
 
 
-_AFTERWARDS = (
-    'flexx2 gap truth recordings/ --scan room.ply --out campaign/',
-    'flexx2 gap diagnose campaign/ --out diagnosis/',
-)
 _UPTIME = (
     'A bag does not say when the camera was switched on. `flexx2 gap truth` counts the time from '
     'the earliest recording: begin with the cold start, and leave the camera on until the end. '
@@ -154,8 +154,22 @@ _UPTIME = (
 )
 
 
-def _before(plan: Plan) -> list[str]:
-    return [f'ros2 param set {_NODE} usecase {plan.usecase}', 'mkdir recordings']
+def _before(told: Checklist) -> list[str]:
+    # How another camera's driver chooses its mode is not known here.
+    mode = [] if told.named else [f'ros2 param set {_NODE} usecase {told.plan.usecase}']
+    return [*mode, 'mkdir recordings']
+
+
+def _afterwards(told: Checklist) -> list[str]:
+    camera = f' --profile {shlex.quote(told.named)}' if told.named else ''
+    return [
+        f'flexx2 gap truth recordings/ --scan room.ply --out campaign/{camera}',
+        f'flexx2 gap diagnose campaign/ --out diagnosis/{camera}',
+    ]
+
+
+def _shell(lines: Sequence[str]) -> str:
+    return f'<pre><code>{escape(chr(10).join(lines))}</code></pre>'
 
 
 def _set_up(planned: PlannedRecording, profile: Profile) -> str:
@@ -175,7 +189,8 @@ def _table_words(told: Checklist) -> str:
     whose = (
         'Computed for this plan'
         if told.own
-        else 'Computed for the plan that comes with the package; `--compute` computes it for yours'
+        else 'Computed for the Flexx2 and the plan of this package; `--compute` computes it for '
+        'yours'
     )
     simulation = table['simulation']
     return (

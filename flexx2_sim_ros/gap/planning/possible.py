@@ -146,8 +146,9 @@ def of_scene(
         stamp = np.arange(count) / profile.mode(usecase).rate_hz
     device = Camera(usecase, profile=profile, effects=given_effects(known), seed=seed)
     depth = device.capture(clean, scene.K, stamp, scene.reflectivity).depth
+    extra = scene.extra if clean.ndim == 3 else _of_still_scene(scene.extra)
     arrays: dict[str, Any] = {
-        **{key: value for key, value in scene.extra.items() if key not in _REPLACED},
+        **{key: value for key, value in extra.items() if key not in _REPLACED},
         'clean_depth': clean,
         'K': scene.K,
         'stamp': stamp,
@@ -161,6 +162,20 @@ def of_scene(
     if not isinstance(found, Found):
         raise InputError(found.replace(str(written), shown_path(scene_file)))
     return Possible(scene_file.name, f'the scene of {shown_path(scene_file)}', _AS_TOLD, written)
+
+
+def _of_still_scene(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    # What belongs to single frames becomes that of the scene: it is simulated in another number
+    # of frames.
+    out = {key: value for key, value in arrays.items() if key != 'received'}
+    if 'uptime' in out and out['uptime'].ndim == 1:
+        out['uptime'] = out['uptime'][0]
+    if 'known' in out and out['known'].ndim == 3:
+        out['known'] = np.asarray(out['known'].all(axis=0))
+    for key in ('clean_sigma', 'reflectivity_spread'):
+        if key in out and out[key].ndim == 3:
+            out[key] = out[key].max(axis=0)
+    return out
 
 
 def of_campaign(found: Sequence[Found]) -> list[Possible]:

@@ -243,6 +243,11 @@ def _simulate(
         for one, other in zip(*outcomes, strict=True)
         if isinstance(one, Evidence) and isinstance(other, Evidence)
     ]
+    if not evidence:
+        raise InputError(
+            f'--plan: must have recordings within the range of {request.plan.usecase}, got none: '
+            f'{next(one for half in outcomes for one in half if isinstance(one, str))}'
+        )
     return evidence, known + planned
 
 

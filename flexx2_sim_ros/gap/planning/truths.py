@@ -18,6 +18,7 @@ import numpy as np
 _SCAN_ERROR = 0.003  # metres: the default of `flexx2 gap truth --room-error`
 _LOOSE = 0.1, 5.0  # metres, degrees: planes without measurements
 _LEAST_PLANE = 0.01  # fraction of the image that a plane must cover
+_LEAST_PIXELS = 8  # across an image, as of the smallest cameras
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,8 @@ def ground_truth(
 
 
 def smaller(lens: Intrinsics, scale: float) -> Intrinsics:
-    """Return the lens of a camera whose image is smaller by a factor."""
+    """Return the lens of a camera whose image is smaller by a factor, at least 8 pixels wide."""
+    scale = min(max(scale, _LEAST_PIXELS / min(lens.width, lens.height)), 1.0)
     matrix = lens.matrix.copy()
     matrix[:2] *= scale
     matrix[:2, 2] += (scale - 1) / 2
