@@ -171,6 +171,12 @@ def _measure(
         tiles = spatial_tiles(board, seen.first, levels)
     else:
         tiles = temporal_tiles(board, moments, levels, usable)
+    if len(tiles) and not tiles.variance.any():
+        raise InputError(
+            f'depth: must change from frame to frame, got {frames} times the same frame'
+            if frames > 1
+            else 'depth: must have noise, got planes'
+        )
     if not len(tiles):
         raise InputError(
             f'board: must be plain, and near enough for {SPATIAL_SIDE} x {SPATIAL_SIDE} valid '
@@ -238,7 +244,8 @@ def _check_place(condition: Condition | None, distance: float, angle: float) -> 
 
 def _settle(board: Board, moments: Moments, near: float, far: float) -> tuple[Board, np.ndarray]:
     """Fit the plane again, to all frames; say which pixels can be used."""
-    enough = moments.count >= max(1.0, _VALID_SHARE * moments.frames)
+    # One depth of several frames has no variance.
+    enough = moments.count >= max(min(2, moments.frames), _VALID_SHARE * moments.frames)
     spread = np.sqrt(np.nan_to_num(moments.variance))
     with np.errstate(invalid='ignore'):
         whole = (moments.mean - _CUT_OFF * spread > near) & (

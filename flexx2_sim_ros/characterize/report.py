@@ -68,14 +68,16 @@ def write_report(
         When a file cannot be written.
 
     """
+    # Pictures of an earlier run are removed; without its page, files are somebody else's.
+    earlier = (folder / _PAGE).exists()
     with whole_files(folder) as part:
         pictures = _draw(result, part, camera)
         (part / _PAGE).write_text(
             _page(result, profile, pictures), encoding='utf-8', errors='backslashreplace'
         )
     with named(folder):
-        for name in set(_FIGURES) - set(pictures):
-            (folder / f'{name}.png').unlink(missing_ok=True)  # of an earlier run
+        for name in set(_FIGURES) - set(pictures) if earlier else ():
+            (folder / f'{name}.png').unlink(missing_ok=True)
     return folder / _PAGE
 
 

@@ -24,6 +24,7 @@ import numpy as np
 _CHUNK = 60
 _FIRST = 30  # frames in which the board is searched
 _FAR = 100.0  # metres: no depth camera of this kind sees that far
+_MILLIMETRES = 500, 2000  # times the depth: true depth in this range is in millimetres
 
 
 @dataclass
@@ -167,7 +168,7 @@ def _start(
         Accumulator(reference),
         FrameMeans(board.region, reference),
         [[] for _ in sites],
-        None if part.clean_depth is None else _image(part.clean_depth),
+        None if part.clean_depth is None else _clean(part.clean_depth, first, reader),
         np.zeros(first.shape),
     )
 
@@ -208,5 +209,14 @@ def _check_units(typical: np.ndarray, far: float) -> None:
         )
 
 
-def _image(clean: np.ndarray) -> np.ndarray:
-    return np.asarray(clean[0] if clean.ndim == 3 else clean, np.float64)
+def _clean(clean: np.ndarray, typical: np.ndarray, reader: RecordingReader) -> np.ndarray:
+    # One image in metres.
+    image = np.asarray(clean[0] if clean.ndim == 3 else clean, np.float64)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        ratios = (image / typical)[(image > 0) & (typical > 0)]
+    if not len(ratios) or not _MILLIMETRES[0] < np.median(ratios) < _MILLIMETRES[1]:
+        return image
+    reader.notes.append(
+        f'{reader.path}: clean_depth: about 1000 times depth: taken for millimetres'
+    )
+    return image / 1000
