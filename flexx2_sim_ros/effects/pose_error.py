@@ -21,6 +21,7 @@ NEAREST = f32(1e-3)  # depth of a point that the other camera can see, over its 
 CLOSEST = f32(10.0)
 MOST_STEPS = 64
 _MOST_OF = f32(0.9)
+_MARGIN = f32(2.0)  # steps: one, in which two inverse depths count as the same, and rounding
 _TINY = f32(1e-9)
 _ZERO = f32(0.0)
 _HALF = f32(0.5)
@@ -199,11 +200,12 @@ def _shown_at(p, dx, dy, dz, lens, step, inverse, height, width):
 
 
 @njit(inline='always')
-def _in_front(p, dx, dy, dz, lens, step, inverse, height, width):
+def _in_front(p, dx, dy, dz, lens, step, inverse, nearest, height, width):
     # The inverse depth of the point of a ray whose place in the old image shows what is seen: of
     # the nearest surface that the ray meets, else ``inverse``, the pixel's own one before. A ray
     # is followed from near to far, about one pixel of the old image at a time. A surface that was
-    # hidden there goes on from the last pixel that was not.
+    # hidden there goes on from the last pixel that was not. All points that are nearer than
+    # ``nearest``, the largest inverse depth of the image, are free: they are skipped.
     fx, fy, cx, cy = lens
     closest = _closest_seen(dz, step[2])
     far, close = _depth_ratio(dz, step[2], inverse), _depth_ratio(dz, step[2], closest)
@@ -218,6 +220,10 @@ def _in_front(p, dx, dy, dz, lens, step, inverse, height, width):
     pixel = (closest - inverse) / most(path, _ONE)
     steps = np.int32(least(path + _HALF, np.float32(MOST_STEPS)))
     free = inverse
+    reach = (nearest - inverse) / pixel + _MARGIN
+    if reach < np.float32(steps):
+        steps = most(np.int32(reach), np.int32(0))
+        free = least(inverse + np.float32(steps + 1) * pixel, closest)
     for k in range(steps, 0, -1):
         there = least(inverse + np.float32(k) * pixel, closest)
         here = _shown_at(p, dx, dy, dz, lens, step, there, height, width)
@@ -242,12 +248,13 @@ def _look_from(p, across, down, lens, rotation, step, depth, index):
     height, width = depth.shape
     fx, fy, cx, cy = lens
     first, second, third = rotation
+    nearest = p.max()
     for y in range(height):
         for x in range(width):
             ray_x, ray_y = (np.float32(x) - cx) / fx, (np.float32(y) - cy) / fy
             dx, dy, dz = _turned_ray(first, second, third, ray_x, ray_y)
             before = p[y + PAD, x + PAD]
-            inverse = _in_front(p, dx, dy, dz, lens, step, before, height, width)
+            inverse = _in_front(p, dx, dy, dz, lens, step, before, nearest, height, width)
             far = _depth_ratio(dz, step[2], inverse)
             index[y, x] = 0
             depth[y, x] = _NAN
