@@ -41,8 +41,7 @@ ELSEWHERE = {
         'a ROS installation, which has rosdep'
     ),
     'make shell': 'test_package.py',
-    'pip install --break-system-packages mujoco rosbags': 'a machine of its own',
-    "pip install --break-system-packages 'numba>=0.59'": 'a machine of its own',
+    "pip install --break-system-packages mujoco rosbags 'numba>=0.59'": 'a machine of its own',
     'ros2 run flexx2_sim_ros flexx2 modes': 'test_package.py',
     'source install/setup.bash': 'test_package.py',
     'flexx2 record walk --seconds 10': 'test_record.py',
