@@ -22,7 +22,7 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
     Parameters
     ----------
     jobs : int
-        Local processes.
+        Local processes; this one is one of them, and works while the others start.
     scheduler : str or None
         Address of a Dask scheduler, whose workers read the recordings by the same paths.
 
@@ -36,15 +36,20 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
         with _dask(scheduler) as mapped:
             yield mapped
     elif jobs > 1:
-        with processes.workers(jobs) as submit:
+        with processes.workers(jobs - 1, besides=1) as submit:
 
             def run(
                 function: Callable[[Any], Any], items: Sequence[Any], tick: Callable[[], None]
             ) -> list[Any]:
                 futures = submit(function, items)
-                for _ in as_completed(futures):
+                own = {}
+                for place in reversed(range(len(items))):
+                    if futures[place].cancel():  # No worker has begun with it.
+                        own[place] = function(items[place])
+                        tick()
+                for _ in as_completed(one for i, one in enumerate(futures) if i not in own):
                     tick()
-                return [future.result() for future in futures]
+                return [own[i] if i in own else one.result() for i, one in enumerate(futures)]
 
             yield run
     else:

@@ -56,7 +56,7 @@ def _watch_stdin() -> None:
 
 
 @contextmanager
-def workers(count: int, one_thread: bool = False) -> Iterator[Submit]:
+def workers(count: int, one_thread: bool = False, besides: int = 0) -> Iterator[Submit]:
     """
     Run processes that end with the block and with this process.
 
@@ -66,6 +66,8 @@ def workers(count: int, one_thread: bool = False) -> Iterator[Submit]:
         Largest number of processes.
     one_thread : bool
         Whether numeric libraries in a worker use one thread only.
+    besides : int
+        How many jobs this process does itself, for the error.
 
     Yields
     ------
@@ -94,7 +96,7 @@ def workers(count: int, one_thread: bool = False) -> Iterator[Submit]:
         yield submit
     except BrokenProcessPool as error:
         raise InputError(
-            f'--jobs: must be fewer, got {count}, of which a process ended before its work did: '
+            f'--jobs: must be fewer, got {count + besides}, of which a process ended before its work did: '
             "out of memory? (In a script, jobs need `if __name__ == '__main__':`.)"
         ) from error
     finally:

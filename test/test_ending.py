@@ -108,7 +108,7 @@ def campaign(tmp_path: Path) -> Path:
 
 COMMANDS = {
     'simulate': ('simulate', 'campaign/a.npz', 'out.npz', '--frames', '200000'),
-    'diagnose': ('gap', 'diagnose', 'campaign', '--out', 'out', '--jobs', '2'),
+    'diagnose': ('gap', 'diagnose', 'campaign', '--out', 'out', '--jobs', '3'),  # It is one.
     'benchmark': ('gap', 'benchmark', '--quick', '--out', 'out', '--jobs', '2'),
     'capture': ('characterize', 'capture', 'out', '--jobs', '2', '--frames', '3000'),
     'fit': ('characterize', 'fit', 'campaign', '--out', 'out', '--jobs', '2'),

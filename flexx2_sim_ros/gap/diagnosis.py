@@ -207,7 +207,7 @@ def diagnose(
             table['cost'] = _cost(request, table, effects, campaign_dir, used, mapped, later)
     whole('writing', 0.98)
     table['seconds'] = round(time.monotonic() - began, 2)
-    table['peak_mb'] = round(_peak_mb(min(jobs, len(found))), 1)
+    table['peak_mb'] = round(_peak_mb(min(jobs, len(found)) - 1), 1)
     table['version'] = __version__
     if out is not None:
         write(Path(out), table, effects, model, decision, named.confirmed, named.forms)
@@ -370,8 +370,8 @@ def _not_considered(
     return [{'name': name, 'reason': reasons[name]} for name in registry() if name in reasons]
 
 
-def _peak_mb(processes: int) -> float:
+def _peak_mb(children: int) -> float:
     # Only the largest child process is known; all need about the same memory.
     own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    return (own + processes * largest) / 1024
+    return (own + children * largest) / 1024
