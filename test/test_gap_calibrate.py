@@ -158,6 +158,21 @@ def test_a_diagnosis_carries_a_map(campaign: Path, tmp_path: Path) -> None:
     assert row['parameters']['pattern'] == 'fixed_pattern.npz'
 
 
+def test_noise_that_depends_on_the_incidence_gets_a_curve(tmp_path: Path) -> None:
+    """Assert it of surfaces that add noise of their own, which does not grow with the rest."""
+    slant = {'knots': [20.0, 60.0], 'values': [1.8, 1.0]}
+    camera = {'excess_noise': {'slant': slant}}
+    write_campaign(tmp_path / 'recordings', seed=113, effects=camera, **SMALL)
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {'excess_noise': {'factor': 1.5}})
+    (row,) = calibrate(diagnosis, tmp_path / 'recordings', out=tmp_path / 'out')['effects']
+    assert row['taken']
+    assert row['after'] < 0.7 * row['before']
+    effects = {one.name: one for one in load_effects(tmp_path / 'out' / 'effects.yaml')}
+    found = effects['excess_noise'].slant.at([15.0, 40.0, 65.0])
+    np.testing.assert_allclose(found, [1.8, 1.4, 1.0], rtol=0.1)
+    assert 'excess noise: factor on sigma_z' in (tmp_path / 'out' / 'calibration.html').read_text()
+
+
 def test_a_form_that_is_no_better_is_not_taken(tmp_path: Path) -> None:
     """Assert it of a camera that is as it was diagnosed."""
     right = {'offset': {'bias': 0.01}, 'low_signal_dropout': {'half': 0.1}}

@@ -1,13 +1,16 @@
 """Excess noise: more than the model says."""
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.light import log_amplitude
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+import numpy as np
 
 
 def scaled_noise(sigma: float, factor: float) -> float:
@@ -39,10 +42,27 @@ class ExcessNoise(Effect):
 
     factor: float = parameter(1.3, 0.2, 5.0, '', 'factor on sigma_z, at strength 1')
 
+    curve: Curve | None = curve_over(
+        'ln of the amplitude, 1/m^2', '', 0.1, 10.0, 'factor on sigma_z, in place of one number'
+    )
+    slant: Curve | None = curve_over(
+        'incidence, degrees', '', 0.1, 10.0, 'the same, in place of curve'
+    )
+
     def constants(self) -> dict[str, float]:
         """Return the factor on sigma_z."""
         return {'factor': max(1.0 + self.strength * (self.factor - 1.0), 0.0)}
 
     def apply(self, state: FrameState) -> None:
         """Scale sigma."""
-        state.sigma = on_images(scaled_noise)(state.sigma, *self.rounded)
+        state.sigma = on_images(scaled_noise)(state.sigma, *self._factors(state))
+
+    def _factors(self, state: FrameState) -> tuple[Any, ...]:
+        # One number, or one for each pixel.
+        if self.slant is not None:
+            factor = self.slant.at(np.degrees(np.arccos(np.clip(state.cosine, 0, 1))))
+        elif self.curve is not None:
+            factor = self.curve.at(log_amplitude(state.signal))
+        else:
+            return self.rounded
+        return (np.maximum(1 + np.float32(self.strength) * (factor - 1), 0),)

@@ -2,7 +2,7 @@
 
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.effects.patch import COVARIATES
-from flexx2_sim_ros.gap.forms import dropout
+from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import BIASES
 from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses
 from flexx2_sim_ros.gap.forms.search import evaluations
@@ -17,7 +17,8 @@ def calibratable(effects: Settings) -> list[str]:
     shaped = [name for name, kind in registry().items() if kind.shapes and name in effects]
     before = [name for name in shaped if registry()[name].stage <= Stage.PHASOR]
     after = [name for name in shaped if name not in before]
-    others = [name for name in (*BIASES, PATTERN, *dropout.KINDS) if name in effects]
+    places = *BIASES, PATTERN, noise.NAME, *dropout.KINDS
+    others = [name for name in places if name in effects]
     return [*before, *others, *after]
 
 

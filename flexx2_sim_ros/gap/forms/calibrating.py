@@ -10,7 +10,7 @@ from flexx2_sim_ros.effects.tables import Curve, PixelMap
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.physical import distance
-from flexx2_sim_ros.gap.forms import dropout
+from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import BIASES, Form, forms_of
 from flexx2_sim_ros.gap.forms.calibratable import calibratable, PATTERN
 from flexx2_sim_ros.gap.forms.empirical import correction, NAME, Rest
@@ -212,6 +212,8 @@ def calibrate_effects(
             proposal = _searched(name, looked, now, work)
         elif name == PATTERN:
             proposal = _pattern(looked, now, work)
+        elif name == noise.NAME:
+            proposal = _noise(looked)
         elif name in dropout.KINDS:
             proposal = _dropout(name, looked)
         else:
@@ -361,6 +363,17 @@ def _pattern(looked: Sequence[Looked], now: Sequence[Settings], work: Work) -> P
         'map of the image',
         settings(errors),
         tuple(settings(part) for part in _all_but_one(errors)),
+    )
+
+
+def _noise(looked: Sequence[Looked]) -> Proposal:
+    noises = [one.noise for one in looked]
+    field = noise.best_field(noises)
+    return Proposal(
+        noise.NAME,
+        f'factor over {noise.WORDS[field]}',
+        _strong(**{field: noise.curve_of(field, noises)}),
+        tuple(_strong(**{field: noise.curve_of(field, some)}) for some in _all_but_one(noises)),
     )
 
 

@@ -25,6 +25,7 @@ from flexx2_sim_ros.gap.forms.dropout import Counts, counts_of
 from flexx2_sim_ros.gap.forms.empirical import edges_of, Rest
 from flexx2_sim_ros.gap.forms.fitting import own_motion
 from flexx2_sim_ros.gap.forms.geometry import slopes_of
+from flexx2_sim_ros.gap.forms.noise import Noise, noise_of
 from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_of
 import numpy as np
@@ -47,6 +48,8 @@ class Looked:
         Errors on surfaces.
     counts, typical_counts : Counts
         Invalid pixels on surfaces, measured and simulated with the effects as diagnosed.
+    noise : Noise
+        Measured noise beside that of the simulation with the effects as diagnosed.
     shifts : dict of str to numpy.ndarray
         (N,) metres that each effect as diagnosed changes in the samples.
     uptime : float or None
@@ -63,6 +66,7 @@ class Looked:
     samples: Samples
     counts: Counts
     typical_counts: Counts
+    noise: Noise
     shifts: dict[str, np.ndarray]
     uptime: float | None
     shape: tuple[int, ...]
@@ -98,16 +102,18 @@ def look(
     motion, spread, scene = registered(recording, np.array(prior), own, begin)
     samples, shifts = _samples(scene, motion, spread, own)
     simulated = replace(recording, depth=scene.simulate(own, seed))
+    measured, expected = (_measured(scene, one.depth) for one in (recording, simulated))
     return Looked(
         found,
         begin,
         samples,
         counts_of(scene),
         counts_of(replace(scene, recording=simulated)),
+        noise_of(recording.axes, measured, expected, own),
         shifts,
         recording.uptime,
         recording.depth.shape[1:],
-        _apart(scene, simulated.depth),
+        _apart(measured, expected),
     )
 
 
@@ -175,7 +181,8 @@ def judge(
     for effects in several:
         own = with_uptime(effects, recording.uptime)
         scene = _settled(looked, recording, own)[1]
-        out.append(_apart(scene, scene.simulate(own, seed)))
+        both = (_measured(scene, one) for one in (recording.depth, scene.simulate(own, seed)))
+        out.append(_apart(*both))
     return out
 
 
@@ -240,8 +247,7 @@ def first_frames(recording: RecordingData, count: int | None) -> RecordingData:
     )
 
 
-def _apart(scene: PlacedScene, depth: np.ndarray) -> dict[str, float]:
-    real, simulated = (_measured(scene, one) for one in (scene.recording.depth, depth))
+def _apart(real: Measures, simulated: Measures) -> dict[str, float]:
     return {**distances(real, simulated), 'mismatch': mismatch(real, simulated)}
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.effects import Effect, loadable, save_effects
 from flexx2_sim_ros.effects.tables import PixelMap
-from flexx2_sim_ros.gap.forms import dropout
+from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import covariate_of
 from flexx2_sim_ros.gap.forms.calibrating import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.work import Looked
@@ -29,6 +29,11 @@ th, small, .dim, figcaption { color: var(--dim); } figcaption { font-size: .85re
 BAND_STYLE = '.band { fill: var(--blue); opacity: .18; }'
 _POINTS = 60
 _NINETY = 1.645  # standard errors, two-sided
+# On the values of a curve, and what they are then; a bias if it is not said.
+_UNITS = {
+    **dict.fromkeys(dropout.KINDS, (100.0, 'invalid, %')),
+    noise.NAME: (1.0, 'factor on sigma_z'),
+}
 
 
 def write_calibration(
@@ -184,13 +189,8 @@ def _figure(proposal: Proposal, looked: Sequence[Looked], names: tuple[str, str]
         return _numbers(proposal, names[1])
     (field,) = (name for name in proposal.together if name != 'strength')
     over = loadable()[proposal.effect].tables()[field].over
-    probability = proposal.effect in dropout.KINDS
-    x, typical = (
-        _typical_dropout(proposal.effect, field, looked)
-        if probability
-        else _typical_bias(proposal.effect, looked)
-    )
-    factor, unit = (100.0, 'invalid, %') if probability else (1000.0, 'along the ray, mm')
+    x, typical = _typical(proposal, field, looked)
+    factor, unit = _UNITS.get(proposal.effect, (1000.0, 'along the ray, mm'))
     middle = proposal.together[field].at(x)
     each = np.array([one[field].at(x) for one in proposal.without], np.float64)
     error = _error(each)
@@ -225,6 +225,18 @@ def _error(each: np.ndarray) -> Any:
     # Standard error over recordings, by the jackknife; (R, ...) fitted without each of them.
     count = len(each)
     return np.sqrt((count - 1) / count * ((each - each.mean(axis=0)) ** 2).sum(axis=0))
+
+
+def _typical(
+    proposal: Proposal, field: str, looked: Sequence[Looked]
+) -> tuple[np.ndarray, np.ndarray]:
+    # Places along the covariate, and what the effect as diagnosed is there.
+    if proposal.effect in dropout.KINDS:
+        return _typical_dropout(proposal.effect, field, looked)
+    if proposal.effect == noise.NAME:
+        knots = np.array(proposal.together[field].knots)
+        return knots, noise.typical(field, [one.noise for one in looked], knots)
+    return _typical_bias(proposal.effect, looked)
 
 
 def _typical_bias(effect: str, looked: Sequence[Looked]) -> tuple[np.ndarray, np.ndarray]:
