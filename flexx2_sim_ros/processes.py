@@ -96,8 +96,8 @@ def workers(count: int, one_thread: bool = False, besides: int = 0) -> Iterator[
         yield submit
     except BrokenProcessPool as error:
         raise InputError(
-            f'--jobs: must be fewer, got {count + besides}, of which a process ended before its work did: '
-            "out of memory? (In a script, jobs need `if __name__ == '__main__':`.)"
+            f'--jobs: must be fewer, got {count + besides}, of which a process ended before its '
+            "work did: out of memory? (In a script, jobs need `if __name__ == '__main__':`.)"
         ) from error
     finally:
         pool.shutdown(cancel_futures=True)

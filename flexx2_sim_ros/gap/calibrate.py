@@ -123,8 +123,7 @@ def calibrate(
         jobs_of_all = list(zip(chosen.looked, now, strict=True))
         outcomes = simulator.run(outcome, jobs_of_all, lambda: None)
     posed = [one for one in before.effects if one.role == 'pose']
-    dropped = posed if chosen.fits_lens else []
-    kept = [] if dropped else posed
+    kept, dropped = ([], posed) if chosen.fits_lens else (posed, [])
     calibrated = with_delay([*kept, *parse_effects(effects)], before.arrival)
     table = _table(explained, chosen, empirical, left_out)
     table['dropped'] = [one.name for one in dropped]

@@ -178,8 +178,7 @@ def diagnose(
         found, left_out = find(campaign_dir, profile, mapped)
         no_phases = why_no_phases(found[0].mode)
         left = {*without, *known}
-        text = 'looking into the camera'
-        step = stepper(progress, text, 0.01, 0.04, len(found))
+        step = stepper(progress, 'looking into the camera', 0.01, 0.04, len(found))
         inside = search_inside(found, profile, mapped, step, known)
         columns, candidates = catalogue(left, not no_phases, inside)
         hidden = [one for one in hidden_effects(campaign_dir) if one.effect not in left]
@@ -196,9 +195,8 @@ def diagnose(
         named = _simulate_named(model, decision, as_noisy, simulator, calibrate, progress)
         effects, table = named.effects, named.table(model, decision, used, left_out + unusable)
         table['settings'] = _settings(found[0], seed, pose_prior, known)
-        table['not_considered'] = _not_considered(
-            without, known, no_phases, bool(model.own.posed.any()), hidden
-        )
+        posed = bool(model.own.posed.any())
+        table['not_considered'] = _not_considered(without, known, no_phases, posed, hidden)
         if decision.verdict == 'unknown' and ResidualPatch.name not in known:
             step = stepper(progress, 'simulating the correction', 0.96, 0.02, len(used))
             effects, table['patch'] = _correction(model, decision, as_noisy, simulator, step)
@@ -206,9 +204,7 @@ def diagnose(
             later = portion(whole, _BEFORE_COST, 0.98 - _BEFORE_COST)
             table['cost'] = _cost(request, table, effects, campaign_dir, used, mapped, later)
     whole('writing', 0.98)
-    table['seconds'] = round(time.monotonic() - began, 2)
-    table['peak_mb'] = round(_peak_mb(min(jobs, len(found)) - 1), 1)
-    table['version'] = __version__
+    table.update(_costs(began, min(jobs, len(found)) - 1))
     if out is not None:
         write(Path(out), table, effects, model, decision, named.confirmed, named.forms)
     whole('done', 1.0)
@@ -370,8 +366,13 @@ def _not_considered(
     return [{'name': name, 'reason': reasons[name]} for name in registry() if name in reasons]
 
 
-def _peak_mb(children: int) -> float:
-    # Only the largest child process is known; all need about the same memory.
+def _costs(began: float, children: int) -> dict[str, Any]:
+    # What the diagnosis took. Only the largest child process is known; all need about the same
+    # memory.
     own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    return (own + children * largest) / 1024
+    return {
+        'seconds': round(time.monotonic() - began, 2),
+        'peak_mb': round((own + children * largest) / 1024, 1),
+        'version': __version__,
+    }

@@ -183,6 +183,7 @@ def decide(
         rivals, instead = tuple(considered), trials.base
         others = others or {one.fit.candidates[-1].effect for one in considered[:1]}
     without = without_each(trials, chosen)
+    alternatives = [one.fit for one in rivals if one.fit.candidates[-1].effect in others]
     return Decision(
         verdict,
         trials.base,
@@ -191,10 +192,9 @@ def decide(
         [_interval(trials, one.fit, chosen.fit) for one in without],
         [said.effects[c.effect] for c in chosen.fit.candidates],
         [
-            _alternative(trials, excess, one.fit, instead, said)
-            for one in rivals
-            if one.fit.candidates[-1].effect in others
-        ][: thresholds.most_alternatives],
+            _alternative(trials, excess, one, instead, said)
+            for one in alternatives[: thresholds.most_alternatives]
+        ],
         considered,
         excess,
         [*(one for one in absorbed if one.effect not in settled | names), *hidden],
