@@ -10,6 +10,13 @@ fifths of the campaigns and checked on the last one, five times.
 python -m bench.calibrate_decisions --campaigns 1000 --minutes 15 --jobs 2
 python -m bench.calibrate_decisions --campaigns 1000 --write
 
+``--quiet`` adds campaigns of full size without an effect, in a file of their own.
+
+``--write`` also writes what was used of all lines to ``bench/decisions.jsonl.xz``. ``--kept``
+reads them from there and diagnoses nothing:
+
+python -m bench.calibrate_decisions --kept
+
 With ``--again``, campaigns of full size and those with a measured reduction are diagnosed again,
 after a change of the method. Their lines are in a second file, and replace the first.
 """
@@ -30,13 +37,17 @@ from bench.decision_campaigns import (
     LARGE,
     LARGE_STRENGTHS,
     MOST,
+    NO_EFFECT,
     plan,
+    QUIET,
     run,
     SMALL,
     STRENGTHS,
 )
-from bench.decision_fit import before, calibrate, Campaign, campaign, counted, COVERED
-from bench.journal import Journal
+from bench.decision_counts import before, counted
+from bench.decision_fit import calibrate, Campaign, campaign, COVERED
+from bench.decision_lines import keep, KEPT, kept_arguments
+from bench.journal import entries, Journal
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import whole, write_text
 from flexx2_sim_ros.gap.calibration.decisions import Decisions, FILE, KEYS
@@ -82,6 +93,18 @@ _CURVES: dict[str, tuple[str, Callable[[Campaign], float], tuple[float, ...]]] =
 
 def main() -> None:
     """Diagnose campaigns, fit the rule, print how often it is right."""
+    arguments = _arguments()
+    if arguments.kept:
+        report(entries(KEPT), arguments.write, kept_arguments())
+        return
+    options = [f'--campaigns {arguments.campaigns}']
+    options += [f'--small {arguments.small}'] * (arguments.small < SMALL)
+    options += [f'--quiet {arguments.quiet}'] * (arguments.quiet > 0)
+    chosen = ' '.join([*options, *['--again'] * arguments.again])
+    report(_lines(arguments), arguments.write, chosen)
+
+
+def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
     parser.add_argument('--lines', type=Path, default=Path('build/decisions.jsonl'))
     parser.add_argument(
@@ -91,18 +114,33 @@ def main() -> None:
         help=f'those from {SMALL} on have images of full size',
     )
     parser.add_argument('--small', type=int, default=SMALL, help='most with smaller images')
+    parser.add_argument(
+        '--quiet', type=int, default=0, help='campaigns of full size without an effect, besides'
+    )
     parser.add_argument('--minutes', type=float, default=1e9, help='then stop; resumes later')
     parser.add_argument('--jobs', type=int, default=1, help='processes')
     parser.add_argument('--again', action='store_true', help='after a change of the method')
+    parser.add_argument(
+        '--kept', action='store_true', help=f'the campaigns of {KEPT.name}; nothing is diagnosed'
+    )
     parser.add_argument('--write', action='store_true', help='the rule and its picture')
     arguments = parser.parse_args()
-    if not 1 <= arguments.campaigns <= MOST:
-        parser.error(f'--campaigns: must be 1 to {MOST}, got {arguments.campaigns}')
-    if not 1 <= arguments.small <= SMALL:
-        parser.error(f'--small: must be 1 to {SMALL}, got {arguments.small}')
-    design, large = (
+    for name, low, high in (
+        ('campaigns', 1, QUIET),
+        ('quiet', 0, MOST - QUIET),
+        ('small', 1, SMALL),
+    ):
+        value = getattr(arguments, name)
+        if not low <= value <= high:
+            parser.error(f'--{name}: must be {low} to {high}, got {value}')
+    return arguments
+
+
+def _lines(arguments: argparse.Namespace) -> list[dict[str, Any]]:
+    # Those of the campaigns that were diagnosed until the time was over.
+    design, large, no_effect = (
         {name: list(map(list, table.items())) for name, table in one.items()}
-        for one in (DESIGN, LARGE)
+        for one in (DESIGN, LARGE, NO_EFFECT)
     )
     inside = {name: sorted(fields) for name, fields in INSIDE.items()}
     settings = {
@@ -124,9 +162,12 @@ def main() -> None:
         _diagnose(again, anew[len(again) :], arguments.jobs, ends)
         newer = {line['index']: line for line in again}
         lines = [newer.get(line['index'], line) for line in lines]
-    small = f' --small {arguments.small}' if arguments.small < SMALL else ''
-    chosen = f'--campaigns {arguments.campaigns}{small}{" --again" * arguments.again}'
-    report(lines, arguments.write, chosen)
+    if arguments.quiet:
+        quiet = Journal(arguments.lines.with_suffix('.quiet.jsonl'), design=no_effect)
+        some = range(QUIET, QUIET + arguments.quiet)
+        _diagnose(quiet, some[len(quiet) :], arguments.jobs, ends)
+        lines += list(quiet)[: arguments.quiet]
+    return lines
 
 
 def _diagnose(journal: Journal, left: Sequence[int], jobs: int, ends: float) -> None:
@@ -174,6 +215,7 @@ def report(lines: Sequence[Mapping[str, Any]], write: bool, chosen: str) -> None
     if write:
         rule = calibrate(campaigns)
         write_text(config_dir() / FILE, _yaml(rule, lines, checked, error, chosen))
+        keep(lines, chosen)
         _draw(checked['confidence'])
 
 
@@ -224,8 +266,12 @@ def _yaml(
 ) -> str:
     def logistic(name: str, threshold: float) -> dict[str, Any]:
         model = getattr(rule, name)
-        weights = dict(model.weights)
-        return {'threshold': threshold, 'constant': model.constant, 'weights': weights}
+        return {
+            'threshold': threshold,
+            'constant': model.constant,
+            'weights': dict(model.weights),
+            'limits': {key: list(ends) for key, ends in model.limits.items()},
+        }
 
     rates = {
         name: {

@@ -1,7 +1,8 @@
-"""Fit the rule of the verdict to simulated campaigns, and count how often a rule is right."""
+"""Fit the rule of the verdict to simulated campaigns."""
 
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from itertools import combinations_with_replacement
 import math
 from typing import Any
 
@@ -11,6 +12,7 @@ from flexx2_sim_ros.gap.calibration.decisions import (
     GapThresholds,
     Logistic,
     Margin,
+    TIMES,
     times_odds,
 )
 from flexx2_sim_ros.gap.inference.probability import (
@@ -37,11 +39,13 @@ _FAR = 5.0  # mm
 HELD = 0.9  # intervals of the reduction
 COVERED = 0.95  # named effects and alternatives; with fewer, causes are named wrongly more often
 _FOLDS = 10
+# Products of these besides: without them, the confidence is too low where the evidence is strong,
+# and does not know that the same gain means more in a campaign with more depths.
+_GAP_PRODUCTS: tuple[str, ...] = ()
+_EFFECT_PRODUCTS = 'gain', 'fraction', 'lead', 'left', 'ln_depths'
 _QUANTILE = 0.9  # over the scatter of wrong poses and the number of depths
 POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
 _MOST = (4, 100)  # recordings: few, many
-_UNEXPLAINED = 'unknown', 'partly'  # right where the diagnosis does not know the effect
-_COUNTED = 'false_alarms', 'wrong', 'named', 'covered', 'size', 'unexplained', 'held'
 _FEWEST = 9  # campaigns of a group, for a quantile of 0.9
 
 
@@ -133,7 +137,9 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
     holds in `COVERED` or `HELD` of further ones.
     """
     rows = [gap_evidence(one.support) for one in campaigns]
-    gap, gap_odds = _logistic(rows, [one.present for one in campaigns], range(len(rows)))
+    gap, gap_odds = _logistic(
+        rows, _GAP_PRODUCTS, [one.present for one in campaigns], range(len(rows))
+    )
     pairs = [
         (k, name, row)
         for k, one in enumerate(campaigns)
@@ -141,6 +147,7 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
     ]
     effect, found = _logistic(
         [row for _, _, row in pairs],
+        _EFFECT_PRODUCTS,
         [name in campaigns[k].true for k, name, _ in pairs],
         [k for k, _, _ in pairs],
     )
@@ -167,11 +174,17 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
 
 
 def _logistic(
-    rows: Sequence[Mapping[str, float]], labels: Sequence[bool], groups: Sequence[int]
+    rows: Sequence[Mapping[str, float]],
+    factors: Sequence[str],
+    labels: Sequence[bool],
+    groups: Sequence[int],
 ) -> tuple[Logistic, np.ndarray]:
-    # The model, and the probability of each row by models of the other folds.
-    names = list(rows[0])
-    x = np.array([[row[name] for name in names] for row in rows])
+    # The model, and the probability of each row by models of the other folds. Its terms are the
+    # evidence and the products of all pairs of factors.
+    names = [*rows[0], *map(TIMES.join, combinations_with_replacement(factors, 2))]
+    x = np.array(
+        [[math.prod(row[one] for one in name.split(TIMES)) for name in names] for row in rows]
+    )
     y = np.array(labels)
     model = make_pipeline(StandardScaler(), LogisticRegression())
     left_out = cross_val_predict(
@@ -181,7 +194,11 @@ def _logistic(
     scaler, fitted = model[0], model[1]
     weights = fitted.coef_[0] / scaler.scale_
     constant = float(fitted.intercept_[0] - weights @ scaler.mean_)
-    return Logistic(constant, dict(zip(names, map(float, weights), strict=True))), left_out
+    limits = {
+        name: (min(row[name] for row in rows), max(row[name] for row in rows)) for name in rows[0]
+    }
+    by_name = dict(zip(names, map(float, weights), strict=True))
+    return Logistic(constant, by_name, limits), left_out
 
 
 def _thresholds(campaigns: Sequence[Campaign], odds: np.ndarray) -> GapThresholds:
@@ -275,7 +292,7 @@ def _least_effect(gaps: Sequence[Judged], count: int, rule: Decisions) -> float:
         (
             max(effects[c.name] for c in one.support.chosen)
             for one, effects in gaps
-            if _is_wrong(
+            if is_wrong(
                 one,
                 {c.name for c in one.support.chosen}
                 | {name for name, p in effects.items() if p >= rule.least_alternative},
@@ -288,9 +305,13 @@ def _least_effect(gaps: Sequence[Judged], count: int, rule: Decisions) -> float:
     return float(np.nextafter(wrong[allowed - 1], 2.0)) if len(wrong) >= allowed else 0.0
 
 
-def _is_wrong(one: Campaign, listed: Set[str], partly: bool) -> bool:
-    # Effects are named, and no true one is among them and the alternatives, as in the benchmark.
-    # Where the diagnosis has no true effect to choose from, `partly` is right.
+def is_wrong(one: Campaign, listed: Set[str], partly: bool) -> bool:
+    """
+    Say whether an answer that lists effects is wrong.
+
+    It is if no true effect is listed, as in the benchmark. Where the diagnosis has no true effect
+    to choose from, `partly` is right.
+    """
     return one.present and not listed & one.true and (one.findable or not partly)
 
 
@@ -330,72 +351,3 @@ def _margins(campaigns: Sequence[Campaign], rule: Decisions) -> tuple[Margin, ..
             if len(some) >= _FEWEST and at < len(some):
                 out.append(Margin(verdict, most, float(np.sort(some)[at])))
     return tuple(out)
-
-
-def counted(rule: Decisions, campaigns: Sequence[Campaign]) -> dict[str, Any]:
-    """
-    Count how often a rule is right about campaigns it was not fitted to.
-
-    Returns
-    -------
-    dict
-        Lists: ``false_alarms``, ``wrong``, ``named`` (of campaigns with a findable effect),
-        ``covered`` (a true effect is named or an alternative), ``size`` (of that set),
-        ``unexplained`` (of campaigns whose effect the diagnosis does not know: the verdict is
-        ``unknown`` or ``partly``) and ``held`` (intervals of the reduction) of bool or int;
-        ``confidence`` of (probability, present) of each named effect.
-
-    """
-    out: dict[str, list[Any]] = {name: [] for name in (*_COUNTED, 'confidence')}
-    for one in campaigns:
-        said = judge(one.support, rule)
-        finds, names = said.verdict != 'none', said.verdict in EXPLAINED
-        if not one.present:
-            out['false_alarms'].append(finds)
-        else:
-            listed = {*said.alternatives, *(c.name for c in one.support.chosen)}
-            out['wrong'].append(names and _is_wrong(one, listed, said.verdict == 'partly'))
-            if not one.findable:
-                out['unexplained'].append(said.verdict in _UNEXPLAINED)
-        if names:
-            out['confidence'] += [
-                (said.effects[c.name], c.name in one.true) for c in one.support.chosen
-            ]
-        if one.findable:
-            out['named'].append(names and first(one, said.effects) in one.true)
-            if finds:
-                listed = set(said.alternatives)
-                listed |= {c.name for c in one.support.chosen} if names else set()
-                out['covered'].append(bool(listed & one.true))
-                out['size'].append(len(listed))
-        if one.reduction is not None:
-            middle, low, high, real = one.reduction
-            wide = rule.widened((low, high), middle, said.verdict, one.support.recordings)
-            if wide is not None:
-                out['held'].append(wide[0] <= real <= wide[1])
-    return out
-
-
-def before(campaigns: Sequence[Campaign]) -> dict[str, Any]:
-    """Count the same of the rule with which the campaigns were diagnosed."""
-    out: dict[str, list[Any]] = {name: [] for name in _COUNTED}
-    for one in campaigns:
-        finds = one.verdict not in ('none', 'not_decidable', 'too_little')
-        if not one.present:
-            out['false_alarms'].append(finds)
-        else:
-            listed = {*one.named, *one.alternatives}
-            wrong = bool(one.named) and _is_wrong(one, listed, one.verdict == 'partly')
-            out['wrong'].append(wrong)
-            if not one.findable:
-                out['unexplained'].append(one.verdict in _UNEXPLAINED)
-        if one.findable:
-            out['named'].append(bool(one.named) and one.named[0] in one.true)
-            if finds:
-                listed = {*one.named, *one.alternatives}
-                out['covered'].append(bool(listed & one.true))
-                out['size'].append(len(listed))
-        if one.reduction is not None:
-            _, low, high, real = one.reduction
-            out['held'].append(low <= real <= high)
-    return out

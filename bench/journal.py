@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 import json
+import lzma
 from pathlib import Path
 from typing import Any
 
@@ -50,5 +51,7 @@ class Journal:
 
 
 def entries(path: Path) -> list[dict[str, Any]]:
-    """Return the entries of a file, whatever its settings are."""
-    return [json.loads(line) for line in path.read_text().splitlines()[1:]]
+    """Return the entries of a file, whatever its settings are; it may be compressed (``.xz``)."""
+    data = path.read_bytes()
+    text = (lzma.decompress(data) if path.suffix == '.xz' else data).decode()
+    return [json.loads(line) for line in text.splitlines()[1:]]

@@ -17,6 +17,7 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.paths import config_dir
 
 FILE = 'decisions.yaml'
+TIMES = ' * '  # between the names of a product
 # Of the table `gap` of the file, by field of `GapThresholds`.
 KEYS = {
     'probability': 'threshold',
@@ -34,23 +35,33 @@ _FEWEST = 2  # recordings of a campaign that the margins were calibrated on
 @dataclass(frozen=True)
 class Logistic:
     """
-    A logistic model: the log odds are a constant plus a weighted sum of the evidence.
+    A logistic model: the log odds are a constant plus a weighted sum of evidence and its products.
 
     Attributes
     ----------
     constant : float
         Log odds without evidence.
     weights : mapping of str to float
-        Log odds for each unit of the evidence, by its name.
+        Log odds for each unit of the evidence, by its name, or of a product: ``gain * left``.
+    limits : mapping of str to tuple of float
+        Least and largest value of each evidence in the campaigns that the model was fitted to.
+        Values beyond count as these: a product is not extrapolated.
 
     """
 
     constant: float
     weights: Mapping[str, float]
+    limits: Mapping[str, tuple[float, float]]
 
     def probability(self, evidence: Mapping[str, float]) -> float:
         """Return the probability, 0..1, given the evidence by name."""
-        odds = self.constant + sum(w * evidence[name] for name, w in self.weights.items())
+        limited = {
+            name: min(max(evidence[name], low), high) for name, (low, high) in self.limits.items()
+        }
+        odds = self.constant + sum(
+            weight * math.prod(limited[name] for name in names.split(TIMES))
+            for names, weight in self.weights.items()
+        )
         return 1 / (1 + math.exp(-min(max(odds, -500.0), 500.0)))
 
 
@@ -247,7 +258,10 @@ def read_decisions(path: Path) -> Decisions:
 def _logistic(table: Mapping[str, Any], name: str) -> Logistic:
     row = table[name]
     weights = {str(key): float(value) for key, value in row['weights'].items()}
-    return Logistic(_number(row, 'constant'), weights)
+    limits = {str(key): (float(low), float(high)) for key, (low, high) in row['limits'].items()}
+    if missing := {one for names in weights for one in names.split(TIMES)} - {*limits}:
+        raise ValueError(f'{name}.limits: must have {", ".join(sorted(missing))}')
+    return Logistic(_number(row, 'constant'), weights, limits)
 
 
 def _number(row: Mapping[str, Any], name: str) -> float:

@@ -130,6 +130,7 @@ def gap_evidence(support: Support) -> dict[str, float]:
         'least_gain': float(np.arcsinh(support.least_gain)),
         'scatter': support.scatter,
         'ln_recordings': float(np.log(support.recordings)),
+        'ln_depths': _ln_depths(support),
     }
 
 
@@ -151,7 +152,7 @@ def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
         explanation (negative: worse); ``lead_fraction``, the lead as a fraction of its gain;
         ``left``, the fraction of the excess loss that the chosen effects leave; ``scatter`` of the
         poses, and ``pose``, the same for a pose error and 0 for other effects;
-        ``ln_recordings``.
+        ``ln_recordings``; ``ln_depths``.
 
     """
     if not support.chosen:
@@ -160,6 +161,7 @@ def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
         'left': float(np.clip(support.left / max(support.excess, 1e-9), 0.0, 1.5)),
         'scatter': support.scatter,
         'ln_recordings': float(np.log(support.recordings)),
+        'ln_depths': _ln_depths(support),
     }
     last, excess = support.chosen[-1], support.excess
     rivals = {one.name: one for one in support.rivals[::-1]}
@@ -191,6 +193,11 @@ def _row(chosen: float, gain: float, lead: float, t: float, excess: float) -> di
         'lead_fraction': float(np.clip(lead / max(abs(gain), 0.5), -2.0, 1.0)),
         'lead_t': _limited(t),
     }
+
+
+def _ln_depths(support: Support) -> float:
+    # In units of a megapixel, so that it is small and its products mean something.
+    return float(np.log(support.depths / 1e6))
 
 
 def _limited(t: float) -> float:

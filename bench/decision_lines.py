@@ -1,0 +1,71 @@
+"""
+The campaigns that the rule of the verdict was fitted to, in a small file of the repository.
+
+It has what `decision_fit.campaign` reads of a line, so that the rule can be fitted and checked
+again in a minute, without hours of diagnoses.
+"""
+
+from collections.abc import Mapping, Sequence
+import json
+import lzma
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.atomic import whole
+
+KEPT = Path(__file__).parent / 'decisions.jsonl.xz'
+_DIGITS = 6
+
+
+def keep(lines: Sequence[Mapping[str, Any]], chosen: str, path: Path = KEPT) -> None:
+    """
+    Write lines of `decision_campaigns.run`.
+
+    Parameters
+    ----------
+    lines : sequence of mapping
+        Of a run.
+    chosen : str
+        The arguments that chose the campaigns.
+    path : pathlib.Path
+        The file.
+
+    """
+    text = [json.dumps({'chosen': chosen}), *(json.dumps(_brief(line)) for line in lines)]
+    data = lzma.compress(''.join(f'{one}\n' for one in text).encode(), preset=9)
+    with whole(path) as part:
+        part.write_bytes(data)
+
+
+def kept_arguments(path: Path = KEPT) -> str:
+    """Return the arguments that chose the campaigns of the file."""
+    with lzma.open(path, 'rt') as file:
+        return str(json.loads(file.readline())['chosen'])
+
+
+def _brief(line: Mapping[str, Any]) -> dict[str, Any]:
+    table, realised = line['diagnosis'], line['realised']
+    gap = table['gap']
+    by = gap['measured_by']
+    return {
+        **{key: line[key] for key in ('index', 'planned', 'more', 'seconds', 'code')},
+        'diagnosis': {
+            'verdict': table['verdict'],
+            'effects': [{'name': row['name']} for row in table['effects']],
+            'alternatives': [{'name': row['name']} for row in table['alternatives']],
+            'evidence': table['evidence'],
+            'gap': {
+                'measured_by': by,
+                'shrink': _short(gap['shrink']),
+                by: {'shrink_interval': _short(gap[by]['shrink_interval'])},
+            },
+        },
+        'realised': realised and {'shrink': _short(realised['shrink'])},
+    }
+
+
+def _short(value: Any) -> Any:
+    # A number, or several, or nothing.
+    if isinstance(value, list):
+        return [_short(one) for one in value]
+    return round(value, _DIGITS) if isinstance(value, float) else value
