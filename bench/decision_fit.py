@@ -41,7 +41,6 @@ COVERED = 0.95  # named effects and alternatives; with fewer, causes are named w
 _FOLDS = 10
 # Products of these besides: without them, the confidence is too low where the evidence is strong,
 # and does not know that the same gain means more in a campaign with more depths.
-_GAP_PRODUCTS: tuple[str, ...] = ()
 _EFFECT_PRODUCTS = 'gain', 'fraction', 'lead', 'left', 'ln_depths'
 _QUANTILE = 0.9  # over the scatter of wrong poses and the number of depths
 POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
@@ -137,9 +136,7 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
     holds in `COVERED` or `HELD` of further ones.
     """
     rows = [gap_evidence(one.support) for one in campaigns]
-    gap, gap_odds = _logistic(
-        rows, _GAP_PRODUCTS, [one.present for one in campaigns], range(len(rows))
-    )
+    gap, gap_odds = _logistic(rows, (), [one.present for one in campaigns], range(len(rows)))
     pairs = [
         (k, name, row)
         for k, one in enumerate(campaigns)

@@ -1,9 +1,12 @@
 """Map a function over items: here, in local processes or on a Dask cluster."""
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import as_completed, CancelledError
+from concurrent.futures import CancelledError, Future, wait
 from contextlib import contextmanager
 from functools import partial
+from queue import SimpleQueue
+from threading import Thread
 from typing import Any
 
 from flexx2_sim_ros import processes
@@ -37,21 +40,7 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
             yield mapped
     elif jobs > 1:
         with processes.workers(jobs - 1, besides=1) as submit:
-
-            def run(
-                function: Callable[[Any], Any], items: Sequence[Any], tick: Callable[[], None]
-            ) -> list[Any]:
-                futures = submit(function, items)
-                own = {}
-                for place in reversed(range(len(items))):
-                    if futures[place].cancel():  # No worker has begun with it.
-                        own[place] = function(items[place])
-                        tick()
-                for _ in as_completed(one for i, one in enumerate(futures) if i not in own):
-                    tick()
-                return [own[i] if i in own else one.result() for i, one in enumerate(futures)]
-
-            yield run
+            yield partial(_shared, submit, jobs - 1)
     else:
 
         def here(
@@ -64,6 +53,52 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
             return out
 
         yield here
+
+
+def _shared(
+    submit: processes.Submit,
+    others: int,
+    function: Callable[[Any], Any],
+    items: Sequence[Any],
+    tick: Callable[[], None],
+) -> list[Any]:
+    # This process takes items from the end, each of the others has a thread that hands it items
+    # from the beginning, one at a time: a pool of processes would take some ahead.
+    left = deque(enumerate(items))
+    done: SimpleQueue[tuple[int, Future[Any]]] = SimpleQueue()
+
+    def hand_over() -> None:
+        while left:
+            try:
+                place, item = left.popleft()
+            except IndexError:  # Another thread took the last one.
+                return
+            try:
+                (future,) = submit(function, [item])
+                wait([future])
+            except RuntimeError as error:  # A process has died, or the work was given up.
+                future = Future()
+                future.set_exception(error)
+            done.put((place, future))
+
+    for _ in range(min(others, len(items) - 1)):
+        Thread(target=hand_over, name='hands over items', daemon=True).start()
+    out: dict[int, Any] = {}
+    try:
+        while len(out) < len(items):
+            if left and done.empty():
+                try:
+                    place, item = left.pop()
+                except IndexError:
+                    continue
+                out[place] = function(item)
+            else:
+                place, future = done.get()
+                out[place] = future.result()
+            tick()
+    finally:
+        left.clear()
+    return [out[place] for place in range(len(items))]
 
 
 @contextmanager

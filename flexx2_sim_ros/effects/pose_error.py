@@ -21,7 +21,7 @@ NEAREST = f32(1e-3)  # depth of a point that the other camera can see, over its 
 CLOSEST = f32(10.0)
 MOST_STEPS = 64
 _MOST_OF = f32(0.9)
-_MARGIN = f32(1.01)  # steps: one, in which two inverse depths are near, and rounding
+_MARGIN = f32(2.0)  # steps: one, in which two inverse depths are near, and one cut short
 _TINY = f32(1e-9)
 _ZERO = f32(0.0)
 _HALF = f32(0.5)
@@ -222,7 +222,7 @@ def _in_front(p, dx, dy, dz, lens, step, inverse, nearest, height, width):
     free = inverse
     reach = (nearest - inverse) / pixel + _MARGIN
     if reach < np.float32(steps):
-        steps = most(np.int32(reach), np.int32(0))
+        steps = np.int32(reach)
         free = least(inverse + np.float32(steps + 1) * pixel, closest)
     for k in range(steps, 0, -1):
         there = least(inverse + np.float32(k) * pixel, closest)

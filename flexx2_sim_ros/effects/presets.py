@@ -94,8 +94,8 @@ def markdown() -> str:
             'formula: `curve: {knots: [...], values: [...]}`, linear between the knots and '
             'constant beyond them, repeated with `period` if that is given; `pattern: '
             'NAME.npz`, a file beside it with one (H, W) array `map`. `strength` multiplies '
-            'shifts. A probability p to be invalid becomes 1 - (1 - p)^strength. In a batch '
-            'such an effect runs on the CPU.',
+            'shifts. A probability p to be invalid becomes 1 - (1 - p)^strength, a factor f on '
+            'sigma_z 1 + strength (f - 1). In a batch such an effect runs on the CPU.',
             _WIDTH,
         ).splitlines(),
         '',

@@ -110,7 +110,11 @@ def calibrate(
         explained = []
         for place, settings in enumerate(explanations):
             if place:
-                looked = work.again(looked, [settings] * len(looked))
+                again = [one.found for one in looked]
+                begun = [(one.found, settings, one.registered) for one in looked]
+                looked, gone = _usable(again, simulator.look(begun, lambda: None))
+                _check_number(looked)
+                left_out = [*left_out, *gone]
             _check_sizes(looked, settings)
             explained.append(calibrate_effects(looked, settings, work))
         chosen = explained[best_of(explained)]

@@ -204,7 +204,7 @@ def diagnose(
             later = portion(whole, _BEFORE_COST, 0.98 - _BEFORE_COST)
             table['cost'] = _cost(request, table, effects, campaign_dir, used, mapped, later)
     whole('writing', 0.98)
-    table.update(_costs(began, min(jobs, len(found)) - 1))
+    table.update(_costs(began, min(jobs - 1, len(found))))
     if out is not None:
         write(Path(out), table, effects, model, decision, named.confirmed, named.forms)
     whole('done', 1.0)

@@ -80,7 +80,9 @@ def _factor(effects: Mapping[str, Any], field: str, middles: np.ndarray) -> np.n
     if not effect.forms:
         return np.full(len(middles), effect.constants()['factor'])
     own = effect.forms.get(field)
-    return np.full(len(middles), np.nan) if own is None else np.asarray(own.at(middles), float)
+    if own is None:
+        return np.full(len(middles), np.nan)
+    return np.asarray(1 + effect.strength * (own.at(middles) - 1), float)
 
 
 def typical(field: str, noises: Sequence[Noise], places: np.ndarray) -> np.ndarray:
@@ -127,7 +129,8 @@ def best_field(noises: Sequence[Noise]) -> str:
                 total += float(np.average(gain, weights=count))
         return total
 
-    return max(FIELDS, key=told)
+    known = [name for name in FIELDS if any(np.isfinite(one.level[name]).any() for one in noises)]
+    return max(known or FIELDS, key=told)
 
 
 def _mean(noises: Sequence[Noise], field: str) -> tuple[np.ndarray, np.ndarray]:
