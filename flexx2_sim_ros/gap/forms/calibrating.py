@@ -369,12 +369,10 @@ def _pattern(looked: Sequence[Looked], now: Sequence[Settings], work: Work) -> P
 def _noise(looked: Sequence[Looked]) -> Proposal:
     noises = [one.noise for one in looked]
     field = noise.best_field(noises)
-    return Proposal(
-        noise.NAME,
-        f'factor over {noise.WORDS[field]}',
-        _strong(**{field: noise.curve_of(field, noises)}),
-        tuple(_strong(**{field: noise.curve_of(field, some)}) for some in _all_but_one(noises)),
+    together, *without = (
+        _strong(**{field: noise.curve_of(field, some)}) for some in (noises, *_all_but_one(noises))
     )
+    return Proposal(noise.NAME, f'factor over {noise.WORDS[field]}', together, tuple(without))
 
 
 def _dropout(name: str, looked: Sequence[Looked]) -> Proposal:

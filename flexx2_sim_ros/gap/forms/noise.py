@@ -66,7 +66,8 @@ def noise_of(axes: Axes, real: Measures, simulated: Measures, effects: Mapping[s
         middles[field] = np.concatenate([ends[:1], (edges[1:] + edges[:-1]) / 2, ends[1:]])
         factors[field] = _factor(effects, field, middles[field])
         count[field] = real.noise[0][mine]
-        ratio = (real.noise[1] - simulated.noise[1])[mine]
+        with np.errstate(invalid='ignore'):  # No noise at all on both sides.
+            ratio = (real.noise[1] - simulated.noise[1])[mine]
         some = np.minimum(count[field], simulated.noise[0][mine]) >= FORMS.known
         level[field] = np.where(some, ratio + 2 * np.log(factors[field]), np.nan)
     return Noise(middles, factors, level, count)
