@@ -88,6 +88,25 @@ def test_batch_and_camera_agree_for_all_effects_together(
     assert changed > 0.5
 
 
+@pytest.mark.parametrize('device', DEVICES)
+@pytest.mark.parametrize('stamp_at', [0.0, 0.5, 1.0])
+def test_batch_and_camera_agree_where_edges_move(device: str, stamp_at: float) -> None:
+    still, shades = film(3, 1)
+    effects = {'motion_artefact': {'stretch': 1.5, 'stamp_at': stamp_at}}
+    camera = BatchCamera(3, MODES, effects=effects, seed=2, device=device)
+    alone = [Camera(mode, seed=2 + i, effects=effects) for i, mode in enumerate(MODES)]
+    other = 0.0
+    for step in range(4):
+        clean, rho = (np.roll(image, (step, 5 * step), (1, 2)) for image in (still[0], shades))
+        seen = look(device, camera, clean, rho)
+        for i, one in enumerate(alone):
+            stamp = step * round(1e9 / one.mode.rate_hz)
+            wanted = one.capture(clean[i], MATRIX, stamp, rho[i]).depth
+            differs = ~np.isclose(seen[i], wanted, rtol=0, atol=2e-5, equal_nan=True)
+            other = max(other, float(differs.mean()))
+    assert other < 1e-3
+
+
 def test_each_environment_has_its_own_effects() -> None:
     own = [
         {'offset': {'bias': 0.05}, 'saturation': None, 'pose_error': None},

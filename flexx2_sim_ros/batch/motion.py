@@ -30,7 +30,18 @@ class SceneMotion:
 
         motion = self._motion = motion_kernels.Motion()
         motion.depth, motion.reflectivity = zeros(num_envs), zeros(num_envs)
-        motion.start, motion.brighter, motion.change = (zeros(images.count) for _ in range(3))
+        for name in (
+            'late',
+            'late_reflectivity',
+            'across',
+            'down',
+            'start',
+            'gain',
+            'other',
+            'light',
+            'when',
+        ):
+            setattr(motion, name, zeros(images.count))
         wp.load_module(motion_kernels, device=device)
 
     def shift_phases(
@@ -62,6 +73,11 @@ class SceneMotion:
 
         """
         grid, chunk = self._images.grid(count)
-        place = surfaces, self._images.lens, first, chunk, effects
-        launch(motion_kernels.find_motion, grid, *place, keys, kept, self._motion)
-        launch(motion_kernels.shift_phases, grid, *place, lights, kept, self._motion, phasors)
+        place = self._images.lens, first, chunk
+        rows = effects, lights
+        launch(motion_kernels.look, grid, surfaces, *place, self._motion)
+        launch(motion_kernels.mark_edges, grid, *place, self._motion)
+        launch(motion_kernels.find_motion, grid, *place, *rows, keys, kept, self._motion)
+        for kernel in (motion_kernels.shift_phases, motion_kernels.unwrap):
+            launch(kernel, grid, *place, *rows, kept, self._motion, phasors)
+        launch(motion_kernels.keep, grid, *place, kept, self._motion)

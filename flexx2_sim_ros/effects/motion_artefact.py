@@ -4,13 +4,14 @@ from dataclasses import dataclass
 import math
 from typing import Any, ClassVar
 
-from flexx2_sim_ros.effects.between import alike
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.passing import edge_reach, find_passing, is_edge, own_change
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.range_wrap import is_apart, lattice_step, wrong_jump
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.phases import direction, shift_between
-from flexx2_sim_ros.formulas.scalars import f32, most, size, where
+from flexx2_sim_ros.formulas.scalars import f32, most, nearest, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
@@ -44,9 +45,10 @@ def tap_moment(tap: float, taps: float, acquisition: float, stamp_at: float) -> 
 def tap_at(
     here: float,
     start: float,
-    same: bool,
-    change: float,
-    light: float,
+    gain: float,
+    other: float,
+    other_light: float,
+    when: float,
     moment: float,
     add: float,
     turns: float,
@@ -54,22 +56,23 @@ def tap_at(
     """
     Return cosine and sine of the phase at a moment, times the light.
 
-    A surface moves evenly, another surface or colour comes at once.
+    A surface moves and changes its colour evenly; another one comes into view at once.
     """
-    passed = size(_ONE - moment) <= change
-    even = here + start * (_ONE - moment)
-    seen = where(same, even, where(passed, here, here + start))
+    late = moment - _ONE
+    beyond = (when - _ONE) * (moment - when) > _ZERO
+    seen = where(beyond, other, here - start * late)
     cosine, sine = direction(turns * (seen + add))
-    gain = where(passed, _ONE, light)
-    return gain * cosine, gain * sine
+    light = where(beyond, other_light, _ONE - (gain - _ONE) * late)
+    return light * cosine, light * sine
 
 
 def motion_shift(
     here: float,
     start: float,
-    brighter: float,
-    change: float,
-    seconds: float,
+    gain: float,
+    other: float,
+    other_light: float,
+    when: float,
     m0: float,
     m1: float,
     m2: float,
@@ -88,12 +91,14 @@ def motion_shift(
         Depth, metres.
     start : float
         What was to be added to it in the frame before, metres.
-    brighter : float
-        Reflectivity in the frame before over the one in this frame.
-    change : float
-        How long before this frame another surface comes into view; 1 is the frame before.
-    seconds : float
-        Between the frames.
+    gain : float
+        The light of the same surface in the frame before over that in this frame.
+    other : float
+        Depth of the surface that was in view before or comes into view, metres.
+    other_light : float
+        Its light, over that of the surface in this frame.
+    when : float
+        When they change places: before this frame below 1, after it above; 1 is never.
     m0, m1, m2, m3 : float
         When the taps are taken, see `tap_moment`.
     wave_number : float
@@ -102,30 +107,60 @@ def motion_shift(
         The pixel's shift so far, metres.
 
     """
-    same = alike(start, here, seconds)
-    # Nearer is brighter; the same surface may have another colour there.
-    further = here / (here + start)
-    light = brighter * where(same, _ONE, further * further)
     turns = wave_number / _TWO_PI
-    c0, _0 = tap_at(here, start, same, change, light, m0, add, turns)
-    _1, s1 = tap_at(here, start, same, change, light, m1, add, turns)
-    c2, _2 = tap_at(here, start, same, change, light, m2, add, turns)
-    _3, s3 = tap_at(here, start, same, change, light, m3, add, turns)
-    cosine, sine = tap_at(here, start, same, change, light, _ONE, add, turns)
+    c0, _0 = tap_at(here, start, gain, other, other_light, when, m0, add, turns)
+    _1, s1 = tap_at(here, start, gain, other, other_light, when, m1, add, turns)
+    c2, _2 = tap_at(here, start, gain, other, other_light, when, m2, add, turns)
+    _3, s3 = tap_at(here, start, gain, other, other_light, when, m3, add, turns)
+    cosine, sine = tap_at(here, start, gain, other, other_light, when, _ONE, add, turns)
     return shift_between(c0 + c2, s1 + s3, cosine, sine, wave_number)
 
 
+def agreed_shift(
+    shifts: np.ndarray,
+    spans: np.ndarray,
+    weights: np.ndarray,
+    count: int,
+    ambiguity: float,
+    depth: float,
+) -> float:
+    """Return the shift on which frequencies agree after unwrapping, metres; see `wrong_jump`."""
+    mean = f32(0.0)
+    for f in range(count):
+        mean += weights[f] * shifts[f]
+    return mean + wrong_jump(shifts, spans, weights, count, ambiguity, depth + mean)
+
+
+def rewrapped(shift: float, there: float, span: float) -> float:
+    """Return a frequency's shift with those whole wraps that bring it nearest to another one."""
+    return shift + nearest((there - shift) / span) * span
+
+
+_find_passing = compiled(find_passing)
+_edge_reach = compiled(edge_reach)
+_is_edge = compiled(is_edge)
+_own_change = compiled(own_change)
 _motion_shift = compiled(motion_shift)
+_agreed_shift = compiled(agreed_shift)
+_rewrapped = compiled(rewrapped)
 
 
 @dataclass(frozen=True)
 class MotionArtefact(Effect):
-    """Raw frames taken one after the other."""
+    """
+    Raw frames taken one after the other.
+
+    A surface that moves away or comes nearer gets a bias. Where an edge passes, raw frames see
+    both of its sides: edges are found in the frame before, and go on at the same speed. If the
+    frequencies see different sides, they agree on a distance that may be far from both.
+    """
 
     name: ClassVar[str] = 'motion_artefact'
     stage: ClassVar[Stage] = Stage.PHASOR
     order: ClassVar[int] = 5
-    title: ClassVar[str] = 'raw frames taken one after the other: a bias that grows with speed'
+    title: ClassVar[str] = (
+        'raw frames taken one after the other: bias that grows with speed, errors at moving edges'
+    )
     covariate: ClassVar[str] = 'time'
     changes: ClassVar[tuple[str, ...]] = ()
     typical: ClassVar[bool] = True
@@ -135,7 +170,7 @@ class MotionArtefact(Effect):
     keeps: ClassVar[bool] = True
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
         # What the driver stamps: the last raw frame, or the first.
-        grid('stretch', (1.0, 2.0), 0.0, 3.0, f'stamp at {stamp:g}', stamp_at=stamp)
+        grid('stretch', (0.5, 1.0, 2.0), 0.0, 3.0, f'stamp at {stamp:g}', stamp_at=stamp)
         for stamp in (1.0, 0.0)
     )
     needs_motion: ClassVar[bool] = True
@@ -160,7 +195,7 @@ class MotionArtefact(Effect):
         return {'stretch': self.strength * self.stretch, 'stamp_at': self.stamp_at}
 
     def apply(self, state: FrameState) -> None:
-        """Take each frequency's four taps at their own moments."""
+        """Take each frequency's four taps at their own moments, and unwrap what comes out."""
         before: Any = state.memory.kept.get(self.name)
         shown = state.depth.shape
         rho = np.maximum(state.reflectivity, DARKEST)
@@ -175,41 +210,113 @@ class MotionArtefact(Effect):
             )
         ):
             return
-        brighter = np.ascontiguousarray(np.broadcast_to(before[2] / rho, shown))
         interval = (state.stamp - before[0]) * 1e-9
         duration = self.constants()['stretch'] * state.acquisition_seconds
         taps = TAPS * len(state.shifts)
         moments = on_images(tap_moment)(np.arange(taps), taps, duration / interval, self.stamp_at)
-        # Another surface comes into view at an unknown moment between two frames: a random one.
-        passing = state.uniforms(self.stream)
+        moments = moments.astype(np.float32)
+        images = [
+            np.ascontiguousarray(np.broadcast_to(image, shown), np.float32)
+            for image in (before[1], state.depth, before[2], rho)
+        ]
+        # Where in its pixel an edge is, is not known: a random place.
+        places = state.uniforms(self.stream)
+        motion = np.empty((5, *shown), np.float32)
+        flat = [image.reshape(-1) for image in images]
+        _find_motion(*flat, places, np.float32(interval), moments[[0, -1]], motion)
         for index, (k, shift) in enumerate(zip(state.wave_numbers, state.shifts, strict=True)):
-            own = moments[index * TAPS : (index + 1) * TAPS].astype(np.float32)
-            _demodulate(
-                before[1],
-                state.depth,
-                brighter,
-                passing,
-                own,
-                np.float32(k),
-                np.float32(interval),
-                shift,
+            own = moments[index * TAPS : (index + 1) * TAPS]
+            _demodulate(images[1], motion, own, np.float32(k), shift)
+        if len(state.shifts) > 1:
+            _unwrap(state, motion[-1] != _ONE)
+
+
+def _unwrap(state: FrameState, passed: np.ndarray) -> None:
+    # Frequencies that saw different surfaces agree on a distance that may be far from both.
+    frequencies = state.mode.modulation_hz
+    some = np.flatnonzero(passed)
+    shifts = np.stack([shift.reshape(-1)[some] for shift in state.shifts], axis=1)
+    apart = np.any(
+        [
+            on_images(is_apart)(shifts[:, i], shifts[:, j], _ZERO, lattice_step(first, second))
+            for i, first in enumerate(frequencies)
+            for j, second in enumerate(frequencies[:i])
+        ],
+        axis=0,
+    )
+    some, shifts = some[apart], shifts[apart]
+    spans, weights = (np.array(one, np.float32) for one in (state.spans, state.weights))
+    depth = state.depth.reshape(-1)[some]
+    _agree(shifts, depth, spans, weights, np.float32(state.ambiguity))
+    for f, shift in enumerate(state.shifts):
+        shift.reshape(-1)[some] = shifts[:, f]
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _edge_distances(depth, rho, width, reach):
+    # As `edge_distance`, of all pixels to the right, left, down and up.
+    away = np.zeros((4, depth.size), np.int32)
+    for ahead, step in ((0, 1), (2, width)):
+        for i in range(step, depth.size):
+            if step > 1 or i % width:
+                j = i - step
+                if _is_edge(depth[j], depth[i], rho[j], rho[i]):
+                    away[ahead, j] = away[ahead + 1, i] = 1
+                elif 0 < away[ahead + 1, j] < reach:
+                    away[ahead + 1, i] = away[ahead + 1, j] + 1
+        for i in range(depth.size - step - 1, -1, -1):
+            if (step > 1 or (i + 1) % width) and away[ahead, i] == 0:
+                if 0 < away[ahead, i + step] < reach:
+                    away[ahead, i] = away[ahead, i + step] + 1
+    return away
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _find_motion(early, late, early_rho, late_rho, places, seconds, ends, motion):
+    height, width = places.shape
+    earliest, latest = _ONE - ends[0], ends[1] - _ONE
+    near = _edge_distances(late, late_rho, width, _edge_reach(earliest, latest))
+    for y in range(height):
+        for x in range(width):
+            i = y * width + x
+            motion[0, y, x], motion[1, y, x] = _own_change(
+                early[i], late[i], early_rho[i], late_rho[i], seconds
+            )
+            motion[2, y, x], motion[3, y, x], motion[4, y, x] = _find_passing(
+                early,
+                late,
+                early_rho,
+                late_rho,
+                near[0, i],
+                near[1, i],
+                near[2, i],
+                near[3, i],
+                i,
+                i,
+                y,
+                x,
+                height,
+                width,
+                earliest,
+                latest,
+                places[y, x],
             )
 
 
 @loop(error_model='numpy', fastmath=FAST)
-def _demodulate(early, late, brighter, passing, moments, wave_number, seconds, shift):
+def _demodulate(late, motion, moments, wave_number, shift):
     m0, m1, m2, m3 = moments
     for y in range(late.shape[0]):
         for x in range(late.shape[1]):
             here = late[y, x]
-            start = early[y, x] - here
             add = shift[y, x]
             more = _motion_shift(
                 here,
-                start,
-                brighter[y, x],
-                passing[y, x],
-                seconds,
+                motion[0, y, x],
+                motion[1, y, x],
+                motion[2, y, x],
+                motion[3, y, x],
+                motion[4, y, x],
                 m0,
                 m1,
                 m2,
@@ -217,4 +324,13 @@ def _demodulate(early, late, brighter, passing, moments, wave_number, seconds, s
                 wave_number,
                 add,
             )
-            shift[y, x] = add + more if here > _ZERO and start == start else add
+            shift[y, x] = add + more if here > _ZERO else add
+
+
+@loop(error_model='numpy')
+def _agree(shifts, depth, spans, weights, ambiguity):
+    # shifts: (pixels, frequencies).
+    for i in range(depth.size):
+        there = _agreed_shift(shifts[i], spans, weights, spans.size, ambiguity, depth[i])
+        for f in range(spans.size):
+            shifts[i, f] = _rewrapped(shifts[i, f], there, spans[f])

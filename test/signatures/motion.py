@@ -64,12 +64,22 @@ def motion_artefact() -> None:
         )
         close(errors.mean(), 0.5 * speed * duration)
     assert not shift('motion_artefact', *moving(0.0), profile=QUIET).any()
-    # A border between two colours that goes by on a wall: raw frames of both, here and there, in
-    # up to 3/4 of the pixels that it goes over in that time; at some phases they do not matter.
-    colours = np.array([np.where(border > U, 0.8, 0.2) for border in (100, 140)])
+    # A border between two colours that goes by on a wall, 20 pixels in a frame. Raw frames see
+    # both colours in the pixels that it has just left, or that it comes to next; at some phases
+    # they do not matter.
+    colours = np.array([np.where(border > U, 0.8, 0.2) for border in (100, 120)])
     walls = np.broadcast_to(wall(1.5), (2, *SHAPE))
-    errors = shift('motion_artefact', walls, np.array([0, STEP_5]), colours, profile=QUIET)[1]
-    passed = (U >= 100) & (U < 140)
-    assert not errors[~passed].any()
-    both = np.mean(np.abs(errors[passed]) > 0.01) / (duration / (STEP_5 * 1e-9))
-    assert 0.4 < both < 0.75
+    reach = 20 * duration / (STEP_5 * 1e-9)
+    for stamp_at, sign in ((1.0, 1), (0.0, -1)):
+        errors = shift(
+            'motion_artefact',
+            walls,
+            np.array([0, STEP_5]),
+            colours,
+            profile=QUIET,
+            stretch=2.0,
+            stamp_at=stamp_at,
+        )[1]
+        passed = (sign * (119.5 - U) > 0) & (sign * (119.5 - U) < 2 * reach + 1)
+        assert not errors[~passed].any()
+        assert 0.4 < np.mean(np.abs(errors[passed]) > 0.01) * passed[0].sum() / (2 * reach) < 0.9
