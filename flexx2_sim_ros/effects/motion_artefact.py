@@ -265,9 +265,9 @@ def _edge_distances(depth, rho, width, reach):
                 elif 0 < away[ahead + 1, j] < reach:
                     away[ahead + 1, i] = away[ahead + 1, j] + 1
         for i in range(depth.size - step - 1, -1, -1):
-            if (step > 1 or (i + 1) % width) and away[ahead, i] == 0:
-                if 0 < away[ahead, i + step] < reach:
-                    away[ahead, i] = away[ahead, i + step] + 1
+            near = away[ahead, i + step] if step > 1 or (i + 1) % width else 0
+            if away[ahead, i] == 0 and 0 < near < reach:
+                away[ahead, i] = near + 1
     return away
 
 
