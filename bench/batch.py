@@ -22,8 +22,8 @@ import warp as wp
 _MODE = 'Mode_9_30fps'
 _EVERYTHING = 'all effects'
 # Alone: a simple effect, and those on light of other pixels or times.
-_ALONE = ('offset', 'time_offset', 'multipath', 'stray_light')
-_KEEPING = (*_ALONE[1:], 'motion_artefact', 'temporal_filter', 'fixed_pattern')
+_ALONE = ('offset', 'time_offset', 'multipath', 'stray_light', 'motion_artefact')
+_KEEPING = (*_ALONE[1:], 'temporal_filter', 'fixed_pattern')
 # A loop at 50 Hz, whose images arrive after 60 ms: every call computes a frame.
 _LATE = 'step_s, delay'
 _STEP_S, _DELAYED = 1 / 50, {'time_offset': {'latency': 0.0, 'delay': 0.06}}

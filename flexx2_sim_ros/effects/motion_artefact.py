@@ -62,7 +62,9 @@ def tap_at(
     beyond = (when - _ONE) * (moment - when) > _ZERO
     seen = where(beyond, other, here - start * late)
     cosine, sine = direction(turns * (seen + add))
-    light = where(beyond, other_light, _ONE - (gain - _ONE) * late)
+    # Long after the frame, light that falls evenly would be below 0.
+    own_light = most(_ONE - (gain - _ONE) * late, _ZERO)
+    light = where(beyond, other_light, own_light)
     return light * cosine, light * sine
 
 
