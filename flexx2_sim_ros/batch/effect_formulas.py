@@ -7,7 +7,7 @@ from flexx2_sim_ros.batch.arrays import at, at_byte
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import cos_incidence, Lens, Noise, padded
-from flexx2_sim_ros.effects import flying_pixels, range_wrap
+from flexx2_sim_ros.effects import flying_pixels, range_wrap, unwrapping
 from flexx2_sim_ros.formulas import phases
 from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
@@ -27,6 +27,8 @@ _misread = compiled(range_wrap.misread)
 _wrong_jump = compiled(range_wrap.wrong_jump)
 _is_beyond = compiled(range_wrap.is_beyond)
 _folded = compiled(range_wrap.folded)
+_agreed_shift = compiled(unwrapping.agreed_shift)
+_rewrapped = compiled(unwrapping.rewrapped)
 
 
 @wp.struct
@@ -161,6 +163,20 @@ def any_apart(light: Light, errors: wp.vec3f, sigma: wp.float32) -> wp.bool:
             if _is_apart(errors[i], errors[j], more, light.steps[k]):
                 found = True
     return found
+
+
+@wp.func
+def agreed(light: Light, shifts: wp.vec3f, depth: wp.float32) -> wp.vec3f:
+    """Return the shifts on whose distance a camera agrees that unwraps its frequencies."""
+    out = shifts
+    if light.frequencies > 1 and any_apart(light, shifts, 0.0):
+        there = _agreed_shift(
+            shifts, light.spans, light.weights, light.frequencies, light.ambiguity, depth
+        )
+        for f in range(3):
+            if f < light.frequencies:
+                out[f] = _rewrapped(shifts[f], there, light.spans[f])
+    return out
 
 
 @wp.func

@@ -2,6 +2,7 @@
 
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.effect_formulas import (
+    agreed,
     mix_neighbours,
     near_jump,
     reflectivity_at,
@@ -63,7 +64,10 @@ def find_light(
             if at(surfaces.p, i + x) > 0.0 and near_jump(surfaces, lens, n, y, x):
                 mixed = mix_neighbours(surfaces, lens, light, e.flying_pixels_from_around, n, y, x)
                 put(phasors.amplitude, row + x, mixed[3])
+                shifts = agreed(
+                    light, wp.vec3f(mixed[0], mixed[1], mixed[2]), 1.0 / at(surfaces.p, i + x)
+                )
                 for k in range(3):
                     if k < light.frequencies:
-                        put(phasors.shifts, k * phasors.pitch + row + x, mixed[k])
+                        put(phasors.shifts, k * phasors.pitch + row + x, shifts[k])
             x += 1

@@ -2,7 +2,7 @@
 
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.batch.effect_formulas import any_apart, draw, reflectivity_at, Surfaces, TURN
+from flexx2_sim_ros.batch.effect_formulas import agreed, draw, reflectivity_at, Surfaces, TURN
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import distance, Lens, OPTIONS, padded
 from flexx2_sim_ros.batch.light_kernels import Phasors
@@ -25,8 +25,6 @@ _own_change = compiled(passing.own_change)
 _find_passing = compiled(passing.find_passing)
 _tap_moment = compiled(motion_artefact.tap_moment)
 _motion_shift = compiled(motion_artefact.motion_shift)
-_agreed_shift = compiled(motion_artefact.agreed_shift)
-_rewrapped = compiled(motion_artefact.rewrapped)
 
 
 @wp.struct
@@ -264,20 +262,8 @@ def unwrap(
             for f in range(3):
                 if f < light.frequencies:
                     shifts[f] = at(phasors.shifts, f * phasors.pitch + row + x)
-            if any_apart(light, shifts, 0.0):
-                there = _agreed_shift(
-                    shifts,
-                    light.spans,
-                    light.weights,
-                    light.frequencies,
-                    light.ambiguity,
-                    at(motion.late, row + x),
-                )
-                for f in range(3):
-                    if f < light.frequencies:
-                        put(
-                            phasors.shifts,
-                            f * phasors.pitch + row + x,
-                            _rewrapped(shifts[f], there, light.spans[f]),
-                        )
+            shifts = agreed(light, shifts, at(motion.late, row + x))
+            for f in range(3):
+                if f < light.frequencies:
+                    put(phasors.shifts, f * phasors.pitch + row + x, shifts[f])
         x += 1

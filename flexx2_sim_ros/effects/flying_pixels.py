@@ -9,8 +9,10 @@ from flexx2_sim_ros.effects.phasors import frequency_factor, own_frequency, wave
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.shapes import Free, MHZ, Shape
 from flexx2_sim_ros.effects.tables import optional_number
+from flexx2_sim_ros.effects.unwrapping import agree
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
+from flexx2_sim_ros.physics.geometry import ray_length
 import numpy as np
 from scipy import ndimage
 
@@ -38,7 +40,12 @@ def footprint(own: float, total: float, count: float, share: float) -> float:
 
 @dataclass(frozen=True)
 class FlyingPixels(Effect):
-    """Footprints that span an edge."""
+    """
+    Footprints that span an edge.
+
+    At each frequency a pixel sees another mean of foreground and background. If these lie far
+    apart, unwrapping makes them agree on a distance that may be far from both.
+    """
 
     name: ClassVar[str] = 'flying_pixels'
     stage: ClassVar[Stage] = Stage.PHASOR
@@ -110,6 +117,15 @@ class FlyingPixels(Effect):
             wave.turn(direction.reshape(-1)[near], mixed, near)
             amplitude += np.float32(wave.weight) * np.abs(mixed)
         state.amplitude.reshape(-1)[near] = amplitude
+        self._unwrap(state, near)
+
+    def _unwrap(self, state: FrameState, near: np.ndarray) -> None:
+        # Each frequency has its own mean of foreground and background.
+        if self.frequency_factor is not None:
+            ray = ray_length(state.intrinsics.matrix, state.depth.shape).reshape(-1)[near]
+            agree(state, near, (self.frequency_factor * ray).astype(np.float32))
+        elif self.mhz is None:
+            agree(state, near)
 
     def _mixed(self, light: np.ndarray, direction: np.ndarray, near: np.ndarray) -> np.ndarray:
         # (N,) complex64 light of some pixels.

@@ -8,10 +8,10 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.passing import edge_reach, find_passing, is_edge, own_change
 from flexx2_sim_ros.effects.picture import Picture
-from flexx2_sim_ros.effects.range_wrap import is_apart, lattice_step, wrong_jump
+from flexx2_sim_ros.effects.unwrapping import agree
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.phases import direction, shift_between
-from flexx2_sim_ros.formulas.scalars import f32, most, nearest, where
+from flexx2_sim_ros.formulas.scalars import f32, most, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
@@ -118,33 +118,11 @@ def motion_shift(
     return shift_between(c0 + c2, s1 + s3, cosine, sine, wave_number)
 
 
-def agreed_shift(
-    shifts: np.ndarray,
-    spans: np.ndarray,
-    weights: np.ndarray,
-    count: int,
-    ambiguity: float,
-    depth: float,
-) -> float:
-    """Return the shift on which frequencies agree after unwrapping, metres; see `wrong_jump`."""
-    mean = f32(0.0)
-    for f in range(count):
-        mean += weights[f] * shifts[f]
-    return mean + wrong_jump(shifts, spans, weights, count, ambiguity, depth + mean)
-
-
-def rewrapped(shift: float, there: float, span: float) -> float:
-    """Return a frequency's shift with those whole wraps that bring it nearest to another one."""
-    return shift + nearest((there - shift) / span) * span
-
-
 _find_passing = compiled(find_passing)
 _edge_reach = compiled(edge_reach)
 _is_edge = compiled(is_edge)
 _own_change = compiled(own_change)
 _motion_shift = compiled(motion_shift)
-_agreed_shift = compiled(agreed_shift)
-_rewrapped = compiled(rewrapped)
 
 
 @dataclass(frozen=True)
@@ -229,29 +207,8 @@ class MotionArtefact(Effect):
         for index, (k, shift) in enumerate(zip(state.wave_numbers, state.shifts, strict=True)):
             own = moments[index * TAPS : (index + 1) * TAPS]
             _demodulate(images[1], motion, own, np.float32(k), shift)
-        if len(state.shifts) > 1:
-            _unwrap(state, motion[-1] != _ONE)
-
-
-def _unwrap(state: FrameState, passed: np.ndarray) -> None:
-    # Frequencies that saw different surfaces agree on a distance that may be far from both.
-    frequencies = state.mode.modulation_hz
-    some = np.flatnonzero(passed)
-    shifts = np.stack([shift.reshape(-1)[some] for shift in state.shifts], axis=1)
-    apart = np.any(
-        [
-            on_images(is_apart)(shifts[:, i], shifts[:, j], _ZERO, lattice_step(first, second))
-            for i, first in enumerate(frequencies)
-            for j, second in enumerate(frequencies[:i])
-        ],
-        axis=0,
-    )
-    some, shifts = some[apart], shifts[apart]
-    spans, weights = (np.array(one, np.float32) for one in (state.spans, state.weights))
-    depth = state.depth.reshape(-1)[some]
-    _agree(shifts, depth, spans, weights, np.float32(state.ambiguity))
-    for f, shift in enumerate(state.shifts):
-        shift.reshape(-1)[some] = shifts[:, f]
+        # Frequencies that saw different surfaces.
+        agree(state, np.flatnonzero(motion[-1] != _ONE))
 
 
 @loop(error_model='numpy', fastmath=FAST)
@@ -327,12 +284,3 @@ def _demodulate(late, motion, moments, wave_number, shift):
                 add,
             )
             shift[y, x] = add + more if here > _ZERO else add
-
-
-@loop(error_model='numpy')
-def _agree(shifts, depth, spans, weights, ambiguity):
-    # shifts: (pixels, frequencies).
-    for i in range(depth.size):
-        there = _agreed_shift(shifts[i], spans, weights, spans.size, ambiguity, depth[i])
-        for f in range(spans.size):
-            shifts[i, f] = _rewrapped(shifts[i, f], there, spans[f])
