@@ -14,13 +14,17 @@ import warp as wp
 
 _WRAP = wp.constant(wp.uint32(range_wrap.RangeWrap.stream))
 _WRAP_SHARE = wp.constant(wp.uint32(range_wrap.RangeWrap.share_stream))
+_ROW_PLACES = wp.constant(wp.uint32(flying_pixels.FlyingPixels.stream))
+_COLUMN_PLACES = wp.constant(wp.uint32(flying_pixels.FlyingPixels.column_stream))
+_LEAST = wp.constant(wp.float32(flying_pixels.LEAST))
 TURN = wp.constant(wp.float32(2.0 * math.pi))
 
 returned_light = compiled(surface_formulas.returned_light)
 _usable_reflectivity = compiled(surface_formulas.usable_reflectivity)
 _direction = compiled(phases.direction)
 _shift_between = compiled(phases.shift_between)
-_footprint = compiled(flying_pixels.footprint)
+_border_place = compiled(flying_pixels.border_place)
+_beyond_border = compiled(flying_pixels.beyond_border)
 _widest_apart = compiled(range_wrap.widest_apart)
 _is_apart = compiled(range_wrap.is_apart)
 _misread = compiled(range_wrap.misread)
@@ -108,21 +112,72 @@ def near_jump(surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32, x: wp.in
 
 
 @wp.func
+def border(
+    surfaces: Surfaces,
+    lens: Lens,
+    bit: wp.int32,
+    stream: wp.uint32,
+    key: wp.vec2ui,
+    n: wp.int32,
+    y: wp.int32,
+    x: wp.int32,
+) -> wp.float32:
+    """Return where the border to the pixel on the right (bit 1) or below (bit 2) is, 0..1."""
+    jumps = (wp.int32(at_byte(surfaces.jumps, padded(lens, n, y, x))) & bit) != 0
+    return _border_place(draw(y * lens.width + x, stream, wp.int64(0), key), jumps)
+
+
+@wp.func
+def parts(
+    surfaces: Surfaces,
+    lens: Lens,
+    side: wp.float32,
+    key: wp.vec2ui,
+    n: wp.int32,
+    y: wp.int32,
+    x: wp.int32,
+) -> wp.mat33f:
+    """Return how much of a square footprint lies on each of the 3 x 3 pixels."""
+    across = wp.vec3f()
+    down = wp.vec3f()
+    if x > 0:
+        place = border(surfaces, lens, 1, _ROW_PLACES, key, n, y, x - 1)
+        across[0] = _beyond_border(side, 1.0 - place)
+    if x + 1 < lens.width:
+        across[2] = _beyond_border(side, border(surfaces, lens, 1, _ROW_PLACES, key, n, y, x))
+    if y > 0:
+        place = border(surfaces, lens, 2, _COLUMN_PLACES, key, n, y - 1, x)
+        down[0] = _beyond_border(side, 1.0 - place)
+    if y + 1 < lens.height:
+        down[2] = _beyond_border(side, border(surfaces, lens, 2, _COLUMN_PLACES, key, n, y, x))
+    across[1] = 1.0 - across[0] - across[2]
+    down[1] = 1.0 - down[0] - down[2]
+    return wp.outer(down, across)
+
+
+@wp.func
 def light_around(
-    surfaces: Surfaces, lens: Lens, turns: wp.float32, n: wp.int32, y: wp.int32, x: wp.int32
-) -> wp.vec3f:
-    """Return the sum of the phasors of the 3 x 3 pixels, and how many have a return."""
+    surfaces: Surfaces,
+    lens: Lens,
+    turns: wp.float32,
+    weights: wp.mat33f,
+    n: wp.int32,
+    y: wp.int32,
+    x: wp.int32,
+) -> wp.vec2f:
+    """Return the mean phasor of the 3 x 3 pixels that have a return, by weight."""
     around = wp.vec3f()
     for k in range(9):
         yy = y + k // 3 - 1
         xx = x + k % 3 - 1
-        if yy >= 0 and yy < lens.height and xx >= 0 and xx < lens.width:
+        weight = weights[k // 3, k % 3]
+        if weight > 0.0 and yy >= 0 and yy < lens.height and xx >= 0 and xx < lens.width:
             inverse = at(surfaces.p, padded(lens, n, yy, xx))
             if inverse > 0.0:
                 cosine, sine = _direction(turns / inverse)
                 amplitude = amplitude_at(surfaces, lens, n, yy, xx)
-                around += wp.vec3f(amplitude * cosine, amplitude * sine, 1.0)
-    return around
+                around += weight * wp.vec3f(amplitude * cosine, amplitude * sine, 1.0)
+    return wp.vec2f(around[0], around[1]) / wp.max(around[2], _LEAST)
 
 
 @wp.func
@@ -130,7 +185,8 @@ def mix_neighbours(
     surfaces: Surfaces,
     lens: Lens,
     light: Light,
-    share: wp.float32,
+    side: wp.float32,
+    key: wp.vec2ui,
     n: wp.int32,
     y: wp.int32,
     x: wp.int32,
@@ -138,16 +194,14 @@ def mix_neighbours(
     """Return the shift of each frequency, and the amplitude, of a footprint across an edge."""
     out = wp.vec4f()
     z = 1.0 / at(surfaces.p, padded(lens, n, y, x))
-    amplitude = amplitude_at(surfaces, lens, n, y, x)
+    weights = parts(surfaces, lens, side, key, n, y, x)
     for f in range(3):
         if f < light.frequencies:
             turns = light.turns[f]
-            around = light_around(surfaces, lens, turns, n, y, x)
+            mixed = light_around(surfaces, lens, turns, weights, n, y, x)
             cosine, sine = _direction(turns * z)
-            real = _footprint(amplitude * cosine, around[0], around[2], share)
-            imaginary = _footprint(amplitude * sine, around[1], around[2], share)
-            out[f] = _shift_between(real, imaginary, cosine, sine, TURN * turns)
-            out[3] += light.weights[f] * wp.length(wp.vec2f(real, imaginary))
+            out[f] = _shift_between(mixed[0], mixed[1], cosine, sine, TURN * turns)
+            out[3] += light.weights[f] * wp.length(mixed)
     return out
 
 

@@ -71,6 +71,7 @@ class PixelLight:
         facing: wp.array,
         effects: wp.array,
         lights: wp.array,
+        keys: wp.array,
     ) -> None:
         """
         Write the light of some environments into `phasors`.
@@ -85,6 +86,8 @@ class PixelLight:
             Flat float32, cosine of the incidence angle of each pixel.
         effects, lights : warp.array
             `Effects` and `Light` of all environments.
+        keys : warp.array
+            (N,) vec2ui, the cameras' random keys.
 
         """
         grid, chunk = self._images.grid(count)
@@ -98,6 +101,7 @@ class PixelLight:
             chunk,
             effects,
             lights,
+            keys,
             facing,
             phasors,
         )

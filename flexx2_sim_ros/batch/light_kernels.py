@@ -34,6 +34,7 @@ def find_light(
     chunk: wp.int32,
     effects: wp.array(dtype=Effects),
     lights: wp.array(dtype=Light),
+    keys: wp.array(dtype=wp.vec2ui),
     facing: wp.array(dtype=wp.float32),
     phasors: Phasors,
 ):
@@ -58,11 +59,13 @@ def find_light(
             put(phasors.shifts, f * phasors.pitch + row + x, 0.0)
             x += 1
         f += 1
-    if e.flying_pixels_strength > 0.0:
+    side = e.flying_pixels_side
+    key = keys[first + n]
+    if side > 0.0:
         x = wp.int32(start)
         while x < end:
             if at(surfaces.p, i + x) > 0.0 and near_jump(surfaces, lens, n, y, x):
-                mixed = mix_neighbours(surfaces, lens, light, e.flying_pixels_from_around, n, y, x)
+                mixed = mix_neighbours(surfaces, lens, light, side, key, n, y, x)
                 put(phasors.amplitude, row + x, mixed[3])
                 shifts = agreed(
                     light, wp.vec3f(mixed[0], mixed[1], mixed[2]), 1.0 / at(surfaces.p, i + x)

@@ -165,7 +165,10 @@ class BatchStages:
         images.move_edges(first, count, self._rows)
         model = (self._rows.noise, seen.facing, seen.expected)
         launch(kernels.describe, grid, *images.surfaces, *part, *model)
-        self._light.find(surfaces, first, count, seen.facing, self._rows.effects, self._lights)
+        rows = self._rows
+        self._light.find(
+            surfaces, first, count, seen.facing, rows.effects, self._lights, rows.keys
+        )
         if self._surface_noise is not None and with_reflectivity:
             factors = (self._surface_noise, seen.facing, seen.expected)
             launch(scale_by_surface, grid, surfaces, *part, *factors)

@@ -1,6 +1,7 @@
 """Flying pixels: footprints that span an edge."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
@@ -10,32 +11,52 @@ from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.shapes import Free, MHZ, Shape
 from flexx2_sim_ros.effects.tables import optional_number
 from flexx2_sim_ros.effects.unwrapping import agree
+from flexx2_sim_ros.formulas.scalars import f32, most, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.geometry import ray_length
+from flexx2_sim_ros.physics.philox import fill_uniforms
 import numpy as np
 from scipy import ndimage
 
+WIDEST = 3.0  # pixels: a square that reaches no farther than the neighbours
 _REACH = 3.0  # of a Gaussian footprint, standard deviations
+_SIDE = Free('footprint', 0.1, WIDEST)
+_WIDTH = Free('width', 0.25, 2.0, log=True)
+LEAST = f32(1e-6)  # of a footprint that is compared with 0
+_ZERO = f32(0.0)
+_HALF = f32(0.5)
+_ONE = f32(1.0)
 
 
-def footprint(own: float, total: float, count: float, share: float) -> float:
+def border_place(place: float, jumps: bool) -> float:
     """
-    Return a pixel's light: a fraction of it is the mean of the 3 x 3 pixels around.
-
-    It holds for the real and for the imaginary part.
+    Return where the border between two pixels is: 0 at the centre of the first, 1 of the second.
 
     Parameters
     ----------
-    own, total : float
-        The light of the pixel, and the sum over those of the 3 x 3 that have a return.
-    count : float
-        How many these are, the pixel included.
-    share : float
-        0..1.
+    place : float
+        The border's random number, 0..1: where a depth jump is, only its pixels are known.
+    jumps : bool
+        Whether there is one; a surface that goes on is divided evenly.
 
     """
-    return own + share * (total / count - own)
+    return where(jumps, place, _HALF)
+
+
+def beyond_border(side: float, away: float) -> float:
+    """
+    Return the fraction of a square footprint that lies beyond a border.
+
+    Parameters
+    ----------
+    side : float
+        Of the square, pixels.
+    away : float
+        From the square's centre to the border, pixels.
+
+    """
+    return most(_HALF * side - away, _ZERO) / side
 
 
 @dataclass(frozen=True)
@@ -43,7 +64,8 @@ class FlyingPixels(Effect):
     """
     Footprints that span an edge.
 
-    At each frequency a pixel sees another mean of foreground and background. If these lie far
+    Where between two pixels an edge is, is not known: a random place that stays as it is. At each
+    frequency a pixel sees another mean of foreground and background. If these lie far
     apart, unwrapping makes them agree on a distance that may be far from both.
     """
 
@@ -54,66 +76,59 @@ class FlyingPixels(Effect):
     covariate: ClassVar[str] = 'edge'
     changes: ClassVar[tuple[str, ...]] = ('edges',)
     typical: ClassVar[bool] = True
-    source: ClassVar[str] = 'phasor mixing over the footprint; the fraction is assumed'
+    source: ClassVar[str] = (
+        'phasor mixing over the footprint; pixel and half a pixel of blur assumed'
+    )
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
-        grid('share', (0.12, 0.3, 0.6), 0.0, 1.0),
+        grid('footprint', (0.5, 1.0, 2.0), 0.0, WIDEST),
         *(
-            grid('share', (0.2, 0.6), 0.0, 1.0, f'at {mhz:g} MHz', mhz=mhz)
+            grid('footprint', (1.0, 2.0), 0.0, WIDEST, f'at {mhz:g} MHz', mhz=mhz)
             for mhz in (15.0, 32.0, 60.0, 100.0)
         ),
     )
     shapes: ClassVar[tuple[Shape, ...]] = (
-        Shape('3 x 3 pixels', (Free('share', 0.0, 1.0),)),
-        Shape(
-            'Gaussian footprint',
-            (Free('width', 0.25, 2.0, log=True),),
-            {'share': 1.0, 'frequency_factor': 1.0},
-        ),
-        Shape(
-            'Gaussian footprint at one frequency',
-            (Free('width', 0.25, 2.0, log=True), MHZ),
-            {'share': 1.0},
-        ),
+        Shape('square', (_SIDE,)),
+        Shape('square, one frequency', (_SIDE, MHZ)),
+        Shape('Gaussian', (_WIDTH,), {'frequency_factor': 1.0}),
+        Shape('Gaussian, one frequency', (_WIDTH, MHZ)),
     )
     needs_modulation: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('edges', 'pose')
     family: ClassVar[str] = 'kernel over neighbours'
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('bias', 'edge'), ('gross', 'edge'))
     picture: ClassVar[Picture] = Picture('across_edge')
+    stream: ClassVar[int] = 11
+    column_stream: ClassVar[int] = 12
     batched: ClassVar[tuple[str, ...] | None] = ()
 
-    share: float = parameter(
-        0.3,
-        0.0,
-        1.0,
-        '',
-        'fraction of the light that comes from the 3 x 3 pixels around, at strength 1',
+    footprint: float = parameter(
+        1.5, 0.0, WIDEST, 'px', 'side of the square that a pixel sees, at strength 1'
     )
     width: float | None = optional_number(
-        'px', 0.05, 10.0, 'standard deviation of a Gaussian footprint, in place of 3 x 3 pixels'
+        'px', 0.05, 10.0, 'standard deviation of a Gaussian footprint, in place of a square'
     )
     mhz: float | None = own_frequency()
     frequency_factor: float | None = frequency_factor()
 
     def constants(self) -> dict[str, float]:
-        """Return the fraction of the light that comes from around."""
-        return {'from_around': min(self.strength * self.share, 1.0)}
+        """Return the side of the footprint, pixels."""
+        return {'side': min(self.strength * self.footprint, WIDEST)}
 
     def apply(self, state: FrameState) -> None:
         """Mix the phasors of neighbours, next to depth jumps."""
         surface = state.surface
         mask = _near_jumps(surface.row_jumps, surface.column_jumps)
         if self.width is not None:
-            reach = int(np.ceil(_REACH * self.width))
+            reach = int(np.ceil(_REACH * self.strength * self.width))
             mask = ndimage.binary_dilation(mask, np.ones((3, 3)), max(reach - 1, 1))
         near = np.flatnonzero(mask)
         near = near[np.isfinite(state.depth.reshape(-1)[near])]
-        if not near.size:
+        if not near.size or (self.width is None and self.rounded[0] == 0.0):
             return
         amplitude = np.zeros(near.size, np.float32)
         for wave in waves(state, self.mhz, self.frequency_factor):
             direction = wave.directions()
-            mixed = self._mixed(state.amplitude * direction, direction, near)
+            mixed = self._mixed(state, state.amplitude * direction, direction, near)
             wave.turn(direction.reshape(-1)[near], mixed, near)
             amplitude += np.float32(wave.weight) * np.abs(mixed)
         state.amplitude.reshape(-1)[near] = amplitude
@@ -127,26 +142,42 @@ class FlyingPixels(Effect):
         elif self.mhz is None:
             agree(state, near)
 
-    def _mixed(self, light: np.ndarray, direction: np.ndarray, near: np.ndarray) -> np.ndarray:
+    def _mixed(
+        self, state: FrameState, light: np.ndarray, direction: np.ndarray, near: np.ndarray
+    ) -> np.ndarray:
         # (N,) complex64 light of some pixels.
-        (share,) = self.rounded
         if self.width is None:
-            mixed = np.empty(near.size, np.complex64)
-            _mix_around(light, direction, near, share, mixed)
+            surface, mixed = state.surface, np.empty(near.size, np.complex64)
+            places = _places(state.key.tobytes(), light.shape)
+            jumps = surface.row_jumps, surface.column_jumps
+            _mix_square(light, direction, *jumps, *places, near, self.rounded[0], mixed)
             return mixed
         there = (direction != 0).astype(np.float32)
+        width = self.strength * self.width
         real, imaginary, count = (
             ndimage.gaussian_filter(
-                image, self.width, mode='constant', truncate=_REACH, output=np.float32
+                image, width, mode='constant', truncate=_REACH, output=np.float32
             ).reshape(-1)[near]
             for image in (light.real, light.imag, there)
         )
-        around = (real + np.complex64(1j) * imaginary) / np.maximum(count, np.float32(1e-6))
-        own = light.reshape(-1)[near]
-        return np.asarray(own + share * (around - own), np.complex64)
+        around = (real + np.complex64(1j) * imaginary) / np.maximum(count, LEAST)
+        return np.asarray(around, np.complex64)
 
 
-_footprint = compiled(footprint)
+_border_place = compiled(border_place)
+_beyond_border = compiled(beyond_border)
+
+
+@lru_cache(maxsize=8)  # Environments of one camera share it.
+def _places(key: bytes, shape: tuple[int, ...]) -> np.ndarray:
+    # (2, H, W) of the borders to the pixel on the right, and below.
+    places = np.empty((2, *shape), np.float32)
+    zero = np.uint32(0)
+    for image, stream in zip(
+        places, (FlyingPixels.stream, FlyingPixels.column_stream), strict=True
+    ):
+        fill_uniforms(np.frombuffer(key, np.uint32).copy(), zero, zero, stream, image.ravel())
+    return places
 
 
 @loop()
@@ -164,20 +195,31 @@ def _near_jumps(row_jumps, column_jumps):
 
 
 @loop(error_model='numpy')
-def _mix_around(light, direction, pixels, share, out):
-    # (1 - share) of a pixel's own light and `share` of the mean of the 3 x 3 around it, as far as
-    # there is something.
+def _mix_square(light, direction, row_jumps, column_jumps, rows, columns, pixels, side, out):
+    # The mean over the square around a pixel, as far as there is something.
     height, width = light.shape
+    across, down = np.empty(3, np.float32), np.empty(3, np.float32)
     for n in range(pixels.size):
         y, x = pixels[n] // width, pixels[n] % width
+        across[:] = down[:] = _ZERO
+        if x > 0:
+            place = _border_place(rows[y, x - 1], row_jumps[y, x - 1] != 0)
+            across[0] = _beyond_border(side, _ONE - place)
+        if x + 1 < width:
+            across[2] = _beyond_border(side, _border_place(rows[y, x], row_jumps[y, x] != 0))
+        if y > 0:
+            place = _border_place(columns[y - 1, x], column_jumps[y - 1, x] != 0)
+            down[0] = _beyond_border(side, _ONE - place)
+        if y + 1 < height:
+            down[2] = _beyond_border(side, _border_place(columns[y, x], column_jumps[y, x] != 0))
+        across[1] = _ONE - across[0] - across[2]
+        down[1] = _ONE - down[0] - down[2]
         total = np.complex64(0)
-        count = 0
-        for yy in range(max(y - 1, 0), min(y + 2, height)):
-            for xx in range(max(x - 1, 0), min(x + 2, width)):
-                total += light[yy, xx]
-                count += direction[yy, xx] != 0
-        own, number = light[y, x], np.float32(count)
-        out[n] = complex(
-            _footprint(own.real, total.real, number, share),
-            _footprint(own.imag, total.imag, number, share),
-        )
+        whole = _ZERO
+        for i in range(3):
+            for j in range(3):
+                weight = down[i] * across[j]
+                if weight > _ZERO and direction[y + i - 1, x + j - 1] != 0:
+                    total += weight * light[y + i - 1, x + j - 1]
+                    whole += weight
+        out[n] = total / max(whole, LEAST)

@@ -1,6 +1,5 @@
 """Light of several surfaces in one pixel."""
 
-from collections.abc import Sequence
 import math
 
 from boards import board, K
@@ -24,58 +23,87 @@ from signatures.tools import (
 )
 
 
+def mixtures(near: float, far: float, numbers: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Return the light of the columns at a step, (frequencies, rows, 2), by what they see."""
+    own, other = np.array([near, far]), np.array([far, near])
+    lights = [np.exp(1j * numbers[:, None, None] * z) / z**2 for z in (own, other)]
+    return (1 - shares) * lights[0] + shares * lights[1]
+
+
+def shares_at(step_to: np.ndarray, near: float, far: float) -> np.ndarray:
+    """Return how much of the other side the two columns at a step see, from their depths."""
+    k, grid = wave_number(), np.linspace(0, 0.5, 5001)
+    mixed = mixtures(near, far, np.array([k]), np.repeat(grid[:, None], 2, 1))[0]
+    seen = np.angle(mixed * np.exp(-1j * k * np.array([near, far]))) / k + [near, far]
+    return np.stack(
+        [np.interp(step_to[:, 0], seen[:, 0], grid), np.interp(-step_to[:, 1], -seen[:, 1], grid)],
+        axis=1,
+    )
+
+
 @signature
 def flying_pixels() -> None:
-    k, near, far = wave_number(), 1.2, 2.0
+    near, far = 1.2, 2.0
     assert far - near < SPEED_OF_LIGHT / (4 * 60e6)
     clean = step(near, far)
-    for strength in (1.0, 2.5):
-        frame, _ = pair('flying_pixels', clean, profile=QUIET, strength=strength, share=0.3)
-        both = frame.depth[10:-10, 111:113]
-        assert ((both > near) & (both < far)).all()
+    for strength in (0.5, 1.0, 1.8):
+        side = 1.5 * strength
+        frame, _ = pair('flying_pixels', clean, profile=QUIET, strength=strength, footprint=1.5)
+        both = frame.depth[:, 111:113]
+        assert ((both >= np.float32(near)) & (both <= np.float32(far))).all()
         np.testing.assert_array_equal(
             np.delete(frame.depth, (111, 112), axis=1),
             np.delete(clean.astype(np.float32), (111, 112), axis=1),
         )
-        share = 0.3 * strength
-        phasors = {z: np.exp(1j * k * z) / z**2 for z in (near, far)}
-        for own, other, column in ((near, far, 0), (far, near, 1)):
-            mixed = (1 - share) * phasors[own] + share * (
-                6 * phasors[own] + 3 * phasors[other]
-            ) / 9
-            turned = np.angle(mixed / phasors[own]) / k
-            close(both[:, column] - own, turned)
-            flat = np.hypot(1, np.hypot(RAY_X, RAY_Y))[10:-10, 111]
-            close(frame.amplitude[10:-10, 111 + column] * flat, abs(mixed), rel=0.02)
-    # Both frequencies mix for themselves.
-    frame, _ = pair('flying_pixels', clean, profile=QUIET, usecase='Mode_9_30fps')
-    assert ((frame.depth[:, 111:113] > near) & (frame.depth[:, 111:113] < far)).all()
-    # Across a high step they see different distances, and unwrapping finds one for both.
+        # The border is anywhere between the two pixels; a square around each sees what is beyond.
+        shares = shares_at(both, near, far)
+        left = shares[:, 0]
+        away = np.where(left > 1e-4, side / 2 - side * left, np.nan)
+        right = np.maximum(side / 2 - 1 + away, 0) / side
+        seen = left > 1e-4
+        close(shares[seen, 1], right[seen], rel=1e-2, within=1e-3)
+        assert abs(seen.mean() - min(side / 2, 1)) < 0.2  # 172 rows: 5 sigma
+        assert away[seen].min() < 0.1
+        assert away[seen].max() > 0.9 * min(side / 2, 1)
+        close(
+            frame.amplitude[:, 111:113] * np.hypot(1, np.hypot(RAY_X, RAY_Y))[:, 111:113],
+            abs(mixtures(near, far, np.array([wave_number()]), shares)[0]),
+            rel=0.02,
+        )
+    frame, _ = pair('flying_pixels', clean, profile=QUIET, footprint=0.0)
+    np.testing.assert_array_equal(frame.depth, clean.astype(np.float32))
+    # Along the step the walls may slope: they go on, and are divided evenly.
+    slope = clean + 0.004 * (V - 86)
+    frame, _ = pair('flying_pixels', slope, profile=QUIET, footprint=1.0)
+    same = frame.depth[:, 111:113] == slope.astype(np.float32)[:, 111:113]
+    assert (same.sum(1) == 1).all()  # The border is nearer to one of the two.
+    # Each frequency mixes for itself. Across a high step they see different distances, and
+    # unwrapping finds one for both.
+    frame, _ = pair('flying_pixels', clean, profile=QUIET)
+    shares = shares_at(frame.depth[:, 111:113], near, far)
     for more in ({}, {'frequency_factor': 1.0}):
-        for far in np.linspace(2.2, 4.2, 9):
-            clean = step(near, far)
+        for far in np.linspace(2.0, 4.2, 9):
             frame, _ = pair(
-                'flying_pixels', clean, profile=QUIET, usecase='Mode_9_30fps', share=0.6, **more
+                'flying_pixels', step(near, far), profile=QUIET, usecase='Mode_9_30fps', **more
             )
-            length = np.hypot(1, np.hypot(RAY_X, RAY_Y))[86, 111:113] if more else (1.0, 1.0)
-            expected = agreed(near, far, 0.6, length)
-            close(frame.depth[86, 111:113], expected)
+            length = np.hypot(1, np.hypot(RAY_X, RAY_Y))[:, 111:113] if more else 1.0
+            close(frame.depth[:, 111:113], agreed(near, far, shares, length), rel=1e-3)
 
 
-def agreed(near: float, far: float, share: float, length: Sequence[float]) -> list[float]:
+def agreed(near: float, far: float, shares: np.ndarray, length: np.ndarray | float) -> np.ndarray:
     """Return the depths of the two columns at a step, as cameras of 80 and 60 MHz unwrap them."""
     numbers = 4e6 * math.pi * np.array([80.0, 60.0]) / SPEED_OF_LIGHT
     weights = np.array([16.0, 9.0]) / 25
     wraps = np.stack(np.meshgrid(np.arange(5), np.arange(4), indexing='ij'), -1).reshape(-1, 2)
-    depths = []
-    for own, other, ray in ((near, far, length[0]), (far, near, length[1])):
-        lights = {z: np.exp(1j * numbers * z * ray) / z**2 for z in (near, far)}
-        mixed = (1 - share) * lights[own] + share * (6 * lights[own] + 3 * lights[other]) / 9
-        seen = (np.angle(mixed) % (2 * math.pi) + 2 * math.pi * wraps) / numbers
-        misfit = (weights * (seen - (seen @ weights)[:, None]) ** 2).sum(1)
-        misfit[seen @ weights > SPEED_OF_LIGHT / 40e6] = np.inf
-        depths.append(seen[np.argmin(misfit)] @ weights / ray)
-    return depths
+    own, other = np.array([near, far]) * length, np.array([far, near]) * length
+    lights = [np.exp(1j * numbers[:, None, None] * z) / z**2 for z in (own, other)]
+    angle = np.angle((1 - shares) * lights[0] + shares * lights[1]) % (2 * math.pi)
+    seen = (angle[..., None] + 2 * math.pi * wraps.T[:, None, None]) / numbers[:, None, None, None]
+    mean = np.tensordot(weights, seen, 1)
+    misfit = np.tensordot(weights, (seen - mean) ** 2, 1)
+    misfit[mean > SPEED_OF_LIGHT / 40e6] = np.inf
+    best = np.argmin(misfit, axis=-1)[..., None]
+    return np.take_along_axis(mean, best, -1)[..., 0] / length
 
 
 def corner(apex: float) -> np.ndarray:
