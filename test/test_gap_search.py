@@ -50,11 +50,17 @@ def test_the_range_after_which_distances_repeat_is_found(mhz: float, tmp_path: P
     assert found['fold'][0] == pytest.approx(149.896 / mhz, rel=0.01)
 
 
-def test_a_latency_that_the_catalogue_does_not_reach_is_found(tmp_path: Path) -> None:
-    found, clues = found_in(tmp_path, {'time_offset': 1.0}, {'latency_s': 0.16})
-    assert found['latency'][0] == pytest.approx(0.16, abs=0.015)
+@pytest.mark.parametrize('latency', [0.025, 0.16])
+def test_a_latency_is_found_wherever_it_is(tmp_path: Path, latency: float) -> None:
+    found, clues = found_in(tmp_path, {'time_offset': 1.0}, {'latency_s': latency})
+    assert found['latency'][0] == pytest.approx(latency, abs=0.015)
     # Scenes that stand still say nothing about it.
     assert sum(len(one.late) > 0 for one in clues) == 3
+
+
+def test_wrong_poses_are_not_taken_for_a_latency(tmp_path: Path) -> None:
+    found, _ = found_in(tmp_path, {'pose_error': 2.0}, {})
+    assert 'latency' not in found
 
 
 def test_the_amplitude_below_which_pixels_are_lost_is_found(tmp_path: Path) -> None:

@@ -33,11 +33,8 @@ class Search:
         0.85, 'fraction', 'of the recordings that a wave improves', BENCH
     )
     latencies: tuple[float, float, float] = constant((-0.2, 0.4, 0.01), 's', 'that are tried')
-    usual_latencies: tuple[float, float] = constant(
-        (-0.03, 0.09), 's', 'that the variants of the catalogue reach'
-    )
     latency_gains: float = constant(
-        0.1, 'fraction', 'of the loss of moving recordings that a latency takes off', BENCH
+        0.02, 'fraction', 'of the loss of moving recordings that a latency takes off', BENCH
     )
     fewest_frames: int = constant(2, 'frames', 'at a latency; fewer say nothing')
     light: tuple[float, float, float] = constant(

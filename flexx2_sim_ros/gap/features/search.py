@@ -185,7 +185,7 @@ def latency(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     Returns
     -------
     tuple of float
-        Seconds; empty if the usual variants reach it.
+        Seconds; empty if none explains more than the stamps do.
 
     """
     losses = [one.late for one in clues if len(one.late) and np.isfinite(one.late).any()]
@@ -201,9 +201,7 @@ def latency(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     best = int(np.argmin(mean))
     if mean[best] > 1 - SEARCH.latency_gains:
         return ()
-    low, high = SEARCH.usual_latencies
-    value = _vertex(tried, mean, best)
-    return () if low <= value <= high else (value,)
+    return (_vertex(tried, mean, best),)
 
 
 def _vertex(places: np.ndarray, values: np.ndarray, best: int) -> float:
