@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.data.campaign import read
 from flexx2_sim_ros.gap.data.clues import Clues, clues_of, light_edges
@@ -107,3 +108,14 @@ def test_recordings_of_nothing_find_nothing() -> None:
         late=np.zeros(0),
     )
     assert search([empty, empty], SCENES.optics.mode) == {}
+
+
+def test_few_frames_are_not_taken_for_a_latency(tmp_path: Path) -> None:
+    """Assert it where a long latency leaves three frames of eight: others are not compared."""
+    for seed in (41, 42):
+        folder = tmp_path / str(seed)
+        write_campaign(folder, seed=seed, scale=0.5, recordings=1, frames=8, moving=1)
+        with workers(1, None) as mapped:
+            files, _ = find(folder, None, mapped)
+        found = search([clues_of(read(one, None)) for one in files], files[0].mode)
+        assert 'latency' not in found

@@ -39,7 +39,8 @@ class Clues:
     looked : int
         How many valid depths were looked at for both.
     late : numpy.ndarray
-        (L,) mean loss at each latency of `SEARCH.latencies`; empty for a still scene.
+        (L,) loss at each latency of `SEARCH.latencies` over that of the same frames at their
+        stamps; empty for a still scene.
 
     """
 
@@ -194,13 +195,28 @@ def _folds(
 def _late(
     recording: RecordingData, frames: list[int], covers: list[PixelCovariates]
 ) -> np.ndarray:
-    # Mean of min(e^2, limit) of errors in sigma, at each latency, small motions fitted.
+    # Loss at each latency over that of the same frames at their stamps, small motions fitted.
     if recording.clean.ndim == 2:
         return np.zeros(0)
     first, last = int(recording.stamp[0]), int(recording.stamp[-1])
     columns = [
         pose_columns(recording.clean[t], recording.K, recording.mode.sensor) for t in frames
     ]
+
+    def loss(inside: list[int], latency: float) -> float:
+        shown = frames_between(recording, [frames[i] for i in inside], latency)
+        designs, errors = [], []
+        for i, clean in zip(inside, shown, strict=True):
+            error = (recording.depth[frames[i]] - clean) / covers[i].sigma
+            good = (covers[i].inside & np.isfinite(error))[::2, ::2]
+            good &= np.isfinite(columns[i]).all(axis=0)
+            sigma = covers[i].sigma[::2, ::2][good]
+            designs.append(columns[i][:, good] / sigma)
+            errors.append(error[::2, ::2][good])
+        design, error = np.concatenate(designs, axis=1), np.concatenate(errors)
+        return _loss(design[:, ::4], error[::4]) if len(error) >= SEARCH.fewest else np.nan
+
+    at_stamps: dict[tuple[int, ...], float] = {}
     out = []
     for latency in latencies():
         moments = [int(recording.stamp[t]) - round(latency * 1e9) for t in frames]
@@ -208,19 +224,10 @@ def _late(
         out.append(np.nan)
         if len(inside) < SEARCH.fewest_frames:
             continue
-        chosen = [frames[i] for i in inside]
-        shown = frames_between(recording, chosen, float(latency))
-        designs, errors = [], []
-        for i, t, clean in zip(inside, chosen, shown, strict=True):
-            error = (recording.depth[t] - clean) / covers[i].sigma
-            good = (covers[i].inside & np.isfinite(error))[::2, ::2]
-            good &= np.isfinite(columns[i]).all(axis=0)
-            sigma = covers[i].sigma[::2, ::2][good]
-            designs.append(columns[i][:, good] / sigma)
-            errors.append(error[::2, ::2][good])
-        design, error = np.concatenate(designs, axis=1), np.concatenate(errors)
-        if len(error) >= SEARCH.fewest:
-            out[-1] = _loss(design[:, ::4], error[::4])
+        same = tuple(inside)
+        if same not in at_stamps:
+            at_stamps[same] = loss(inside, 0.0)
+        out[-1] = loss(inside, float(latency)) / max(at_stamps[same], 1e-12)
     return np.array(out)
 
 

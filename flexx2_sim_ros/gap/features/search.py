@@ -192,10 +192,7 @@ def latency(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     if not losses:
         return ()
     tried = latencies()
-    now = int(np.argmin(np.abs(tried)))
-    relative = np.array([one / one[now] for one in losses if np.isfinite(one[now])])
-    if not len(relative):
-        return ()
+    relative = np.array(losses)
     # A latency that only some recordings are long enough for is not compared.
     mean = np.where(np.isfinite(relative).all(axis=0), relative.mean(axis=0), np.inf)
     best = int(np.argmin(mean))
