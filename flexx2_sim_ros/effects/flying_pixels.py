@@ -19,11 +19,13 @@ from flexx2_sim_ros.physics.philox import fill_uniforms
 import numpy as np
 from scipy import ndimage
 
-WIDEST = 3.0  # pixels: a square that reaches no farther than the neighbours
+# Pixels. Of a square wider than 2, what lies beyond the neighbours counts as theirs, and pixels
+# two away from an edge stay as they are.
+WIDEST = 3.0
 _REACH = 3.0  # of a Gaussian footprint, standard deviations
 _SIDE = Free('footprint', 0.1, WIDEST)
 _WIDTH = Free('width', 0.25, 2.0, log=True)
-LEAST = f32(1e-6)  # of a footprint that is compared with 0
+LEAST = f32(1e-6)  # weight of the pixels with a return, so that nothing is divided by 0
 _ZERO = f32(0.0)
 _HALF = f32(0.5)
 _ONE = f32(1.0)
@@ -102,10 +104,13 @@ class FlyingPixels(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ()
 
     footprint: float = parameter(
-        1.5, 0.0, WIDEST, 'px', 'side of the square that a pixel sees, at strength 1'
+        1.5, 0.0, WIDEST, 'px', 'side of the square that a pixel sees, at strength 1; 3 px at most'
     )
     width: float | None = optional_number(
-        'px', 0.05, 10.0, 'standard deviation of a Gaussian footprint, in place of a square'
+        'px',
+        0.05,
+        10.0,
+        'standard deviation of a Gaussian footprint at strength 1, in place of a square',
     )
     mhz: float | None = own_frequency()
     frequency_factor: float | None = frequency_factor()
@@ -136,10 +141,12 @@ class FlyingPixels(Effect):
 
     def _unwrap(self, state: FrameState, near: np.ndarray) -> None:
         # Each frequency has its own mean of foreground and background.
+        if self.mhz is not None:
+            return
         if self.frequency_factor is not None:
             ray = ray_length(state.intrinsics.matrix, state.depth.shape).reshape(-1)[near]
             agree(state, near, (self.frequency_factor * ray).astype(np.float32))
-        elif self.mhz is None:
+        else:
             agree(state, near)
 
     def _mixed(

@@ -14,7 +14,7 @@ from numba import njit
 import numpy as np
 
 # Second counter word: what the numbers are for. Never renumber. Effects say their own numbers:
-# `stream`, 3 to 10 and 1001 onwards.
+# `stream`, 3 to 12 and 1001 onwards.
 STREAM_AXIAL = 0
 STREAM_ROW_EDGES = 1
 STREAM_COLUMN_EDGES = 2

@@ -62,9 +62,9 @@ def flying_pixels() -> None:
         right = np.maximum(side / 2 - 1 + away, 0) / side
         seen = left > 1e-4
         close(shares[seen, 1], right[seen], rel=1e-2, within=1e-3)
-        assert abs(seen.mean() - min(side / 2, 1)) < 0.2  # 172 rows: 5 sigma
+        assert abs(seen.mean() - min(side / 2, 1)) < 0.2  # 172 rows: at least 5 sigma
         assert away[seen].min() < 0.1
-        assert away[seen].max() > 0.9 * min(side / 2, 1)
+        assert away[seen].max() > 0.7 * min(side / 2, 1)
         close(
             frame.amplitude[:, 111:113] * np.hypot(1, np.hypot(RAY_X, RAY_Y))[:, 111:113],
             abs(mixtures(near, far, np.array([wave_number()]), shares)[0]),

@@ -227,7 +227,9 @@ def _late(
         same = tuple(inside)
         if same not in at_stamps:
             at_stamps[same] = loss(inside, 0.0)
-        out[-1] = loss(inside, float(latency)) / max(at_stamps[same], 1e-12)
+        # Without noise there is nothing to explain.
+        now = at_stamps[same]
+        out[-1] = loss(inside, float(latency)) / now if now > SEARCH.least_loss else 1.0
     return np.array(out)
 
 
