@@ -131,3 +131,17 @@ def test_depth_without_noise_is_not_taken_for_a_latency(tmp_path: Path) -> None:
         files, _ = find(tmp_path, None, mapped)
     found = search([clues_of(read(one, None)) for one in files], files[0].mode)
     assert 'latency' not in found
+
+
+def test_a_recording_with_few_depths_says_nothing_about_a_latency(tmp_path: Path) -> None:
+    write_campaign(tmp_path, seed=41, scale=0.3, recordings=1, frames=8, moving=1)
+    (path,) = tmp_path.glob('*.npz')
+    with np.load(path) as file:
+        arrays = dict(file)
+    arrays['depth'][:, 3:] = np.nan
+    np.savez(path, **arrays)
+    with workers(1, None) as mapped:
+        files, _ = find(tmp_path, None, mapped)
+    (clues,) = (clues_of(read(one, None)) for one in files)
+    assert len(clues.late) > 0
+    assert np.isnan(clues.late).all()

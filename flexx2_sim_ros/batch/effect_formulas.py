@@ -16,7 +16,7 @@ _WRAP = wp.constant(wp.uint32(range_wrap.RangeWrap.stream))
 _WRAP_SHARE = wp.constant(wp.uint32(range_wrap.RangeWrap.share_stream))
 _ROW_PLACES = wp.constant(wp.uint32(flying_pixels.FlyingPixels.stream))
 _COLUMN_PLACES = wp.constant(wp.uint32(flying_pixels.FlyingPixels.column_stream))
-_LEAST = wp.constant(wp.float32(flying_pixels.LEAST))
+_LEAST = wp.constant(wp.float32(flying_pixels.LEAST_WEIGHT))
 TURN = wp.constant(wp.float32(2.0 * math.pi))
 
 returned_light = compiled(surface_formulas.returned_light)
@@ -171,7 +171,7 @@ def light_around(
         yy = y + k // 3 - 1
         xx = x + k % 3 - 1
         weight = weights[k // 3, k % 3]
-        if weight > 0.0 and yy >= 0 and yy < lens.height and xx >= 0 and xx < lens.width:
+        if weight > 0.0:  # So it is within the image.
             inverse = at(surfaces.p, padded(lens, n, yy, xx))
             if inverse > 0.0:
                 cosine, sine = _direction(turns / inverse)

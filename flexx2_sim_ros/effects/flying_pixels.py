@@ -14,18 +14,17 @@ from flexx2_sim_ros.effects.unwrapping import agree
 from flexx2_sim_ros.formulas.scalars import f32, most, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
-from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.philox import fill_uniforms
 import numpy as np
 from scipy import ndimage
 
 # Pixels. Of a square wider than 2, what lies beyond the neighbours counts as theirs, and pixels
 # two away from an edge stay as they are.
-WIDEST = 3.0
+_WIDEST = 3.0
 _REACH = 3.0  # of a Gaussian footprint, standard deviations
-_SIDE = Free('footprint', 0.1, WIDEST)
+_SIDE = Free('footprint', 0.1, _WIDEST)
 _WIDTH = Free('width', 0.25, 2.0, log=True)
-LEAST = f32(1e-6)  # weight of the pixels with a return, so that nothing is divided by 0
+LEAST_WEIGHT = f32(1e-6)  # weight of the pixels with a return, so that nothing is divided by 0
 _ZERO = f32(0.0)
 _HALF = f32(0.5)
 _ONE = f32(1.0)
@@ -79,12 +78,12 @@ class FlyingPixels(Effect):
     changes: ClassVar[tuple[str, ...]] = ('edges',)
     typical: ClassVar[bool] = True
     source: ClassVar[str] = (
-        'phasor mixing over the footprint; pixel and half a pixel of blur assumed'
+        'phasor mixing over the footprint; its side (a pixel and some blur) is assumed'
     )
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
-        grid('footprint', (0.5, 1.0, 2.0), 0.0, WIDEST),
+        grid('footprint', (0.5, 1.0, 2.0), 0.0, _WIDEST),
         *(
-            grid('footprint', (1.0, 2.0), 0.0, WIDEST, f'at {mhz:g} MHz', mhz=mhz)
+            grid('footprint', (1.0, 2.0), 0.0, _WIDEST, f'at {mhz:g} MHz', mhz=mhz)
             for mhz in (15.0, 32.0, 60.0, 100.0)
         ),
     )
@@ -104,7 +103,11 @@ class FlyingPixels(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ()
 
     footprint: float = parameter(
-        1.5, 0.0, WIDEST, 'px', 'side of the square that a pixel sees, at strength 1; 3 px at most'
+        1.5,
+        0.0,
+        _WIDEST,
+        'px',
+        'side of the square that a pixel sees, at strength 1; 3 px at most',
     )
     width: float | None = optional_number(
         'px',
@@ -117,7 +120,7 @@ class FlyingPixels(Effect):
 
     def constants(self) -> dict[str, float]:
         """Return the side of the footprint, pixels."""
-        return {'side': min(self.strength * self.footprint, WIDEST)}
+        return {'side': min(self.strength * self.footprint, _WIDEST)}
 
     def apply(self, state: FrameState) -> None:
         """Mix the phasors of neighbours, next to depth jumps."""
@@ -131,23 +134,17 @@ class FlyingPixels(Effect):
         if not near.size or (self.width is None and self.rounded[0] == 0.0):
             return
         amplitude = np.zeros(near.size, np.float32)
-        for wave in waves(state, self.mhz, self.frequency_factor):
+        parts = list(waves(state, self.mhz, self.frequency_factor))
+        for wave in parts:
             direction = wave.directions()
             mixed = self._mixed(state, state.amplitude * direction, direction, near)
             wave.turn(direction.reshape(-1)[near], mixed, near)
             amplitude += np.float32(wave.weight) * np.abs(mixed)
         state.amplitude.reshape(-1)[near] = amplitude
-        self._unwrap(state, near)
-
-    def _unwrap(self, state: FrameState, near: np.ndarray) -> None:
-        # Each frequency has its own mean of foreground and background.
-        if self.mhz is not None:
-            return
-        if self.frequency_factor is not None:
-            ray = ray_length(state.intrinsics.matrix, state.depth.shape).reshape(-1)[near]
-            agree(state, near, (self.frequency_factor * ray).astype(np.float32))
-        else:
-            agree(state, near)
+        if self.mhz is None:  # Each frequency has its own mean of foreground and background.
+            ray = parts[0].ray
+            factor = np.float32(self.frequency_factor or 1.0)
+            agree(state, near, 1.0 if ray is None else factor * ray.reshape(-1)[near])
 
     def _mixed(
         self, state: FrameState, light: np.ndarray, direction: np.ndarray, near: np.ndarray
@@ -167,7 +164,7 @@ class FlyingPixels(Effect):
             ).reshape(-1)[near]
             for image in (light.real, light.imag, there)
         )
-        around = (real + np.complex64(1j) * imaginary) / np.maximum(count, LEAST)
+        around = (real + np.complex64(1j) * imaginary) / np.maximum(count, LEAST_WEIGHT)
         return np.asarray(around, np.complex64)
 
 
@@ -229,4 +226,4 @@ def _mix_square(light, direction, row_jumps, column_jumps, rows, columns, pixels
                 if weight > _ZERO and direction[y + i - 1, x + j - 1] != 0:
                     total += weight * light[y + i - 1, x + j - 1]
                     whole += weight
-        out[n] = total / max(whole, LEAST)
+        out[n] = total / max(whole, LEAST_WEIGHT)

@@ -247,11 +247,6 @@ class RangeWrap(Effect):
         # noise that falls as 1/f and leaves the mean's sigma as it is. All times `lengths`.
         frequencies = state.mode.modulation_hz
         spreads = noise_shares(frequencies)
-        pairs = [
-            (i, j, lattice_step(frequencies[i], frequencies[j]))
-            for i in range(len(frequencies))
-            for j in range(i)
-        ]
         ray = lengths.reshape(-1)
         sigma = noise * state.sigma.reshape(-1) * ray
         shifts = [shift.reshape(-1) * ray for shift in state.shifts]
@@ -265,7 +260,7 @@ class RangeWrap(Effect):
                         on_images(widest_apart)(spreads[i], spreads[j], sigma),
                         step,
                     )
-                    for i, j, step in pairs
+                    for i, j, step in _pairs(frequencies)
                 ],
                 axis=0,
             )
@@ -280,10 +275,7 @@ class RangeWrap(Effect):
             sigma[risky],
             draws[:, risky],
         )
-        apart = np.any(
-            [on_images(is_apart)(errors[i], errors[j], _ZERO, step) for i, j, step in pairs],
-            axis=0,
-        )
+        apart = any_apart(frequencies, errors)
         pixels = risky[apart]
         values = state.measured.reshape(-1)[pixels] * ray[pixels]
         _unwrap(
@@ -310,6 +302,25 @@ def lattice_step(one: float, other: float) -> np.float32:
     """Return the lattice of distances that repeat after c/2f1 and c/2f2: c gcd / (2 f1 f2)."""
     common = math.gcd(round(one / 1e6), round(other / 1e6)) * 1e6
     return np.float32(SPEED_OF_LIGHT * common / (2.0 * one * other))
+
+
+def any_apart(frequencies: Sequence[float], errors: np.ndarray) -> np.ndarray:
+    """Return (N,) whether two of (F, N) distances, of F frequencies, are apart by half a step."""
+    return np.any(
+        [
+            on_images(is_apart)(errors[i], errors[j], _ZERO, step)
+            for i, j, step in _pairs(frequencies)
+        ],
+        axis=0,
+    )
+
+
+def _pairs(frequencies: Sequence[float]) -> list[tuple[int, int, np.float32]]:
+    return [
+        (i, j, lattice_step(frequencies[i], frequencies[j]))
+        for i in range(len(frequencies))
+        for j in range(i)
+    ]
 
 
 _wrong_jump = compiled(wrong_jump)

@@ -1,15 +1,10 @@
 """Frequencies that see different mixtures of surfaces agree on one distance."""
 
-from typing import Any
-
-from flexx2_sim_ros.effects.range_wrap import is_apart, lattice_step, wrong_jump
-from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.effects.range_wrap import any_apart, wrong_jump
 from flexx2_sim_ros.formulas.scalars import f32, nearest
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState
 import numpy as np
-
-_ZERO = f32(0.0)
 
 
 def agreed_shift(
@@ -32,7 +27,7 @@ def rewrapped(shift: float, there: float, span: float) -> float:
     return shift + nearest((there - shift) / span) * span
 
 
-def agree(state: FrameState, pixels: np.ndarray, lengths: Any = 1.0) -> None:
+def agree(state: FrameState, pixels: np.ndarray, lengths: np.ndarray | float = 1.0) -> None:
     """
     Let the frequencies of some pixels agree on one distance, as a camera does that unwraps them.
 
@@ -51,16 +46,9 @@ def agree(state: FrameState, pixels: np.ndarray, lengths: Any = 1.0) -> None:
     frequencies = state.mode.modulation_hz
     if len(frequencies) < 2:
         return
-    shifts = np.stack([shift.reshape(-1)[pixels] * lengths for shift in state.shifts], axis=1)
-    apart = np.any(
-        [
-            on_images(is_apart)(shifts[:, i], shifts[:, j], _ZERO, lattice_step(first, second))
-            for i, first in enumerate(frequencies)
-            for j, second in enumerate(frequencies[:i])
-        ],
-        axis=0,
-    )
-    some, shifts = pixels[apart], shifts[apart]
+    shifts = np.stack([shift.reshape(-1)[pixels] * lengths for shift in state.shifts])
+    apart = any_apart(frequencies, shifts)
+    some, shifts = pixels[apart], shifts[:, apart].T.copy()
     scale = np.broadcast_to(np.asarray(lengths, np.float32), pixels.shape)[apart]
     spans, weights = (np.array(one, np.float32) for one in (state.spans, state.weights))
     there = state.depth.reshape(-1)[some] * scale

@@ -229,7 +229,7 @@ def _late(
             at_stamps[same] = loss(inside, 0.0)
         # Without noise there is nothing to explain.
         now = at_stamps[same]
-        out[-1] = loss(inside, float(latency)) / now if now > SEARCH.least_loss else 1.0
+        out[-1] = 1.0 if now <= SEARCH.least_loss else loss(inside, float(latency)) / now
     return np.array(out)
 
 

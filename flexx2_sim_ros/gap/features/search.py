@@ -192,9 +192,8 @@ def latency(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     if not losses:
         return ()
     tried = latencies()
-    relative = np.array(losses)
     # A latency that only some recordings are long enough for is not compared.
-    mean = np.where(np.isfinite(relative).all(axis=0), relative.mean(axis=0), np.inf)
+    mean = np.where(np.isfinite(losses).all(axis=0), np.mean(losses, axis=0), np.inf)
     best = int(np.argmin(mean))
     if mean[best] > 1 - SEARCH.latency_gains:
         return ()
