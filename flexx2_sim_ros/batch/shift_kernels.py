@@ -2,7 +2,7 @@
 
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.batch.effect_formulas import draw_four
+from flexx2_sim_ros.batch.effect_formulas import draw_four, reflectivity_at, Surfaces
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
 from flexx2_sim_ros.batch.kernels import blocks_of, distance, Lens, OPTIONS, padded
 from flexx2_sim_ros.batch.light_kernels import Phasors
@@ -126,6 +126,7 @@ def shift_alike(
 
 @wp.kernel
 def change_noise(
+    surfaces: Surfaces,
     lens: Lens,
     first: wp.int32,
     chunk: wp.int32,
@@ -144,7 +145,13 @@ def change_noise(
         if e.excess_noise_strength > 0.0:
             sigma = _scaled_noise(sigma, e.excess_noise_factor)
         if e.ambient_light_strength > 0.0:
-            sigma = _with_shot_noise(sigma, at(phasors.amplitude, row + x), e.ambient_light_k)
+            sigma = _with_shot_noise(
+                sigma,
+                at(phasors.amplitude, row + x),
+                reflectivity_at(surfaces, lens, n, y, x),
+                e.ambient_light_k,
+                e.ambient_light_reflected,
+            )
         put(seen.expected, row + x, sigma)
         x += 1
 

@@ -194,7 +194,7 @@ class BatchStages:
         if self._names & _SHIFTS_ALIKE:
             launch(shift_kernels.shift_alike, grid, *part, self._lights, kept, phasors)
         if self._names & _CHANGES_NOISE:
-            launch(shift_kernels.change_noise, grid, *part, phasors, seen)
+            launch(shift_kernels.change_noise, grid, surfaces, *part, phasors, seen)
 
     def _measure(self, surfaces: Any, first: int, count: int) -> None:
         images, rows, seen = self.images, self._rows, self._seen

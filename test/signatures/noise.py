@@ -18,13 +18,15 @@ def excess_noise() -> None:
 @signature
 def ambient_light() -> None:
     levels = np.broadcast_to(np.repeat([1.0, 0.3, 0.1, 0.04], 56), SHAPE)
-    for strength in (1.0, 2.0):
-        noisy, plain = spread('ambient_light', wall(1.5), levels, k=0.0008, strength=strength)
+    for strength, reflected in ((1.0, 1.0), (2.0, 1.0), (1.0, 0.5), (2.0, 0.0)):
+        settings = {'k': 0.0008, 'strength': strength, 'reflected': reflected}
+        noisy, plain = spread('ambient_light', wall(1.5), levels, **settings)
+        background = 1 - reflected * (1 - levels)
         amplitude = levels / np.sqrt(1 + RAY_X**2 + RAY_Y**2) / 1.5**2
         for column in (20, 130, 190):
             part = np.s_[40:130, column : column + 15]
             extra = noisy[:, *part].var() - plain[:, *part].var()
-            wanted = np.mean((strength * 0.8 / amplitude[part]) ** 2)
+            wanted = np.mean(background[part] * (strength * 0.8 / amplitude[part]) ** 2)
             # White: less than the noise there is already; 81,000 samples know that to 0.5 %.
             close(extra, wanted, within=0.05 * plain[:, *part].var())
 
