@@ -64,6 +64,15 @@ def test_wrong_poses_are_not_taken_for_a_latency(tmp_path: Path) -> None:
     assert 'latency' not in found
 
 
+def test_a_filter_over_frames_is_not_taken_for_a_latency(tmp_path: Path) -> None:
+    found, clues = found_in(tmp_path, {'temporal_filter': 1.0}, {})
+    assert 'latency' not in found
+    # A weight of 0.4 for the frame before is 0.4 / 0.6 frames; at 30 frames a second 22 ms.
+    lags = [one.lag for one in clues if np.isfinite(one.lag)]
+    assert len(lags) == 5  # the scenes that stand still
+    assert np.median(lags) == pytest.approx(0.022, abs=0.004)
+
+
 def test_the_amplitude_below_which_pixels_are_lost_is_found(tmp_path: Path) -> None:
     found, clues = found_in(tmp_path, {'low_signal_dropout': 1.0}, {'light_scale': 8.0})
     # In this mode the camera drops pixels below 0.015 / m^2.
@@ -106,6 +115,7 @@ def test_recordings_of_nothing_find_nothing() -> None:
         beyond=0,
         looked=0,
         late=np.zeros(0),
+        lag=np.nan,
     )
     assert search([empty, empty], SCENES.optics.mode) == {}
 

@@ -40,6 +40,7 @@ class Search:
         'python -m bench.gap_latency: 0 without an effect, 0.063 or more at 25 ms',
     )
     least_loss: float = constant(1e-9, '', 'of frames at their stamps, for a latency')
+    most_alike: float = constant(0.9, '', 'weight of the frame before, in the lag of a filter')
     fewest_frames: int = constant(2, 'frames', 'at a latency; fewer say nothing')
     light: tuple[float, float, float] = constant(
         (-10.0, 6.0, 0.25), 'ln 1/m^2', 'bins of the amplitude', DEFINITION

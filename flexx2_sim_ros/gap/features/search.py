@@ -182,10 +182,13 @@ def latency(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     """
     Find how old the images of moving scenes are, by comparing them with earlier and later ones.
 
+    A filter over frames makes what moves late, too. It shows in still scenes, whose frames it
+    makes alike.
+
     Returns
     -------
     tuple of float
-        Seconds; empty if none explains more than the stamps do.
+        Seconds; empty if none explains more than the stamps do, or if a filter explains it.
 
     """
     losses = [one.late for one in clues if len(one.late) and np.isfinite(one.late).any()]
@@ -197,7 +200,9 @@ def latency(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     best = int(np.argmin(mean))
     if mean[best] > 1 - SEARCH.latency_gains:
         return ()
-    return (_vertex(tried, mean, best),)
+    late = _vertex(tried, mean, best)
+    lags = [one.lag for one in clues if np.isfinite(one.lag)]
+    return () if lags and 0 <= late <= np.median(lags) else (late,)
 
 
 def _vertex(places: np.ndarray, values: np.ndarray, best: int) -> float:
