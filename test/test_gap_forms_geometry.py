@@ -7,10 +7,10 @@ from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.effects import load_effects, parse_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import calibrate
-from flexx2_sim_ros.gap.forms.calibrating import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.fitting import BiasFit
 from flexx2_sim_ros.gap.forms.geometry import shape_of
 from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
+from flexx2_sim_ros.gap.forms.proposals import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.report.calibration_page import figures
 from flexx2_sim_ros.gap.work import find

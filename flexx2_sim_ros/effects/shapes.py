@@ -39,12 +39,15 @@ class Shape:
         What is fitted.
     fixed : mapping
         Other parameters of the effect that this shape sets.
+    quick : bool
+        Whether a diagnosis searches for it already, from what it found and with few simulations.
 
     """
 
     label: str
     free: tuple[Free, ...]
     fixed: Mapping[str, float] = field(default_factory=dict)
+    quick: bool = False
 
 
 MHZ = Free('mhz', 12.0, 130.0, log=True)

@@ -75,7 +75,7 @@ class SpatialFilter(Effect):
     source: ClassVar[str] = 'Kinect v2: correlation of neighbours 0.6 to 0.7'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('mix', (0.25, 0.5, 0.8, 1.0), 0.0, 1.0),)
     shapes: ClassVar[tuple[Shape, ...]] = (
-        Shape('3 x 3 mean', (Free('mix', 0.0, 1.0), _GATE)),
+        Shape('3 x 3 mean', (Free('mix', 0.0, 1.0), _GATE), quick=True),
         Shape('Gaussian mean', (Free('width', 0.2, 3.0, log=True), _GATE), {'mix': 1.0}),
     )
     filters: ClassVar[bool] = True

@@ -50,7 +50,7 @@ class TemporalFilter(Effect):
     )
     shapes: ClassVar[tuple[Shape, ...]] = (
         Shape('weight', (_SHARE,)),
-        Shape('weight and gate', (_SHARE, _GATE)),
+        Shape('weight and gate', (_SHARE, _GATE), quick=True),
         Shape('two filters in a row', (_SHARE, Free('second', 0.0, _MOST_SHARE), _GATE)),
         Shape('mean of frames', (Free('window', 1.0, 8.0), _GATE)),
     )

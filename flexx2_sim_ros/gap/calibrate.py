@@ -9,22 +9,17 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import loadable, parse_effects
+from flexx2_sim_ros.effects.patch import COVARIATES
 from flexx2_sim_ros.effects.registry import check_map_files
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.features.physical import COUNTED, distance
 from flexx2_sim_ros.gap.forms.calibratable import PATTERN, rounds
-from flexx2_sim_ros.gap.forms.calibrating import (
-    best_of,
-    calibrate_effects,
-    correct,
-    Explained,
-    totals,
-    Verdict,
-)
+from flexx2_sim_ros.gap.forms.calibrating import best_of, calibrate_effects, correct, Explained
 from flexx2_sim_ros.gap.forms.empirical import NAME
 from flexx2_sim_ros.gap.forms.named import Simulator
+from flexx2_sim_ros.gap.forms.proposals import totals, Verdict
 from flexx2_sim_ros.gap.forms.work import Looked, outcome, Settings
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured
@@ -104,7 +99,9 @@ def calibrate(
         looked, unusable = _usable(found, simulator.look(items, step))
         left_out = [*left_out, *unusable]
         _check_number(looked)
-        total = sum(rounds(settings) for settings in explanations) * len(looked)
+        # Besides the forms, the last explanation and each empirical correction are judged.
+        judged = sum(map(rounds, explanations)) + 1 + len(COVARIATES)
+        total = judged * len(looked)
         step = stepper(progress, 'comparing forms on left-out recordings', 0.2, 0.75, total)
         work = simulator.work(step)
         explained = []

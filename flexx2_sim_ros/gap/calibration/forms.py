@@ -64,6 +64,9 @@ class Forms:
     )
     coarse: int = constant(4, '', 'sets of parameters all over their bounds, for each parameter')
     fine: int = constant(8, '', 'sets of parameters on the way downhill, for each parameter')
+    quick: tuple[float, float] = constant(
+        (0.2, 0.08), '', 'steps about what a diagnosis has found, as fractions of the bounds'
+    )
     frames: int = constant(6, 'frames', 'of a recording that are simulated in a search')
     simplex: float = constant(0.12, '', 'first step downhill, as a fraction of the bounds')
     close: float = constant(0.005, '', 'the last step, likewise')

@@ -111,6 +111,13 @@ class Thresholds:
         0.08, 'excess loss', 'effects that explain less are not named', DEVELOPMENT
     )
     partly: float = constant(0.5, 'excess loss', 'more left than this is partly explained')
+    varies: float = constant(
+        0.1,
+        '',
+        'an effect whose form varies less in the recordings acts like a constant',
+        'python -m bench.gap_flat: 0.157 or more of the cause itself, 0.057 or less of an '
+        'amplitude_bias in the place of an offset',
+    )
     likely: float = constant(0.5, '', 'a less probable effect explains a gap partly', DEFINITION)
     alternative: float = constant(
         0.8, 'gain', 'an undecided effect with this much may be the cause as well'

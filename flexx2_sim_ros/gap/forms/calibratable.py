@@ -1,7 +1,7 @@
 """Which effects have a form that can be fitted, and in which order."""
 
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.effects.patch import COVARIATES
+from flexx2_sim_ros.effects.shapes import Shape
 from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import BIASES
 from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses
@@ -23,17 +23,27 @@ def calibratable(effects: Settings) -> list[str]:
 
 
 def quickly_calibratable(effects: Settings) -> list[str]:
-    """Return which effects have a form that is fitted without a search by simulation."""
+    """Return which effects have a form that takes no search by simulation, or a quick one."""
     return [
         name
         for name in calibratable(effects)
-        if is_fitted_with_poses(name) or not registry()[name].shapes
+        if not is_searched(name) or shapes_of(name, quick=True)
     ]
 
 
-def rounds(effects: Settings) -> int:
-    """Return about how often each recording is judged."""
-    names = calibratable(effects)
-    searched = [one for one in names if one not in quickly_calibratable(effects)]
-    tried = sum(evaluations(registry()[name].shapes) for name in searched)
-    return 1 + len(COVARIATES) + len(names) + tried
+def is_searched(effect: str) -> bool:
+    """Return whether an effect's form is found by simulation."""
+    return bool(registry()[effect].shapes) and not is_fitted_with_poses(effect)
+
+
+def shapes_of(effect: str, quick: bool) -> tuple[Shape, ...]:
+    """Return which shapes of an effect are searched for when a search is quick, or not."""
+    shapes = registry()[effect].shapes
+    return tuple(one for one in shapes if one.quick) if quick else shapes
+
+
+def rounds(effects: Settings, quick: bool = False) -> int:
+    """Return about how often each recording is judged to fit the forms of these effects."""
+    names = quickly_calibratable(effects) if quick else calibratable(effects)
+    searched = [one for one in names if is_searched(one)]
+    return len(names) + sum(evaluations(shapes_of(one, quick), quick) for one in searched)

@@ -4,15 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.effects import of_role, registry
 from flexx2_sim_ros.effects.patch import COVARIATES
 from flexx2_sim_ros.effects.tables import Curve, PixelMap
-from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.forms import FORMS
-from flexx2_sim_ros.gap.features.physical import distance
 from flexx2_sim_ros.gap.forms import dropout, noise
-from flexx2_sim_ros.gap.forms.bias import BIASES, Form, forms_of
-from flexx2_sim_ros.gap.forms.calibratable import calibratable, PATTERN
+from flexx2_sim_ros.gap.forms.bias import BIASES, covariate_of, Form, forms_of
+from flexx2_sim_ros.gap.forms.calibratable import calibratable, PATTERN, shapes_of
 from flexx2_sim_ros.gap.forms.empirical import correction, NAME, Rest
 from flexx2_sim_ros.gap.forms.fitting import BiasFit, Fitted, is_surely_less
 from flexx2_sim_ros.gap.forms.geometry import (
@@ -22,77 +20,11 @@ from flexx2_sim_ros.gap.forms.geometry import (
     shape_of,
 )
 from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
+from flexx2_sim_ros.gap.forms.proposals import judged, Proposal, totals, variation, Verdict
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.forms.search import Numbers, search
 from flexx2_sim_ros.gap.forms.work import Looked, Settings
-from flexx2_sim_ros.gap.inference.improvement import measured
 import numpy as np
-
-# Measures that the distance has no part of, with the change of each that matters.
-_OTHERS = {
-    'edge_sigma': FEATURES.tolerances['bias'],
-    'log_variance': FEATURES.tolerances['log_variance'],
-    'correlation': FEATURES.tolerances['neighbour'],
-    'lag': FEATURES.tolerances['lag'],
-}
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """
-    A form for one effect.
-
-    Attributes
-    ----------
-    effect, label : str
-        Its name, and which form.
-    together : mapping
-        Settings fitted to all recordings.
-    without : tuple of mapping
-        The same without each recording in turn.
-
-    """
-
-    effect: str
-    label: str
-    together: dict[str, Any]
-    without: tuple[dict[str, Any], ...]
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """
-    Whether a proposal is taken.
-
-    Attributes
-    ----------
-    proposal : Proposal
-    before, after : numpy.ndarray
-        (R,) how far each recording is from its simulation, with the effect as diagnosed and with
-        the form fitted without this recording; see `physical.distance`.
-    taken : bool
-    worse : tuple of str
-        Measures outside the distance that get significantly worse.
-
-    """
-
-    proposal: Proposal
-    before: np.ndarray
-    after: np.ndarray
-    taken: bool
-    worse: tuple[str, ...] = ()
-
-    def as_table(self) -> dict[str, Any]:
-        """Return it for a JSON file."""
-        return {
-            'name': self.proposal.effect,
-            'form': self.proposal.label,
-            'taken': self.taken,
-            'before': float(self.before.mean()),
-            'after': float(self.after.mean()),
-            'recordings_better': int((self.after < self.before).sum()),
-            'worse': list(self.worse),
-        }
 
 
 @dataclass(frozen=True)
@@ -166,17 +98,13 @@ class Work:
         return [several[0] for several in self.judge(jobs, None)]
 
 
-def totals(apart: Sequence[dict[str, float]]) -> np.ndarray:
-    """Return (R,) `physical.distance` of several recordings."""
-    return np.array([distance(one) for one in apart])
-
-
 def calibrate_effects(
     looked: list[Looked],
     effects: Settings,
     work: Work,
     without: Sequence[Settings] | None = None,
     names: Sequence[str] | None = None,
+    quick: bool = False,
 ) -> Explained:
     """
     Fit a form for each effect that can have one.
@@ -193,6 +121,8 @@ def calibrate_effects(
         ``effects`` as diagnosed without each recording (default: as diagnosed with all).
     names : sequence of str, optional
         The effects to fit (default: all that are `calibratable`).
+    quick : bool
+        Whether searches by simulation are quick.
 
     Returns
     -------
@@ -209,7 +139,7 @@ def calibrate_effects(
         if is_fitted_with_poses(name):
             proposal = _geometry(name, looked, now, work)
         elif registry()[name].shapes:
-            proposal = _searched(name, looked, now, work)
+            proposal = _searched(name, looked, now, work, quick)
         elif name == PATTERN:
             proposal = _pattern(looked, now, work)
         elif name == noise.NAME:
@@ -270,20 +200,6 @@ def correct(explained: Explained, work: Work) -> Verdict:
     return min(verdicts, key=lambda verdict: float(verdict.after.mean()))
 
 
-def judged(
-    proposal: Proposal, before: Sequence[dict[str, float]], after: Sequence[dict[str, float]]
-) -> Verdict:
-    """Take a proposal if left-out recordings are nearer by more than the standard error."""
-    old, new = totals(before), totals(after)
-    taken = float((old - new).mean()) > FORMS.least and is_surely_less(new, old)
-    values = {
-        unit: np.array([[a[unit], b[unit], 0.0] for a, b in zip(before, after, strict=True)])
-        for unit in _OTHERS
-    }
-    worse = [unit for unit, limit in _OTHERS.items() if measured(values[unit], limit)['worse']]
-    return Verdict(proposal, old, new, taken, tuple(worse))
-
-
 def _geometry(
     name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work
 ) -> Proposal:
@@ -304,7 +220,7 @@ def _geometry(
 
 
 def _searched(
-    name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work
+    name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work, quick: bool
 ) -> Proposal:
     def evaluate(sets: Sequence[Numbers]) -> np.ndarray:
         jobs = [
@@ -314,7 +230,7 @@ def _searched(
         several = work.judge(jobs, FORMS.frames)
         return np.array([[one['mismatch'] for one in part] for part in several]).T
 
-    found = search(registry()[name].shapes, now[0][name], evaluate)
+    found = search(shapes_of(name, quick), now[0][name], evaluate, quick)
     return Proposal(name, found.shape.label, found.together, found.without)
 
 
@@ -332,7 +248,8 @@ def _biases(looked: Sequence[Looked], effects: Sequence[str]) -> dict[str, Propo
             others = [form for other, form in chosen.items() if other != name]
             chosen[name] = fit.best(forms_of(name, mode), others).forms[0]
     final = fit.fit(list(chosen.values()))
-    return {name: _proposal(final, chosen[name]) for name in names}
+    samples = [one.samples for one in looked]
+    return {name: _proposal(final, chosen[name], samples) for name in names}
 
 
 def _less_others(one: Looked, fitted: Sequence[str]) -> Samples:
@@ -341,13 +258,18 @@ def _less_others(one: Looked, fitted: Sequence[str]) -> Samples:
     return replace(one.samples, error=one.samples.error - np.sum(others, axis=0))
 
 
-def _proposal(fitted: Fitted, form: Form) -> Proposal:
+def _proposal(fitted: Fitted, form: Form, samples: Sequence[Samples]) -> Proposal:
     part = fitted.part(form)
+    curve = form.curve(fitted.together[part])
+    covariate = covariate_of(form.effect)
     return Proposal(
         form.effect,
         form.label,
-        _strong(curve=form.curve(fitted.together[part])),
+        _strong(curve=curve),
         tuple(_strong(curve=form.curve(theta[part])) for theta in fitted.without),
+        1.0
+        if form.effect == of_role('bias').name
+        else variation(np.concatenate([curve.at(getattr(one, covariate)) for one in samples])),
     )
 
 
@@ -387,6 +309,10 @@ def _dropout(name: str, looked: Sequence[Looked]) -> Proposal:
         f'monotone table over {kind.over}',
         settings(counts),
         tuple(settings(part) for part in _all_but_one(counts)),
+        variation(
+            dropout.table_of(kind, counts).at(dropout.middles(kind.over)),
+            dropout.together(counts).seen[kind.over],
+        ),
     )
 
 

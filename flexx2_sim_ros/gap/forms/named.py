@@ -10,7 +10,7 @@ from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.forms.calibratable import PATTERN, quickly_calibratable
+from flexx2_sim_ros.gap.forms.calibratable import PATTERN, quickly_calibratable, rounds
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_effects, Explained, Jobs, Work
 from flexx2_sim_ros.gap.forms.work import (
     confirm_settled,
@@ -151,7 +151,7 @@ def calibrate_named(
     step: Step,
 ) -> Calibrated | None:
     """
-    Fit those forms of named effects that need no search by simulation.
+    Fit those forms of named effects that need no search by simulation, or a quick one.
 
     Parameters
     ----------
@@ -187,12 +187,13 @@ def calibrate_named(
     if len({one.shape for one in looked}) > 1:  # A map has one number for each pixel.
         names = [name for name in names if name != PATTERN]
     work = simulator.work(step)
-    return Calibrated(calibrate_effects(looked, effects, work, without, names), effects)
+    explained = calibrate_effects(looked, effects, work, without, names, quick=True)
+    return Calibrated(explained, effects)
 
 
 def rounds_of_named(named: Sequence[Effect]) -> int:
     """Return how often `calibrate_named` calls its step for each recording."""
-    return 2 + len(quickly_calibratable(of_camera(named)))
+    return 2 + rounds(of_camera(named), quick=True)
 
 
 def _nothing() -> None:

@@ -1,11 +1,11 @@
 """What the fit of a curve needs of one recording: errors on surfaces, and their covariates."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
-from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects import Effect, loadable
 from flexx2_sim_ros.effects.light import log_amplitude
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.formulas import on_images
@@ -109,11 +109,11 @@ def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
     """
     recording, placed = scene.recording, scene.placed
     frames = frames_of(recording)
-    # Later stages add noise or lose pixels, but shift no surface. An empirical correction does,
-    # and so does a filter over frames while the camera moves.
-    all_on = together(recording.given, effects)
-    every = [one for one in all_on if one.stage < Stage.NOISE or (scene.moving and _lags(one))]
-    every += [one.bias_alone() for one in all_on if isinstance(one, ResidualPatch)]
+    every = [
+        one.bias_alone() if isinstance(one, ResidualPatch) else one
+        for one in together(recording.given, effects)
+        if _shifts_surfaces(one, scene.moving)
+    ]
     if not every:
         return np.zeros((len(frames), *placed.clean.shape[-2:]), np.float32)
     # What motion changes depends on the frames before, not only on those that are looked at.
@@ -129,7 +129,28 @@ def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
     return np.nan_to_num(change[frames] if history else change)
 
 
-def _lags(effect: Effect) -> bool:
+def shift_alike(one: Mapping[str, Any], other: Mapping[str, Any], moving: bool) -> bool:
+    """Say whether all settings of effects that shift surfaces are the same objects in both."""
+    names = {*shifters(one, moving), *shifters(other, moving)}
+    return all(one.get(name) is other.get(name) for name in names)
+
+
+def shifters(effects: Iterable[str], moving: bool) -> list[str]:
+    """Return which effects shift surfaces in a still or moving scene."""
+    return [name for name in effects if _shifts_surfaces(loadable()[name], moving)]
+
+
+def _shifts_surfaces(effect: Effect | type[Effect], moving: bool) -> bool:
+    # Later stages add noise or lose pixels, but shift no surface. An empirical correction does,
+    # and so does a filter over frames while the camera moves.
+    return (
+        effect.stage < Stage.NOISE
+        or effect.name == ResidualPatch.name
+        or (moving and _lags(effect))
+    )
+
+
+def _lags(effect: Effect | type[Effect]) -> bool:
     return effect.filters and effect.keeps
 
 

@@ -38,12 +38,16 @@ class Searched:
     mismatch: np.ndarray
 
 
-def evaluations(shapes: Sequence[Shape]) -> int:
+def evaluations(shapes: Sequence[Shape], quick: bool = False) -> int:
     """Return about how often `search` calls ``evaluate``."""
+    if quick:
+        return (len(FORMS.quick) + 1) * len(shapes)
     return sum(1 + FORMS.fine * len(shape.free) for shape in shapes)
 
 
-def search(shapes: Sequence[Shape], start: Mapping[str, float], evaluate: Evaluate) -> Searched:
+def search(
+    shapes: Sequence[Shape], start: Mapping[str, float], evaluate: Evaluate, quick: bool = False
+) -> Searched:
     """
     Fit shapes from simple to flexible; return the one that left-out recordings pay for.
 
@@ -55,20 +59,20 @@ def search(shapes: Sequence[Shape], start: Mapping[str, float], evaluate: Evalua
         The effect's parameters as diagnosed.
     evaluate : callable
         From N sets of parameters to the (N, R) mismatch of each recording.
+    quick : bool
+        Whether only places around the start are tried, with few calls of ``evaluate``.
 
     """
     chosen: Searched | None = None
     for shape in shapes:
-        found = _fit(shape, {**start, **(chosen.together if chosen else {})}, evaluate)
+        found = _fit(shape, {**start, **(chosen.together if chosen else {})}, evaluate, quick)
         if chosen is None or is_surely_less(found.mismatch, chosen.mismatch):
             chosen = found
     assert chosen is not None
     return chosen
 
 
-def _fit(shape: Shape, start: Mapping[str, float], evaluate: Evaluate) -> Searched:
-    # Coarse to fine: a few places all over the box, then downhill from the best of them.
-    size = len(shape.free)
+def _fit(shape: Shape, start: Mapping[str, float], evaluate: Evaluate, quick: bool) -> Searched:
     tried: list[Numbers] = []
     values: list[np.ndarray] = []
 
@@ -79,8 +83,24 @@ def _fit(shape: Shape, start: Mapping[str, float], evaluate: Evaluate) -> Search
         values.extend(several)
         return np.asarray(several.mean(axis=1))
 
+    (_cross if quick else _descend)(look, _place(shape, start))
+    found = np.array(values)
+    # Which of all places suits the others best; the places themselves are the same for all.
+    rest = found.sum(axis=1, keepdims=True) - found
+    chosen = rest.argmin(axis=0)
+    return Searched(
+        shape,
+        tried[int(found.sum(axis=1).argmin())],
+        tuple(tried[i] for i in chosen),
+        found[chosen, np.arange(len(chosen))],
+    )
+
+
+def _descend(look: Callable[[np.ndarray], np.ndarray], start: np.ndarray) -> None:
+    # Coarse to fine: a few places all over the box, then downhill from the best of them.
+    size = len(start)
     spread = qmc.Halton(size, scramble=False).random(FORMS.coarse * size + 1)[1:]
-    coarse = np.concatenate([_place(shape, start)[None], spread])
+    coarse = np.concatenate([start[None], spread])
     best = coarse[np.argmin(look(coarse))]
     step = FORMS.simplex
     corners = [best + np.where(best > 0.5, -step, step) * unit for unit in np.eye(size)]
@@ -96,16 +116,33 @@ def _fit(shape: Shape, start: Mapping[str, float], evaluate: Evaluate) -> Search
             'fatol': 0.0,
         },
     )
-    found = np.array(values)
-    # Which of all places suits the others best; the places themselves are the same for all.
-    rest = found.sum(axis=1, keepdims=True) - found
-    chosen = rest.argmin(axis=0)
-    return Searched(
-        shape,
-        tried[int(found.sum(axis=1).argmin())],
-        tuple(tried[i] for i in chosen),
-        found[chosen, np.arange(len(chosen))],
-    )
+
+
+def _cross(look: Callable[[np.ndarray], np.ndarray], start: np.ndarray) -> None:
+    # Both neighbours along each axis, and on to the lowest point of the parabola through them.
+    for step in FORMS.quick:
+        arms = [sign * step * unit for unit in np.eye(len(start)) for sign in (-1, 1)]
+        places = np.clip([start, *(start + arm for arm in arms)], 0.0, 1.0)
+        values = look(places)
+        start = np.array(
+            [
+                _lowest(places[[2 * i + 1, 0, 2 * i + 2], i], values[[2 * i + 1, 0, 2 * i + 2]])
+                for i in range(len(start))
+            ]
+        )
+    look(start[None])
+
+
+def _lowest(places: np.ndarray, values: np.ndarray) -> float:
+    # Between three places in order, two of which may be the same at a bound.
+    left, right = np.diff(places)
+    if left > 0 and right > 0:
+        before, after = np.diff(values) / (left, right)
+        bend = (after - before) / (left + right)
+        if bend > 0:
+            vertex = (places[0] + places[1]) / 2 - before / (2 * bend)
+            return float(np.clip(vertex, places[0], places[2]))
+    return float(places[np.argmin(values)])
 
 
 def _numbers(shape: Shape, place: np.ndarray) -> Numbers:

@@ -27,7 +27,7 @@ from flexx2_sim_ros.gap.forms.fitting import own_motion
 from flexx2_sim_ros.gap.forms.geometry import slopes_of
 from flexx2_sim_ros.gap.forms.noise import Noise, noise_of
 from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
-from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_of
+from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_alike, shift_of, shifters
 import numpy as np
 
 Settings = dict[str, dict[str, Any]]
@@ -177,12 +177,16 @@ def judge(
     """
     looked, several = job
     recording = first_frames(read(looked.found, profile, known), frames)
-    out = []
+    moving = recording.clean.ndim == 3
+    out: list[dict[str, float]] = []
+    before: Settings | None = None
     for effects in several:
         own = with_uptime(effects, recording.uptime)
-        scene = _settled(looked, recording, own)[1]
-        both = (_measured(scene, one) for one in (recording.depth, scene.simulate(own, seed)))
-        out.append(_apart(*both))
+        if before is None or not shift_alike(effects, before, moving):
+            scene = _settled(looked, recording, own)[1]
+            real = _measured(scene, recording.depth)
+        before = effects
+        out.append(_apart(real, _measured(scene, scene.simulate(own, seed))))
     return out
 
 
@@ -299,6 +303,8 @@ def _settled(
     looked: Looked, recording: RecordingData, effects: Settings
 ) -> tuple[np.ndarray, PlacedScene]:
     samples = looked.samples
+    if not shifters(effects, recording.clean.ndim == 3):  # It is settled already.
+        return samples.motion, PlacedScene.at(recording, samples.motion)
     return settled(recording, looked.registered, samples.motion, samples.spread, effects)
 
 

@@ -11,7 +11,7 @@ from flexx2_sim_ros.effects import Effect, loadable, save_effects
 from flexx2_sim_ros.effects.tables import PixelMap
 from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import covariate_of
-from flexx2_sim_ros.gap.forms.calibrating import Proposal, Verdict
+from flexx2_sim_ros.gap.forms.proposals import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.work import Looked
 from flexx2_sim_ros.gap.report.text import percent, spaced
 from flexx2_sim_ros.gap.report.words import why_dropped

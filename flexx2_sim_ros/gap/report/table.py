@@ -27,6 +27,7 @@ from flexx2_sim_ros.gap.inference.told import told
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.report.age import age_table, arrival_of, with_delay
+from flexx2_sim_ros.gap.report.words import constants_of
 import numpy as np
 
 SCHEMA = 2
@@ -96,8 +97,9 @@ def verdict_of(table: dict[str, Any]) -> str:
     """
     Return the verdict of a diagnosis after its effects were simulated.
 
-    Effects of the camera that close less than half of the gap explain it partly. An error of the
-    poses is not simulated: what the others do beside it shows at the fitted poses.
+    Effects of the camera that close less than half of the gap explain it partly, and so do those
+    whose form is a constant: other causes do the same. An error of the poses is not simulated:
+    what the others do beside it shows at the fitted poses.
     """
     verdict, pose = str(table['verdict']), of_role('pose').name
     names = [row['name'] for row in table['effects']]
@@ -105,7 +107,8 @@ def verdict_of(table: dict[str, Any]) -> str:
     gap = table['gap']
     posed = pose in names and gap['measured_by'] == 'distance'
     closes = (gap['at_fitted_poses'] if posed else gap)['shrink'] >= THRESHOLDS.partly
-    return 'partly' if verdict == 'identified' and simulated and not closes else verdict
+    sure = closes and not constants_of(table)
+    return 'partly' if verdict == 'identified' and simulated and not sure else verdict
 
 
 def calibrated_table(

@@ -73,6 +73,11 @@ def calibrations(table: dict[str, Any]) -> list[dict[str, Any]]:
     return rows
 
 
+def constants_of(table: dict[str, Any]) -> list[str]:
+    """Return the named effects whose form hardly varies with what they are a function of."""
+    return [row['name'] for row in calibrations(table) if row['varies'] < THRESHOLDS.varies]
+
+
 def _taken(table: dict[str, Any]) -> list[dict[str, Any]]:
     return [row for row in calibrations(table) if row['taken']]
 
@@ -175,16 +180,24 @@ def sentences(table: dict[str, Any]) -> list[str]:
 
 def _calibrated(table: dict[str, Any]) -> list[str]:
     # Which effects have another form than that of the catalogue.
-    taken = _taken(table)
+    taken, same = _taken(table), [*map(_constant, constants_of(table))]
     if not taken:
-        return []
+        return same
     forms = ', '.join(f'{spaced(row["name"])} ({row["form"]})' for row in taken)
     removed = percent(table['calibration']['typical_gap']['shrink'])
     return [
         f'Calibrated: {forms}, fitted to these recordings. In the form of the catalogue, the '
         f'effects would remove {removed} of the gap.',
         *map(why_dropped, table['calibration']['dropped']),
+        *same,
     ]
+
+
+def _constant(name: str) -> str:
+    return (
+        f'{spaced(name)}: its fitted form is about the same everywhere in these recordings. '
+        'A cause that does not depend on the same quantity may do this as well.'
+    )
 
 
 def why_dropped(name: str) -> str:

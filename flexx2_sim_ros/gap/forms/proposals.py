@@ -1,0 +1,119 @@
+"""A form for an effect, and whether left-out recordings pay for it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flexx2_sim_ros.gap.calibration.features import FEATURES
+from flexx2_sim_ros.gap.calibration.forms import FORMS
+from flexx2_sim_ros.gap.features.physical import distance
+from flexx2_sim_ros.gap.forms.fitting import is_surely_less
+from flexx2_sim_ros.gap.inference.improvement import measured
+import numpy as np
+
+# Measures that the distance has no part of, with the change of each that matters.
+_OTHERS = {
+    'edge_sigma': FEATURES.tolerances['bias'],
+    'log_variance': FEATURES.tolerances['log_variance'],
+    'correlation': FEATURES.tolerances['neighbour'],
+    'lag': FEATURES.tolerances['lag'],
+}
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """
+    A form for one effect.
+
+    Attributes
+    ----------
+    effect, label : str
+        Its name, and which form.
+    together : mapping
+        Settings fitted to all recordings.
+    without : tuple of mapping
+        The same without each recording in turn.
+    varies : float
+        How much a curve or table varies in the recordings: its standard deviation over its root
+        mean square, 0..1. An effect that is the same everywhere acts like a constant. 1 for other
+        forms.
+
+    """
+
+    effect: str
+    label: str
+    together: dict[str, Any]
+    without: tuple[dict[str, Any], ...]
+    varies: float = 1.0
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """
+    Whether a proposal is taken.
+
+    Attributes
+    ----------
+    proposal : Proposal
+    before, after : numpy.ndarray
+        (R,) how far each recording is from its simulation, with the effect as diagnosed and with
+        the form fitted without this recording; see `physical.distance`.
+    taken : bool
+    worse : tuple of str
+        Measures outside the distance that get significantly worse.
+
+    """
+
+    proposal: Proposal
+    before: np.ndarray
+    after: np.ndarray
+    taken: bool
+    worse: tuple[str, ...] = ()
+
+    def as_table(self) -> dict[str, Any]:
+        """Return it for a JSON file."""
+        return {
+            'name': self.proposal.effect,
+            'form': self.proposal.label,
+            'taken': self.taken,
+            'before': float(self.before.mean()),
+            'after': float(self.after.mean()),
+            'recordings_better': int((self.after < self.before).sum()),
+            'worse': list(self.worse),
+            'varies': round(self.proposal.varies, 3),
+        }
+
+
+def totals(apart: Sequence[dict[str, float]]) -> np.ndarray:
+    """Return (R,) `physical.distance` of several recordings."""
+    return np.array([distance(one) for one in apart])
+
+
+def judged(
+    proposal: Proposal, before: Sequence[dict[str, float]], after: Sequence[dict[str, float]]
+) -> Verdict:
+    """
+    Take a proposal if left-out recordings are nearer by more than the standard error.
+
+    It is also taken if they are as near, and a measure outside the distance gets significantly
+    better and none worse: the kernel of a filter over frames shows in their correlation alone.
+    """
+    old, new = totals(before), totals(after)
+    nearer = float((old - new).mean()) > FORMS.least and is_surely_less(new, old)
+    others = {
+        unit: measured(
+            np.array([[a[unit], b[unit], 0.0] for a, b in zip(before, after, strict=True)]), limit
+        )
+        for unit, limit in _OTHERS.items()
+    }
+    worse = tuple(unit for unit, one in others.items() if one['worse'])
+    better = any(one['better'] for one in others.values())
+    taken = nearer or (better and not worse and not is_surely_less(old, new))
+    return Verdict(proposal, old, new, taken, worse)
+
+
+def variation(values: np.ndarray, weights: np.ndarray | None = None) -> float:
+    """Return the standard deviation of values over their root mean square, 0..1."""
+    square = np.average(values**2, weights=weights)
+    mean = np.average(values, weights=weights)
+    return float(np.sqrt(max(1 - mean**2 / square, 0.0))) if square > 0 else 0.0
