@@ -3,8 +3,8 @@ How much of the loss of moving recordings a wrong latency takes off, and a true 
 
 Records the blind camera (development seeds, 8 recordings of 12 frames, 80 x 62 pixels, poses
 wrong by 2 mm) without an effect, and with effects that could be taken for a latency, or are one.
-``SEARCH.latency_gains`` lies between what it prints for the two. A filter over frames is told apart
-by the lag that still scenes show.
+``SEARCH.latency_gains`` lies between what it prints for the two. A filter over frames is told
+apart by the lag that still scenes show.
 
 python -m bench.gap_latency --seeds 31,32,33,34
 """
