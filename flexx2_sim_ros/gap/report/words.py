@@ -75,7 +75,9 @@ def calibrations(table: dict[str, Any]) -> list[dict[str, Any]]:
 
 def constants_of(table: dict[str, Any]) -> list[str]:
     """Return the named effects whose form hardly varies with what they are a function of."""
-    return [row['name'] for row in calibrations(table) if row['varies'] < THRESHOLDS.varies]
+    return [
+        row['name'] for row in calibrations(table) if row.get('varies', 1.0) < THRESHOLDS.varies
+    ]
 
 
 def _taken(table: dict[str, Any]) -> list[dict[str, Any]]:
