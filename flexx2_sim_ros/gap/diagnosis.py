@@ -37,6 +37,7 @@ from flexx2_sim_ros.gap.report.reading import diagnosed
 from flexx2_sim_ros.gap.report.table import (
     calibrated_table,
     diagnosis_table,
+    makes_larger,
     patch_table,
     verdict_of,
 )
@@ -78,6 +79,12 @@ class _Named:
         Of each recording, with `forms` where those are taken.
     motions : list of numpy.ndarray
         Where the camera of each recording was in `confirmed`.
+    decision : Decision
+        What was decided.
+    used : list of Found
+        The recordings, at the noise level of the decision.
+    simulator : Simulator
+        Of these.
 
     """
 
@@ -88,11 +95,15 @@ class _Named:
     forms: Calibrated | None
     confirmed: list[Outcome]
     motions: list[np.ndarray]
+    decision: Decision
+    used: list[Found]
+    simulator: Simulator
 
     def table(
-        self, model: Model, decision: Decision, used: list[Found], left_out: list[tuple[str, str]]
+        self, model: Model, used: list[Found], left_out: list[tuple[str, str]]
     ) -> dict[str, Any]:
         """Return the table of the diagnosis, as far as it is about the named effects."""
+        decision = self.decision
         out = diagnosis_table(model, decision, self.fitted, self.first, used, left_out)
         if self.forms is not None:
             out = calibrated_table(out, model, decision, self.forms, self.confirmed, self.motions)
@@ -190,16 +201,21 @@ def diagnose(
         )
         model = Model(evidence, columns, prior)
         decision = _decide(model, candidates, hidden, progress)
-        as_noisy, noisy = noisier(used, profile, 1 + decision.accepted.sigma)
-        simulator = Simulator(mapped, noisy, known, seed, tuple(prior))
-        named = _simulate_named(model, decision, as_noisy, simulator, calibrate, progress)
-        effects, table = named.effects, named.table(model, decision, used, left_out + unusable)
+        left_out = left_out + unusable
+        simulator = Simulator(mapped, profile, known, seed, tuple(prior))
+        named = _simulate_named(model, decision, used, simulator, calibrate, progress)
+        table = named.table(model, used, left_out)
+        if makes_larger(table):
+            decision = decision.refused()
+            named = _simulate_named(model, decision, used, simulator, calibrate, progress)
+            table = named.table(model, used, left_out)
+        effects = named.effects
         table['settings'] = _settings(found[0], seed, pose_prior, known)
         posed = bool(model.own.posed.any())
         table['not_considered'] = _not_considered(without, known, no_phases, posed, hidden)
         if decision.verdict == 'unknown' and ResidualPatch.name not in known:
             step = stepper(progress, 'simulating the correction', 0.96, 0.02, len(used))
-            effects, table['patch'] = _correction(model, decision, as_noisy, simulator, step)
+            effects, table['patch'] = _correction(model, named, step)
         if request is not None:
             later = portion(whole, _BEFORE_COST, 0.98 - _BEFORE_COST)
             table['cost'] = _cost(request, table, effects, campaign_dir, used, mapped, later)
@@ -260,6 +276,8 @@ def _simulate_named(
     calibrate: bool,
     progress: Progress,
 ) -> _Named:
+    used, noisy = noisier(used, simulator.profile, 1 + decision.accepted.sigma)
+    simulator = replace(simulator, profile=noisy)
     fitted = fitted_effects(model, decision.accepted)
     held_out = held_out_effects(model, decision.accepted)
     step = stepper(progress, 'simulating the outcome', 0.65, 0.13, 2 * len(used))
@@ -268,7 +286,9 @@ def _simulate_named(
     motions = model.own.found(decision.accepted.nuisances)
     elsewhere = Elsewhere(model, used, _is_posed(fitted), simulator)
     first = elsewhere.measured(first, motions, map(of_camera, held_out), step)
-    plain_ones = _Named(fitted, fitted, held_out, first, None, first, motions)
+    plain_ones = _Named(
+        fitted, fitted, held_out, first, None, first, motions, decision, used, simulator
+    )
     if not calibrate:
         return plain_ones
     total = rounds_of_named(fitted) * len(used)
@@ -306,16 +326,13 @@ def _confirm(
 
 
 def _correction(
-    model: Model,
-    decision: Decision,
-    used: list[Found],
-    simulator: Simulator,
-    step: Callable[[], None],
+    model: Model, named: _Named, step: Callable[[], None]
 ) -> tuple[list[Effect], dict[str, Any]]:
     # The correction without a cause, or nothing if it does not help; and what it does.
+    decision, used = named.decision, named.used
     patch = fit_patch(model, decision.base.residual(model))
     fitted, shown = [[one] for one in patch.without], [False] * len(used)
-    patched = _confirm(model, decision, fitted, used, shown, simulator, step)
+    patched = _confirm(model, decision, fitted, used, shown, named.simulator, step)
     table = patch_table(patch, model, patched)
     return [patch.effect] if table['offered'] else [], table
 

@@ -111,6 +111,12 @@ class Thresholds:
         0.08, 'excess loss', 'effects that explain less are not named', DEVELOPMENT
     )
     partly: float = constant(0.5, 'excess loss', 'more left than this is partly explained')
+    larger: float = constant(
+        0.1,
+        '',
+        'effects that, simulated, make the gap larger by more than this are not named',
+        'python -m bench.gap_larger: no effect of such a campaign was a true one',
+    )
     varies: float = constant(
         0.1,
         '',

@@ -116,6 +116,20 @@ class Decision:
         """Return whether there is a gap, explained or not."""
         return self.verdict not in ('none', 'not_decidable')
 
+    def refused(self) -> 'Decision':
+        """Return the decision without a cause: the effects chosen are the first alternatives."""
+        alone = {one.fit.candidates[-1].effect: one.fit for one in self.considered}
+        rows = zip(
+            self.chosen.candidates, self.shares, self.intervals, self.confidences, strict=True
+        )
+        chosen = [
+            Alternative(alone[candidate.effect], (), share, interval, confidence)
+            for candidate, share, interval, confidence in rows
+            if candidate.effect in alone
+        ]
+        others = [replace(one, instead_of=()) for one in self.alternatives]
+        return replace(self, verdict='unknown', alternatives=[*chosen, *others])
+
 
 def decide(
     model: Model,

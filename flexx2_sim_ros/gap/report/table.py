@@ -27,7 +27,7 @@ from flexx2_sim_ros.gap.inference.told import told
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.report.age import age_table, arrival_of, with_delay
-from flexx2_sim_ros.gap.report.words import constants_of
+from flexx2_sim_ros.gap.report.words import camera_effects, constants_of
 import numpy as np
 
 SCHEMA = 2
@@ -101,14 +101,24 @@ def verdict_of(table: dict[str, Any]) -> str:
     whose form is a constant: other causes do the same. An error of the poses is not simulated:
     what the others do beside it shows at the fitted poses.
     """
-    verdict, pose = str(table['verdict']), of_role('pose').name
+    verdict = str(table['verdict'])
     names = [row['name'] for row in table['effects']]
-    simulated = names[:1] not in ([], [pose])
-    gap = table['gap']
-    posed = pose in names and gap['measured_by'] == 'distance'
-    closes = (gap['at_fitted_poses'] if posed else gap)['shrink'] >= THRESHOLDS.partly
-    sure = closes and not constants_of(table)
+    simulated = names[:1] not in ([], [of_role('pose').name])
+    sure = _closes(table) >= THRESHOLDS.partly and not constants_of(table)
     return 'partly' if verdict == 'identified' and simulated and not sure else verdict
+
+
+def makes_larger(table: dict[str, Any]) -> bool:
+    """Return whether the named effects of the camera make the gap larger when simulated."""
+    measured = bool(camera_effects(table)) and table['gap']['measured_by'] == 'distance'
+    return measured and _closes(table) < -THRESHOLDS.larger
+
+
+def _closes(table: dict[str, Any]) -> float:
+    # The fraction of the gap that goes away, at the fitted poses where an error of them is named.
+    gap, names = table['gap'], [row['name'] for row in table['effects']]
+    posed = of_role('pose').name in names and gap['measured_by'] == 'distance'
+    return float((gap['at_fitted_poses'] if posed else gap)['shrink'])
 
 
 def calibrated_table(

@@ -1,4 +1,4 @@
-"""A diagnosis fits forms of filters with few simulations, and doubts what is a constant."""
+"""A diagnosis simulates what it names: it fits forms, doubts constants, refuses what harms."""
 
 from pathlib import Path
 
@@ -6,9 +6,13 @@ from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.effects.shapes import Free, Shape
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.data.campaign import Found
+from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.forms.search import evaluations, Numbers, search
 from flexx2_sim_ros.gap.forms.work import judge, look, Looked
-from flexx2_sim_ros.gap.work import find
+from flexx2_sim_ros.gap.inference.decide import decide
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.report.table import makes_larger
+from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
 import numpy as np
 import pytest
@@ -87,3 +91,42 @@ def _looked(file: Found, effects: dict[str, dict[str, float]]) -> Looked:
     looked = look((file, effects, None), None, {}, PRIOR, 0)
     assert isinstance(looked, Looked)
     return looked
+
+
+@pytest.mark.parametrize(
+    ('names', 'shrink', 'fitted', 'by', 'larger'),
+    [
+        (['offset'], -0.3, 0.0, 'distance', True),
+        (['offset'], -0.05, 0.0, 'distance', False),  # within what a prediction is wrong by
+        (['offset'], 0.9, 0.0, 'distance', False),
+        (['quantisation'], -0.3, 0.0, 'loss', False),  # a misfit, not a distance
+        (['offset', 'pose_error'], -0.9, 0.4, 'distance', False),  # the given poses are wrong
+        (['offset', 'pose_error'], -0.9, -0.2, 'distance', True),
+        (['pose_error'], 0.0, -0.2, 'distance', False),
+    ],
+)
+def test_which_effects_make_the_gap_larger(
+    names: list[str], shrink: float, fitted: float, by: str, larger: bool
+) -> None:
+    gap = {'shrink': shrink, 'at_fitted_poses': {'shrink': fitted}, 'measured_by': by}
+    assert makes_larger({'effects': [{'name': name} for name in names], 'gap': gap}) is larger
+
+
+def test_effects_that_are_refused_are_the_first_alternatives(tmp_path: Path) -> None:
+    write_campaign(tmp_path, effects={'offset': {'bias': 0.02}}, seed=44, **SIZE)
+    prior = np.array(PRIOR)
+    columns, candidates = catalogue()
+    with workers(1, None) as mapped:
+        files, out = find(tmp_path, None, mapped)
+        simulations = Simulations(None, columns, 0, PRIOR, {}, {})
+        _, evidence, _ = summarise_all(tmp_path, files, out, simulations, mapped, lambda: None)
+    decision = decide(Model(evidence, columns, prior), candidates)
+    named = [one.effect for one in decision.accepted.candidates]
+    assert named
+    refused = decision.refused()
+    assert refused.verdict == 'unknown'
+    assert not refused.accepted.candidates
+    first = refused.alternatives[: len(named)]
+    assert [one.fit.candidates[-1].effect for one in first] == named
+    assert [one.confidence for one in first] == decision.confidences
+    assert not any(one.instead_of for one in refused.alternatives)
