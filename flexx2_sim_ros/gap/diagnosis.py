@@ -206,8 +206,8 @@ def diagnose(
         named = _simulate_named(model, decision, used, simulator, calibrate, progress)
         table = named.table(model, used, left_out)
         if makes_larger(table):
-            decision = decision.refused()
-            named = _simulate_named(model, decision, used, simulator, calibrate, progress)
+            decision, still = decision.refused(), portion(progress, 0.98, 0.0)
+            named = _simulate_named(model, decision, used, simulator, calibrate, still)
             table = named.table(model, used, left_out)
         effects = named.effects
         table['settings'] = _settings(found[0], seed, pose_prior, known)
