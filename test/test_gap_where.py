@@ -18,7 +18,7 @@ from flexx2_sim_ros.gap.features.pixel_groups import (
     GroupSums,
     PixelGroups,
 )
-from flexx2_sim_ros.gap.features.simulation import scenes_of
+from flexx2_sim_ros.gap.features.simulation import Scenes
 from flexx2_sim_ros.gap.inference.cover import cover
 from flexx2_sim_ros.gap.inference.main_covariate import main_covariate
 from flexx2_sim_ros.gap.inference.told import told, uncertainty_coefficient
@@ -266,7 +266,7 @@ def test_groups_show_what_an_effect_changes_and_where() -> None:
         None,
     )
     placed = Placed(clean, rho, None, 0)
-    sums = GroupSums(recording, clean, rho, scenes_of(recording, placed))
+    sums = GroupSums(recording, clean, rho, Scenes(recording, placed))
     before, after = sums.add(plain), sums.add(real)
     groups = sums.groups(after, [before], [after], 12)
     # Of the sums themselves: each pixel once a frame.

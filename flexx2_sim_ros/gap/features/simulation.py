@@ -1,5 +1,6 @@
 """Simulation of a recording's scene: without effects, and with effects (common random numbers)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +29,7 @@ class PlacedScene:
         The recording.
     placed : Placed
         Clean depth and reflectivity from the fitted pose.
-    covariates : list of PixelCovariates
+    covariates : sequence of PixelCovariates
         One for a still scene, otherwise one for each frame.
     warm : int
         How many frames after a gap are left out.
@@ -37,14 +38,14 @@ class PlacedScene:
 
     recording: RecordingData
     placed: Placed
-    covariates: list[PixelCovariates]
+    covariates: Sequence[PixelCovariates]
     warm: int
 
     @classmethod
     def at(cls, recording: RecordingData, motion: np.ndarray) -> 'PlacedScene':
         """Return the scene where the camera was moved by ``motion``, as for `place`."""
         placed = place(recording, motion)
-        return cls(recording, placed, scenes_of(recording, placed), warm_of(recording.fresh))
+        return cls(recording, placed, Scenes(recording, placed), warm_of(recording.fresh))
 
     @property
     def moving(self) -> bool:
@@ -60,20 +61,54 @@ class PlacedScene:
         return simulate(self.recording, self.placed.clean, self.placed.reflectivity, effects, seed)
 
 
-def scenes_of(recording: RecordingData, placed: Placed) -> list[PixelCovariates]:
-    """Return the covariates of each frame; of the one image if the scene is still."""
-    K, mode = recording.K, recording.mode  # noqa: N806
-    clean, rho, known, border = placed.clean, placed.reflectivity, placed.known, placed.border
-    if clean.ndim == 2:
-        return [look_at(clean, None, 0.0, rho, K, mode, recording.axes, border, known)]
-    out = []
-    for t, image in enumerate(clean):
-        # The first frame of a segment has no frame before it.
-        before = None if recording.fresh[t] or t == 0 else clean[t - 1]
-        interval = float(recording.stamp[t] - recording.stamp[t - 1]) * 1e-9
-        albedo, mask = (one if one is None or one.ndim == 2 else one[t] for one in (rho, known))
-        out.append(look_at(image, before, interval, albedo, K, mode, recording.axes, border, mask))
-    return out
+class Scenes(Sequence[PixelCovariates]):
+    """
+    The covariates of each frame, or of the one image of a still scene, made when first asked for.
+
+    Parameters
+    ----------
+    recording : RecordingData
+        The recording.
+    placed : Placed
+        Its registered scene.
+
+    """
+
+    def __init__(self, recording: RecordingData, placed: Placed) -> None:
+        """Remember what they are made of."""
+        self._recording, self._placed = recording, placed
+        self._made: dict[int, PixelCovariates] = {}
+
+    def __len__(self) -> int:
+        """Return the number of clean images."""
+        return 1 if self._placed.clean.ndim == 2 else len(self._placed.clean)
+
+    def __getitem__(self, t: Any) -> Any:
+        """Return the covariates of a clean image, or a list of them for a slice."""
+        if isinstance(t, slice):
+            return [self[i] for i in range(*t.indices(len(self)))]
+        if not 0 <= t < len(self):
+            raise IndexError(t)
+        if t not in self._made:
+            self._made[t] = self._make(int(t))
+        return self._made[t]
+
+    def _make(self, t: int) -> PixelCovariates:
+        one, placed = self._recording, self._placed
+        if placed.clean.ndim == 2:
+            clean, before, interval = placed.clean, None, 0.0
+        else:
+            # The first frame of a segment has no frame before it.
+            clean = placed.clean[t]
+            before = None if one.fresh[t] or t == 0 else placed.clean[t - 1]
+            interval = float(one.stamp[t] - one.stamp[t - 1]) * 1e-9
+        albedo, known = (
+            image if image is None or image.ndim == 2 else image[t]
+            for image in (placed.reflectivity, placed.known)
+        )
+        return look_at(
+            clean, before, interval, albedo, one.K, one.mode, one.axes, placed.border, known
+        )
 
 
 def simulate(

@@ -77,7 +77,7 @@ class Work:
     Attributes
     ----------
     judge : callable
-        `work.judge` of several jobs, with the number of frames.
+        `work.judge` of several jobs, with the number of frames, and whether poses settle once.
     pixels : callable
         `work.look_at_pixels` of several jobs.
     rests : callable
@@ -87,7 +87,7 @@ class Work:
 
     """
 
-    judge: Callable[[Jobs, int | None], list[list[dict[str, float]]]]
+    judge: Callable[[Jobs, int | None, bool], list[list[dict[str, float]]]]
     pixels: Callable[[list[tuple[Looked, Settings]]], list[PixelErrors]]
     rests: Callable[[list[tuple[Looked, Settings]]], list[Rest]]
     again: Callable[[Sequence[Looked], Sequence[Settings]], list[Looked]]
@@ -95,7 +95,7 @@ class Work:
     def apart(self, looked: Sequence[Looked], now: Sequence[Settings]) -> list[dict[str, float]]:
         """Return `physical.distances` of each recording with settings of its own."""
         jobs = [(one, [own]) for one, own in zip(looked, now, strict=True)]
-        return [several[0] for several in self.judge(jobs, None)]
+        return [several[0] for several in self.judge(jobs, None, False)]
 
 
 def calibrate_effects(
@@ -227,7 +227,7 @@ def _searched(
             (one, [{**own, name: {**own[name], **numbers}} for numbers in sets])
             for one, own in zip(looked, now, strict=True)
         ]
-        several = work.judge(jobs, FORMS.frames)
+        several = work.judge(jobs, FORMS.frames, quick)
         return np.array([[one['mismatch'] for one in part] for part in several]).T
 
     found = search(shapes_of(name, quick), now[0][name], evaluate, quick)

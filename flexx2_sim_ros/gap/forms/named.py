@@ -64,8 +64,10 @@ class Simulator:
     def work(self, step: Step) -> Work:
         """Return the work on recordings, with a function to call after each one is judged."""
 
-        def judge_all(jobs: Jobs, frames: int | None) -> list[list[dict[str, float]]]:
-            return self.run(judge, jobs, step, frames=frames)
+        def judge_all(
+            jobs: Jobs, frames: int | None, settle_once: bool
+        ) -> list[list[dict[str, float]]]:
+            return self.run(judge, jobs, step, frames=frames, settle_once=settle_once)
 
         def again(some: Sequence[Looked], now: Sequence[Settings]) -> list[Looked]:
             return self.run(look_again, list(zip(some, now, strict=True)), _nothing)

@@ -161,12 +161,14 @@ def judge(
     known: Table,
     seed: int,
     frames: int | None = None,
+    settle_once: bool = False,
 ) -> list[dict[str, float]]:
     """
     Simulate a recording's scene with several settings of effects; return how far both are apart.
 
     Each settings get the pose that suits them best, and the same random numbers. With ``frames``
-    only so many first frames are compared.
+    only so many first frames are compared. With ``settle_once``, all settings get the pose that
+    suits the first ones.
 
     Returns
     -------
@@ -182,7 +184,8 @@ def judge(
     before: Settings | None = None
     for effects in several:
         own = with_uptime(effects, recording.uptime)
-        if before is None or not shift_alike(effects, before, moving):
+        alike = before is not None and (settle_once or shift_alike(effects, before, moving))
+        if not alike:
             scene = _settled(looked, recording, own)[1]
             real = _measured(scene, recording.depth)
         before = effects
