@@ -17,6 +17,7 @@ from flexx2_sim_ros.validation.benchmark import (
     score,
     TEST,
 )
+from flexx2_sim_ros.validation.benchmark.answers import joined, read_answers, write_answers
 from flexx2_sim_ros.validation.benchmark.realised import realised_gap
 from flexx2_sim_ros.validation.benchmark.report import (
     draw_confusion,
@@ -227,6 +228,45 @@ def test_an_interrupted_run_resumes(tmp_path: Path, design: list[Planned]) -> No
     # Once more: nothing left to do.
     assert len(run(tmp_path).answers) == len(design)
     assert len(CALLS) == len(design)
+
+
+def test_a_run_is_finished_from_the_answers_of_an_earlier_part(
+    tmp_path: Path, design: list[Planned]
+) -> None:
+    first, later, file = tmp_path / 'first', tmp_path / 'later', tmp_path / 'answers.jsonl'
+    run(first, limit=2)
+    write_answers(score(first, partly=True), file)
+    earlier = read_answers(file)
+    assert str(earlier) == str(score(first, partly=True))
+    CALLS.clear()
+    scores = joined(earlier, run(later, earlier=earlier))
+    assert len(CALLS) == len(design) - 2
+    assert sorted(a.planned.key for a in scores.answers) == sorted(one.key for one in design)
+    write_page(scores, tmp_path / 'page.md', 'flexx2 gap benchmark', 'c.png')
+    page = (tmp_path / 'page.md').read_text()
+    assert f'{len(design)} cases; it was run in 2 parts' in page
+    assert all(one['sha256'] in page for one in (earlier.commitment, scores.commitment))
+    # A third part would have nothing to do.
+    write_answers(scores, file)
+    assert read_answers(file).planned == len(design)
+    with pytest.raises(InputError, match='must leave cases to run'):
+        run(tmp_path / 'third', earlier=read_answers(file))
+
+
+def test_an_earlier_part_must_be_of_the_same_run(tmp_path: Path, design: list[Planned]) -> None:
+    file = tmp_path / 'answers.jsonl'
+    run(tmp_path / 'first', limit=1)
+    scores = score(tmp_path / 'first', partly=True)
+    for name, value in ('code', 'of another version'), ('seed_set', 'test'), ('quick', True):
+        write_answers(replace(scores, commitment={**scores.commitment, name: value}), file)
+        with pytest.raises(InputError, match=f'--earlier: must be of a run with the same {name}'):
+            run(tmp_path / 'later', earlier=read_answers(file))
+    for text in ('', 'no JSON', '{"commitment": {}}', '{}\n[1]'):
+        file.write_text(text)
+        with pytest.raises(InputError, match='--earlier: must be the answers of a benchmark'):
+            read_answers(file)
+    with pytest.raises(InputError, match='cannot be read'):
+        read_answers(tmp_path / 'absent')
 
 
 def test_the_diagnosis_sees_recordings_and_nothing_else(

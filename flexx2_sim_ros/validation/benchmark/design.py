@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
+import json
 from typing import Any
 
 from flexx2_sim_ros.validation.benchmark.seeds import SeedRange
@@ -101,6 +102,11 @@ class Planned:
             self.seed,
             internals=Internals(**self.internals),
         )
+
+    @property
+    def key(self) -> str:
+        """Return a text that is the same for the same case only."""
+        return json.dumps(self.to_json(), sort_keys=True)
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain values."""

@@ -92,8 +92,7 @@ def write_page(scores: Scores, path: Path, command: str, picture: str) -> None:
         '([blind_camera.md](blind_camera.md)). Brackets are 95 % Wilson intervals.',
         '',
         f'`{command}`, {facts["date"]}, {facts["seed_set"]} seeds, '
-        f'version {facts["version"]}, {_cases(scores)}; the labels were sealed before '
-        f'the run (SHA-256 `{facts["sha256"]}`).',
+        f'version {facts["version"]}, {_cases(scores)}; {_seals(scores)}.',
         '',
     ]
     for sheet in sheets(scores):
@@ -108,8 +107,18 @@ def write_page(scores: Scores, path: Path, command: str, picture: str) -> None:
     write_text(path, '\n'.join(lines))
 
 
+def _seals(scores: Scores) -> str:
+    *earlier, last = (f'`{one["sha256"]}`' for one in (*scores.earlier, scores.commitment))
+    if not earlier:
+        return f'the labels were sealed before the run (SHA-256 {last})'
+    return (
+        f'it was run in {len(earlier) + 1} parts, and the labels of each were sealed before it '
+        f'(SHA-256 {", ".join(earlier)} and {last})'
+    )
+
+
 def _cases(scores: Scores) -> str:
-    done, planned = len(scores.answers), scores.commitment['cases']
+    done, planned = len(scores.answers), scores.planned
     if done == planned:
         return f'{done} cases'
     return (

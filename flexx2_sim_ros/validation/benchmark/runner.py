@@ -14,6 +14,7 @@ from typing import Any
 from flexx2_sim_ros import __version__, processes
 from flexx2_sim_ros.atomic import output_folder, scratch_folder, whole, write_text
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.validation.benchmark.answers import code_digest, not_answered
 from flexx2_sim_ros.validation.benchmark.baselines import all_baselines
 from flexx2_sim_ros.validation.benchmark.design import make_design, Planned
 from flexx2_sim_ros.validation.benchmark.realised import realised_gap
@@ -41,6 +42,7 @@ def run_benchmark(
     diagnoser: str = DIAGNOSE,
     measurer: str = MEASURE,
     limit: int | None = None,
+    earlier: Scores | None = None,
     console: Console | None = None,
 ) -> Scores | None:
     """
@@ -63,35 +65,35 @@ def run_benchmark(
         ``module:function`` of `diagnose` and `measure`.
     limit : int, optional
         Stop after this many new cases.
+    earlier : Scores, optional
+        An earlier part of the run, from `read_answers`: its cases are not run again.
     console : rich.console.Console, optional
         For the progress bar.
 
     Returns
     -------
     Scores or None
-        None when cases are missing.
+        Without those of the earlier part; None when cases are missing.
 
     Raises
     ------
     InputError
-        For test seeds without a release, or a folder of another benchmark.
+        For test seeds without a release, a folder of another benchmark, or an earlier part that
+        is of another run.
 
     """
     if jobs < 1:
         raise InputError(f'--jobs: must be at least 1, got {jobs}')
-    design = make_design(seed_range(seed_set, release), quick)
+    facts = {
+        'seed_set': seed_set,
+        'quick': quick,
+        'version': __version__,
+        'code': code_digest(),
+        'date': datetime.datetime.now(datetime.UTC).strftime('%Y-%m-%d %H:%M UTC'),
+    }
+    design = not_answered(make_design(seed_range(seed_set, release), quick), earlier, facts)
     results = output_folder(out / 'results')
-    sealed = seal(
-        design,
-        out / 'sealed',
-        out,
-        {
-            'seed_set': seed_set,
-            'quick': quick,
-            'version': __version__,
-            'date': datetime.datetime.now(datetime.UTC).strftime('%Y-%m-%d %H:%M UTC'),
-        },
-    )
+    sealed = seal(design, out / 'sealed', out, facts)
     left = [name for name in sealed.cases if not (results / f'{name}.json').is_file()]
     left = left[:limit]
     _run(out, sealed, left, jobs, diagnoser, measurer, console or Console(stderr=True))

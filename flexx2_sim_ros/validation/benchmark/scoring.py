@@ -160,11 +160,19 @@ class Scores:
     answers : tuple of Answer
     commitment : dict
         The commitment that was written before the run.
+    earlier : tuple of dict
+        The commitments of earlier parts of the run.
 
     """
 
     answers: tuple[Answer, ...]
     commitment: dict[str, Any]
+    earlier: tuple[dict[str, Any], ...] = ()
+
+    @property
+    def planned(self) -> int:
+        """Return how many cases the whole run has."""
+        return int((*self.earlier, self.commitment)[0]['cases'])
 
     def of(self, group: str, **wanted: Any) -> list[Answer]:
         """Return the answers of a group with these attributes (strength, pose_mm, usecase)."""
