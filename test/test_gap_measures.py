@@ -1,6 +1,7 @@
 """The physical measures of the gap, on recordings that have little to measure."""
 
 from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.gap.calibration.features import MEASURES
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures, UNITS
 from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene
@@ -80,6 +81,21 @@ def test_errors_at_edges_are_left_out_where_no_effect_is_known_to_cause_them() -
     assert counts_edges({})
     assert counts_edges({'flying_pixels': {}, 'offset': {}})
     assert not counts_edges({'offset': {}})
+
+
+def test_each_error_is_counted_once_in_its_bin() -> None:
+    scene, real, _ = recorded(60, 80, 4)
+    one = scene.covariates[0]
+    real[:, 5] = np.nan
+    error = np.concatenate([real[t] - one.clean for t in range(0, 4, MEASURES.every)])
+    error = error[np.isfinite(error)]
+    found = seen(scene, real)
+    assert found.millimetres.sum() == found.normal.sum() == len(error)
+    bins = np.arange(-MEASURES.half, MEASURES.half + 1) * MEASURES.bin_mm / 1000
+    # The middle of a bin is at most half of its width from an error in it.
+    mean = (found.millimetres.sum(axis=0) * bins).sum() / len(error)
+    assert mean == pytest.approx(error.mean(), abs=MEASURES.bin_mm / 2000)
+    assert found.edges.sum() == 0
 
 
 def test_depth_without_noise_gives_numbers() -> None:

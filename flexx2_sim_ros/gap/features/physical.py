@@ -9,6 +9,7 @@ from flexx2_sim_ros.gap.calibration.features import FEATURES, MEASURES
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.covariates import PixelCovariates
 from flexx2_sim_ros.gap.features.features import likeness
+from flexx2_sim_ros.gap.features.pixel_patterns import count_errors
 from flexx2_sim_ros.gap.features.row_sums import (
     EXPECT,
     N1,
@@ -113,22 +114,12 @@ def histogram(
     columns = -(-width // (side or width))
     tiles = regions if side is None else (v // side) * columns + u // side
     count = _REGIONS if side is None else -(-height // side) * columns
-    size = 2 * _HALF + 1
-    counts = np.zeros(_REGIONS * size)
-    normal, edges = np.zeros(count * _NORMAL), np.zeros(_NORMAL)
+    counts = np.zeros((_REGIONS, 2 * _HALF + 1), np.int64)
+    normal, edges = np.zeros((count, _NORMAL), np.int64), np.zeros(_NORMAL, np.int64)
     for t in range(0, len(depth), MEASURES.every if side is None else 1):
-        scene = scenes[t] if len(scenes) > 1 else scenes[0]
-        with np.errstate(invalid='ignore'):
-            inner = np.isfinite(depth[t]) & np.isfinite(scene.clean)
-        error = depth[t][inner] - scene.clean[inner]
-        place = np.clip(np.rint(error * (1000 / _BIN_MM)), -_HALF, _HALF).astype(int) + _HALF
-        e = np.clip(error / scene.sigma[inner], -_SIGMAS + 1e-3, _SIGMAS - 1e-3)
-        bins = ((e + _SIGMAS) * (_NORMAL / (2 * _SIGMAS))).astype(int)
-        surface = scene.inside[inner]
-        edges += np.bincount(bins[~surface], minlength=_NORMAL)
-        some = surface | at_edges
-        counts += np.bincount((regions[inner] * size + place)[some], minlength=len(counts))
-        normal += np.bincount((tiles[inner] * _NORMAL + bins)[some], minlength=len(normal))
+        one = scenes[t] if len(scenes) > 1 else scenes[0]
+        images = depth[t], one.clean, one.sigma, one.inside
+        count_errors(*images, regions, tiles, at_edges, counts, normal, edges)
     s = sums.bins.T
     with np.errstate(invalid='ignore', divide='ignore'):
         square = s[SQUARE2] / s[N2]
@@ -137,9 +128,9 @@ def histogram(
         correlation = s[NEIGHBOUR] / s[N_NEIGHBOUR] / square
     everywhere = AXES['all'].start
     return Measures(
-        counts.reshape(_REGIONS, size),
-        normal.reshape(count, _NORMAL),
-        edges,
+        counts.astype(float),
+        normal.astype(float),
+        edges.astype(float),
         np.array([s[EXPECT][_SEEN], s[EXPECT][_SEEN] - s[VALID][_SEEN]]),
         np.array([s[N2][_SURFACES], variance[_SURFACES]]),
         float(np.nan_to_num(correlation[everywhere], posinf=0.0, neginf=0.0)),

@@ -1,6 +1,6 @@
 """Patterns of pixels, compiled: lattices of depth, fixed-pattern noise, sums over groups."""
 
-from flexx2_sim_ros.gap.calibration.features import FEATURES
+from flexx2_sim_ros.gap.calibration.features import FEATURES, MEASURES
 from flexx2_sim_ros.gap.features.row_sums import CLIP, held
 from flexx2_sim_ros.physics.compiled import loop
 from numba import njit
@@ -13,6 +13,10 @@ LATTICE_BIN, LATTICE_RANGE = FEATURES.lattice_bin, FEATURES.lattice_range
 # products); errors that are no jump to another surface: count, sum in metres.
 GROUP_FRAMES, GROUP_NEIGHBOURS, GROUP_METRES, GROUP_WIDTH = 6, 12, 18, 20
 _JUMP = np.float32(FEATURES.jump)
+_HALF, _NORMAL = MEASURES.half, MEASURES.normal
+_PER_METRE = np.float32(1000 / MEASURES.bin_mm)
+_SIGMAS, _PER_SIGMA = np.float32(FEATURES.gross), np.float32(_NORMAL / (2 * FEATURES.gross))
+_LAST_SIGMA = np.float32(FEATURES.gross - 1e-3)
 
 
 @loop(nogil=True)
@@ -28,6 +32,44 @@ def count_depths(depth, inside, ray, histogram):
                     histogram[0, i] += 1
                 if j < histogram.shape[1]:
                     histogram[1, j] += 1
+
+
+@loop(error_model='numpy', nogil=True)
+def count_errors(depth, clean, sigma, surface, regions, tiles, at_edges, counts, normal, edges):
+    """
+    Count the errors of a frame.
+
+    Parameters
+    ----------
+    depth, clean, sigma : numpy.ndarray
+        (H, W) float32 metres, NaN where invalid or where nothing is seen.
+    surface : numpy.ndarray
+        (H, W) bool, pixels away from jumps and sharp bends.
+    regions, tiles : numpy.ndarray
+        (H, W) int64, the row of ``counts`` and of ``normal`` for each pixel.
+    at_edges : bool
+        Whether pixels that are not on a surface are counted there as well.
+    counts : numpy.ndarray
+        (R, 2 half + 1) int64, added to: errors in bins of `MEASURES.bin_mm`.
+    normal, edges : numpy.ndarray
+        (N, B) and (B,) int64, added to: errors in sigma_z, clipped; ``edges`` of pixels that are
+        not on a surface.
+
+    """
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            error = depth[y, x] - clean[y, x]
+            if not np.isfinite(error):
+                continue
+            e = min(max(error / sigma[y, x], -_LAST_SIGMA), _LAST_SIGMA)
+            i = int((e + _SIGMAS) * _PER_SIGMA)
+            if not surface[y, x]:
+                edges[i] += 1
+                if not at_edges:
+                    continue
+            place = min(max(np.rint(error * _PER_METRE), np.float32(-_HALF)), np.float32(_HALF))
+            counts[regions[y, x], int(place) + _HALF] += 1
+            normal[tiles[y, x], i] += 1
 
 
 @loop(error_model='numpy', nogil=True)
