@@ -70,6 +70,7 @@ setup(
         'rosbags>=0.11',
         'scikit-learn>=1.4',
         'scipy>=1.11',
+        'threadpoolctl>=3.1',
     ],
     extras_require={
         'batch': ['warp-lang>=1.17'],

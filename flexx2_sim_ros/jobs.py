@@ -11,6 +11,7 @@ from typing import Any
 
 from flexx2_sim_ros import processes
 from flexx2_sim_ros.errors import InputError
+from threadpoolctl import threadpool_limits
 
 _CONNECT_SECONDS = 10.0
 _PATIENCE = 30  # seconds
@@ -21,6 +22,9 @@ Map = Callable[[Callable[[Any], Any], Sequence[Any], Callable[[], None]], list[A
 def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
     """
     Yield a function that maps a function over items, in order.
+
+    Each local process, this one included, uses one thread for linear algebra: the matrices are
+    small, and threads of several processes would wait for each other.
 
     Parameters
     ----------
@@ -39,20 +43,24 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
         with _dask(scheduler) as mapped:
             yield mapped
     elif jobs > 1:
-        with processes.workers(jobs - 1, besides=1) as submit:
+        with (
+            threadpool_limits(1, 'blas'),
+            processes.workers(jobs - 1, one_thread=True, besides=1) as submit,
+        ):
             yield partial(_shared, submit, jobs - 1)
     else:
+        with threadpool_limits(1, 'blas'):
+            yield _here
 
-        def here(
-            function: Callable[[Any], Any], items: Sequence[Any], tick: Callable[[], None]
-        ) -> list[Any]:
-            out = []
-            for item in items:
-                out.append(function(item))
-                tick()
-            return out
 
-        yield here
+def _here(
+    function: Callable[[Any], Any], items: Sequence[Any], tick: Callable[[], None]
+) -> list[Any]:
+    out = []
+    for item in items:
+        out.append(function(item))
+        tick()
+    return out
 
 
 def _shared(

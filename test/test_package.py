@@ -37,6 +37,8 @@ LIBRARIES = {
     'rosbags': ('', 'rosbags'),
     'scipy': ('python3-scipy', 'scipy'),
     'sklearn': ('python3-sklearn', 'scikit-learn'),
+    # Comes with scikit-learn.
+    'threadpoolctl': ('', 'threadpoolctl'),
     'tornado': ('python3-tornado', 'tornado'),
     'yaml': ('python3-yaml', 'PyYAML'),
 }
