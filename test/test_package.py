@@ -37,8 +37,8 @@ LIBRARIES = {
     'rosbags': ('', 'rosbags'),
     'scipy': ('python3-scipy', 'scipy'),
     'sklearn': ('python3-sklearn', 'scikit-learn'),
-    # Comes with scikit-learn.
-    'threadpoolctl': ('', 'threadpoolctl'),
+    # Ubuntu's package of scikit-learn depends on it.
+    'threadpoolctl': ('python3-sklearn', 'threadpoolctl'),
     'tornado': ('python3-tornado', 'tornado'),
     'yaml': ('python3-yaml', 'PyYAML'),
 }
