@@ -16,7 +16,6 @@ _JUMP = np.float32(FEATURES.jump)
 _HALF, _NORMAL = MEASURES.half, MEASURES.normal
 _PER_METRE = np.float32(1000 / MEASURES.bin_mm)
 _SIGMAS, _PER_SIGMA = np.float32(FEATURES.gross), np.float32(_NORMAL / (2 * FEATURES.gross))
-_LAST_SIGMA = np.float32(FEATURES.gross - 1e-3)
 
 
 @loop(nogil=True)
@@ -61,8 +60,8 @@ def count_errors(depth, clean, sigma, surface, regions, tiles, at_edges, counts,
             error = depth[y, x] - clean[y, x]
             if not np.isfinite(error):
                 continue
-            e = min(max(error / sigma[y, x], -_LAST_SIGMA), _LAST_SIGMA)
-            i = int((e + _SIGMAS) * _PER_SIGMA)
+            e = min(max(error / sigma[y, x], -_SIGMAS), _SIGMAS)
+            i = min(int((e + _SIGMAS) * _PER_SIGMA), _NORMAL - 1)
             if not surface[y, x]:
                 edges[i] += 1
                 if not at_edges:
