@@ -107,11 +107,16 @@ class Simulation:
 
     null_seeds: int = constant(4, '', 'simulations without effects: mean and noise of features')
     confirm_seeds: int = constant(2, '', 'simulations of the outcome')
-    few: tuple[int, int] = constant(
-        (8, 5), 'frames', 'of a still scene, and of each of two stretches of a moving one'
+    few: tuple[int, int, int] = constant(
+        (8, 2, 5),
+        'frames',
+        'of a still scene; of a moving one, how many stretches of how many frames',
     )
-    fewest: tuple[int, int] = constant(
-        (4, 3), 'frames', 'the same for a bias or a loss, which add no noise'
+    fewest: tuple[int, int, int] = constant(
+        (4, 4, 2),
+        'frames',
+        'the same for a bias or a loss, which add no noise; other frames show other surfaces at '
+        'the same place of the image',
     )
     settling: int = constant(2, 'frames', 'left out after a gap: filters settle')
     pooled: tuple[float, float] = constant(

@@ -240,8 +240,10 @@ def _simulate_changes(
                 if kind == _FEW:  # Fewer frames leave more noise in the grain, so it is scaled.
                     less = base.features[0, _GRAIN] / max(part.base[_GRAIN], 1e-9)
                     shifts[i, _GRAIN] *= less if np.isfinite(less) else 0  # too few pixels
-    # The last part has the fewest frames, which are enough for a change of geometry.
-    poses, edges = _pose_changes(part, recording)
+        # The fewest frames are enough for a change of geometry. In a moving scene, other frames
+        # show other surfaces at the same place of the image.
+        if kind == (_ALL if moving else _FEWEST):
+            poses, edges = _pose_changes(part, recording)
     return _Changes(shifts, poses, edges, part.plane_columns(recording.plane_shifts))
 
 

@@ -142,14 +142,14 @@ def warm_of(fresh: np.ndarray) -> int:
     return SIMULATION.settling if len(fresh) >= 6 and fresh.sum() <= len(fresh) / 6 else 0
 
 
-def few_frames(count: int, moving: bool, few: int, stretch: int) -> np.ndarray:
-    """Return some of a recording's frames: the first ones, or two stretches of a moving scene."""
-    if count <= 2 * stretch:
+def few_frames(count: int, moving: bool, few: int, stretches: int, length: int) -> np.ndarray:
+    """Return some of a recording's frames: the first ones, or stretches all over a moving scene."""
+    if count <= stretches * length:
         return np.arange(count)
     if not moving:
         return np.arange(few)
-    starts = count // 4, min(3 * count // 4, count - stretch)
-    return np.unique([np.arange(start, start + stretch) for start in starts])
+    starts = ((2 * np.arange(stretches) + 1) * count // (2 * stretches)).clip(max=count - length)
+    return np.unique(starts[:, None] + np.arange(length))
 
 
 def definitions(effects: Any) -> list[type[Effect]]:
