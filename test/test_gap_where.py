@@ -176,6 +176,35 @@ def test_a_difference_that_whole_images_do_not_show_is_said_of_its_covariate() -
     assert (one.axis, one.difference) == ('region', pytest.approx(1.0))
 
 
+def test_a_difference_that_is_everywhere_but_not_the_same_is_said_of_its_covariate() -> None:
+    """Assert it for a lens, and that whole images are named where it is the same."""
+    model = made_up(6, 0.001)
+    bins = AXES['radius'].bins
+    lens = (registry()['intrinsics_error'],)
+    for sizes, axis, first in (
+        (np.where(np.arange(bins) < bins // 2, 0.55, 1.0), 'radius', bins // 2),  # all above half
+        (np.full(bins, 1.0), 'all', 0),
+    ):
+        difference = bias_along(6, 'radius', dict(enumerate(sizes)))
+        for tells in ({}, {'radius': 0.02}):  # a rare change tells little about a pixel
+            one = main_covariate(model, difference, difference, True, lens, tells)
+            assert one is not None
+            assert (one.axis, one.first) == (axis, first), (tells, one)
+
+
+def test_a_drift_is_said_of_uptimes_even_if_it_does_not_only_fall() -> None:
+    model = made_up(6, 0.001)
+    size = np.array([6.0, 4.0, 4.5, 3.5, 3.0, 3.0])
+    difference = size[:, None] * bias_along(6, 'all', {0: 1.0})
+    uptimes = [10.0, 60.0, 300.0, 900.0, 2400.0, 2400.0]
+    for one, uptime in zip(model.evidence, uptimes, strict=True):
+        one.uptime = uptime
+    drift = (registry()['warm_up_drift'],)
+    found = main_covariate(model, difference, difference, True, drift, {'recording': 0.02})
+    assert found is not None
+    assert (found.axis, found.first, found.last) == ('uptime', 0, 0)
+
+
 def test_a_recording_is_named_only_if_nothing_else_singles_it_out() -> None:
     model = made_up(6, 0.001)
     size = np.array([0.0, 0.0, 3.0, 0.0, 0.0, 0.0])

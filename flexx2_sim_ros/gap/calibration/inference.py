@@ -118,7 +118,7 @@ class Thresholds:
         'python -m bench.gap_larger: no effect of such a campaign was a true one',
     )
     varies: float = constant(
-        0.1,
+        0.05,
         '',
         'an effect whose form varies less in the recordings acts like a constant',
         'python -m bench.gap_flat: 0.157 or more of the cause itself, 0.057 or less of an '
@@ -200,6 +200,13 @@ class Where:
     )
     least_entropy: float = constant(
         0.1, 'nats', 'added to an entropy that is divided by: what is rare says little'
+    )
+    varies: float = constant(
+        0.05,
+        'fraction of the energy',
+        'of a difference along a covariate of the named effects, above that of its mean: then '
+        'it is not the same everywhere',
+        'python -m bench.gap_where --seeds 21,22,23',
     )
     stretch: float = constant(
         0.5, 'largest difference', 'bins beside it with this much are in the same row'

@@ -8,14 +8,15 @@ depends on has the largest energy, because its bins do not average the differenc
 In few recordings, covariates are alike: the dark surfaces may be the distant ones. Where effects
 are named, the covariates that these depend on by their formulas therefore count more than others.
 What the named effects change at single pixels is known from simulation. If no covariate tells
-anything about it, the effects act on all pixels alike.
+anything about it, the effects act on all pixels alike, unless the difference itself varies along a
+covariate of their formulas: a loss of one pixel in a hundred tells little about any pixel.
 """
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects import ageing, Effect
 from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.features.features import CHANNEL_UNITS, LAYOUT, STRUCTURE_UNITS, TOLERANCE
@@ -32,7 +33,6 @@ _SHOWS_ALONG = {
     'concavity': ('concavity', 'log_amplitude'),  # indirect light shows where direct light is weak
     'image': ('region', 'radius'),
     'edge': ('edge',),
-    'time': ('uptime', 'speed', 'edge', 'all'),
     'none': ('all',),
 }
 _IN_METRES = tuple(name for name, unit in CHANNEL_UNITS.items() if unit == 'sigma')
@@ -122,19 +122,19 @@ def main_covariate(
     noise = np.zeros_like(difference)
     if not exact:
         noise = np.maximum(model.scale2 - np.square(TOLERANCE), 0)
-    features = _Features(model, difference, shown, noise)
+    expected = {axis for one in named for axis in _shows_along(one)}
+    features = _Features(model, difference, shown, noise, expected)
     found = [
         bins
         for channel in CHANNEL_UNITS
         for axis in WHERE.main
         if (bins := features.along(channel, axis)) is not None
     ]
-    expected = {axis for one in named for axis in _SHOWS_ALONG[one.covariate]}
     powers = [_power(bins, expected) for bins in found]
     if max(powers, default=0.0) <= 0:
         return None
     best = found[int(np.argmax(powers))]
-    if tells and best.axis != 'all':
+    if tells and best.axis != 'all' and not _singles_out(best, expected):
         if max(tells.values()) < WHERE.tells:
             images = features.of_whole_images()
             if images is not None:
@@ -143,14 +143,36 @@ def main_covariate(
             best = _most_telling(found, powers, expected, tells)
     found_there = _largest_stretch(best)
     whole = features.along(best.channel, 'all')
-    if whole is not None and _is_whole(found_there, best):
-        return _largest_stretch(whole)
-    return found_there
+    if whole is None or not _is_whole(found_there, best):
+        return found_there
+    if _singles_out(best, expected):
+        return _largest_stretch(best, halfway=True)
+    return _largest_stretch(whole)
+
+
+def _shows_along(kind: type[Effect]) -> tuple[str, ...]:
+    if kind.covariate != 'time':
+        return _SHOWS_ALONG[kind.covariate]
+    if ageing([kind.name]):
+        return ('uptime',)
+    return ('speed', 'edge') if kind.needs_motion else ('speed', 'all')
 
 
 def _is_whole(one: MainCovariate, bins: _Bins) -> bool:
     # Whether the stretch has all pixels, so that the covariate does not single out any.
     return bool(bins.pixels[one.first : one.last + 1].sum() >= bins.pixels.sum() > 0)
+
+
+def _singles_out(bins: _Bins, expected: Collection[str]) -> bool:
+    # Whether the formulas of the effects single out pixels along a covariate, and the difference
+    # does as well: its energy is more than that of the mean of all bins.
+    if 'all' in expected or bins.axis not in expected:
+        return False
+    pixels = bins.pixels.sum()
+    mean = bins.pixels @ bins.mean / pixels
+    variance = np.square(bins.pixels) @ bins.variance / pixels**2
+    total = bins.energies.sum()
+    return bool(total - pixels * (mean**2 - variance) > WHERE.varies * total)
 
 
 def _power(bins: _Bins, expected: Collection[str]) -> float:
@@ -177,8 +199,14 @@ def _most_telling(
 class _Features:
     # Differences by recording and bin, as multiples of the tolerance.
     def __init__(
-        self, model: Model, difference: np.ndarray, shown: np.ndarray, noise: np.ndarray
+        self,
+        model: Model,
+        difference: np.ndarray,
+        shown: np.ndarray,
+        noise: np.ndarray,
+        expected: Collection[str],
     ) -> None:
+        self._expected = expected
         self._good = model.good
         self._noise = np.where(model.good, noise, 0) / np.square(TOLERANCE)
         self._difference = np.where(model.good, difference, 0) / TOLERANCE
@@ -232,7 +260,9 @@ class _Features:
                 for name in ('pixels', 'mean', 'variance', 'shown')
             ),
         )
-        return bins if axis == 'recording' or _drifts(bins) else None
+        if axis == 'recording' or axis in self._expected or _drifts(bins):
+            return bins
+        return None
 
     def _pooled(
         self,
@@ -278,14 +308,17 @@ def _drifts(bins: _Bins) -> bool:
     return len(means) >= WHERE.fewest_uptimes and bool((steps >= 0).all() or (steps <= 0).all())
 
 
-def _largest_stretch(bins: _Bins) -> MainCovariate:
-    # The bins around the largest difference that have its sign and at least half of its size.
-    # Bins without pixels do not end the stretch.
+def _largest_stretch(bins: _Bins, halfway: bool = False) -> MainCovariate:
+    # The bins around the largest difference that have its sign and at least half of its size, or
+    # are nearer to it than to the smallest. Bins without pixels do not end the stretch.
     energies = np.where(bins.pixels > 0, bins.energies, -np.inf)
     peak = int(np.argmax(energies))
-    alike = (bins.mean * np.sign(bins.mean[peak]) >= WHERE.stretch * abs(bins.mean[peak])) | (
-        bins.pixels == 0
-    )
+    sizes = bins.mean * np.sign(bins.mean[peak])
+    least = WHERE.stretch * sizes[peak]
+    if halfway:
+        smallest = sizes[bins.pixels > 0].min()
+        least = smallest + WHERE.stretch * (sizes[peak] - smallest)
+    alike = (sizes >= least) | (bins.pixels == 0)
     first = last = peak
     if bins.axis not in _CLASSES and bins.axis != 'edge':
         while first > 0 and alike[first - 1]:
