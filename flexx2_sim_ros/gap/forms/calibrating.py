@@ -216,7 +216,7 @@ def _geometry(
         last, settings[name] = settings[name], {**settings[name], **together}
         if is_settled(name, last, settings[name]):
             break
-    return Proposal(name, shape_of(name).label, together, without)
+    return Proposal(name, shape_of(name).label, together, without, with_poses=True)
 
 
 def _searched(

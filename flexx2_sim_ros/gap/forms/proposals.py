@@ -45,6 +45,7 @@ class Proposal:
     together: dict[str, Any]
     without: tuple[dict[str, Any], ...]
     varies: float = 1.0
+    with_poses: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,8 @@ def judged(
 
     It is also taken if they are as near, and a measure outside the distance gets significantly
     better and none worse: the kernel of a filter over frames shows in their correlation alone.
+    What was fitted together with the poses is taken unless left-out recordings are surely farther
+    away: their poses are fitted again, and make up for a wrong lens.
     """
     old, new = totals(before), totals(after)
     nearer = float((old - new).mean()) > FORMS.least and is_surely_less(new, old)
@@ -108,7 +111,8 @@ def judged(
     }
     worse = tuple(unit for unit, one in others.items() if one['worse'])
     better = any(one['better'] for one in others.values())
-    taken = nearer or (better and not worse and not is_surely_less(old, new))
+    farther = is_surely_less(old, new)
+    taken = nearer or ((better or proposal.with_poses) and not worse and not farther)
     return Verdict(proposal, old, new, taken, worse)
 
 
