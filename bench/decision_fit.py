@@ -108,7 +108,7 @@ def campaign(line: Mapping[str, Any]) -> Campaign:
     if realised is not None and realised['shrink'] is not None:
         gap = table['gap']
         low, high = gap[gap['measured_by']]['shrink_interval'] or [gap['shrink']] * 2
-        reduction = gap['shrink'], low, high, realised['shrink']
+        reduction = gap['shrink'], low, high, min(realised['shrink'], 1.0)
     return Campaign(
         planned,
         line['more'],

@@ -137,12 +137,17 @@ class Answer:
     @property
     def prediction_error(self) -> float:
         """Return how far the predicted reduction is from the realised one; NaN without both."""
-        return abs(self.predicted - self.realised)
+        return abs(self.predicted - self._gone)
 
     @property
     def interval_holds(self) -> bool:
         """Whether the realised reduction lies in the interval of the prediction."""
-        return self.low <= self.realised <= self.high
+        return self.low <= self._gone <= self.high
+
+    @property
+    def _gone(self) -> float:
+        # Not more than all of a gap goes away: what is above 1 is noise of the fresh scenes.
+        return min(self.realised, 1.0)
 
     @property
     def missed(self) -> bool:
