@@ -285,7 +285,7 @@ def _simulate_named(
     first = _confirm(model, decision, held_out, used, shown, simulator, step)
     motions = model.own.found(decision.accepted.nuisances)
     elsewhere = Elsewhere(model, used, _is_posed(fitted), simulator)
-    first = elsewhere.measured(first, motions, map(of_camera, held_out), step)
+    first = elsewhere.measured(first, motions, map(of_camera, held_out), of_camera(fitted), step)
     plain_ones = _Named(
         fitted, fitted, held_out, first, None, first, motions, decision, used, simulator
     )
@@ -302,7 +302,8 @@ def _simulate_named(
         return named
     confirmed, motions = forms.confirmed(simulator, shown, step)
     elsewhere = replace(elsewhere, posed=_is_posed(effects))
-    confirmed = elsewhere.measured(confirmed, motions, forms.explained.now, step)
+    explained = forms.explained
+    confirmed = elsewhere.measured(confirmed, motions, explained.now, explained.effects, step)
     return replace(named, confirmed=confirmed, motions=motions)
 
 

@@ -7,6 +7,7 @@ from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import Simulator
 from flexx2_sim_ros.gap.forms.work import Settings
+from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.work import measure_apart
 import numpy as np
@@ -40,6 +41,7 @@ class Elsewhere:
         outcomes: Sequence[Outcome],
         motions: Sequence[np.ndarray],
         effects: Iterable[Settings],
+        together: Settings,
         step: Callable[[], None],
     ) -> list[Outcome]:
         """
@@ -52,7 +54,9 @@ class Elsewhere:
         motions : sequence of numpy.ndarray
             (6 + 3 P,) these poses, as for `registration.place`.
         effects : iterable of dict
-            With which each recording is simulated.
+            With which each recording is simulated, fitted without it.
+        together : dict
+            The same, fitted to all recordings.
         step : callable
             Called after each recording.
 
@@ -60,11 +64,12 @@ class Elsewhere:
         settings = list(effects)
         poses = self.model.own.elsewhere(motions, self.posed)
         moved = any(not np.array_equal(*pair) for pair in zip(poses, motions, strict=True))
-        if not moved or not any(settings):
+        wrong = as_wrong_as_fitted(together, settings)
+        if not any(settings) or (not moved and wrong == settings):
             return list(outcomes)
         jobs = [
             (file, tuple(pose), own)
-            for file, pose, own in zip(self.used, poses, settings, strict=True)
+            for file, pose, own in zip(self.used, poses, wrong, strict=True)
         ]
         apart = self.simulator.run(measure_apart, jobs, step)
         return [replace(one, elsewhere=far) for one, far in zip(outcomes, apart, strict=True)]

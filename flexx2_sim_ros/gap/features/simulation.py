@@ -143,7 +143,7 @@ def warm_of(fresh: np.ndarray) -> int:
 
 
 def few_frames(count: int, moving: bool, few: int, stretches: int, length: int) -> np.ndarray:
-    """Return some of a recording's frames: the first ones, or stretches all over a moving scene."""
+    """Return some of a recording's frames: the first ones, or stretches of a moving scene."""
     if count <= stretches * length:
         return np.arange(count)
     if not moving:
