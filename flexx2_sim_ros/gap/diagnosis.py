@@ -30,6 +30,7 @@ from flexx2_sim_ros.gap.inference.effects import (
     of_camera,
     table_of,
 )
+from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted, Settings
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
@@ -282,10 +283,13 @@ def _simulate_named(
     held_out = held_out_effects(model, decision.accepted)
     step = stepper(progress, 'simulating the outcome', 0.65, 0.13, 2 * len(used))
     shown = _shown(decision)
-    first = _confirm(model, decision, held_out, used, shown, simulator, step)
+    without = [of_camera(one) for one in held_out]
+    wrong = as_wrong_as_fitted(of_camera(fitted), without)
     motions = model.own.found(decision.accepted.nuisances)
     elsewhere = Elsewhere(model, used, _is_posed(fitted), simulator)
-    first = elsewhere.measured(first, motions, map(of_camera, held_out), of_camera(fitted), step)
+    there = without if elsewhere.is_other_pose(motions) else wrong
+    first = _confirm(model, decision, without, there, used, shown, simulator, step)
+    first = elsewhere.measured(first, motions, wrong, step)
     plain_ones = _Named(
         fitted, fitted, held_out, first, None, first, motions, decision, used, simulator
     )
@@ -300,29 +304,27 @@ def _simulate_named(
     named = replace(plain_ones, effects=effects, forms=forms)
     if not forms.taken:
         return named
-    confirmed, motions = forms.confirmed(simulator, shown, step)
+    wrong = as_wrong_as_fitted(forms.explained.effects, forms.explained.now)
+    confirmed, motions = forms.confirmed(simulator, wrong, shown, step)
     elsewhere = replace(elsewhere, posed=_is_posed(effects))
-    explained = forms.explained
-    confirmed = elsewhere.measured(confirmed, motions, explained.now, explained.effects, step)
+    confirmed = elsewhere.measured(confirmed, motions, wrong, step)
     return replace(named, confirmed=confirmed, motions=motions)
 
 
 def _confirm(
     model: Model,
     decision: Decision,
-    held_out: list[list[Effect]],
+    without: Sequence[Settings],
+    wrong: Sequence[Settings],
     used: list[Found],
     shown: list[bool],
     simulator: Simulator,
     step: Callable[[], None],
 ) -> list[Outcome]:
     # Simulates each recording at its fitted pose, with the camera's effects as fitted to the other
-    # recordings.
-    motions = model.own.found(decision.accepted.nuisances)
-    jobs = [
-        (file, tuple(motion), of_camera(effects), show)
-        for file, motion, effects, show in zip(used, motions, held_out, shown, strict=True)
-    ]
+    # recordings, and as wrong as their fit leaves open.
+    motions = map(tuple, model.own.found(decision.accepted.nuisances))
+    jobs = list(zip(used, motions, without, wrong, shown, strict=True))
     return simulator.run(simulate_set, jobs, step)
 
 
@@ -332,8 +334,8 @@ def _correction(
     # The correction without a cause, or nothing if it does not help; and what it does.
     decision, used = named.decision, named.used
     patch = fit_patch(model, decision.base.residual(model))
-    fitted, shown = [[one] for one in patch.without], [False] * len(used)
-    patched = _confirm(model, decision, fitted, used, shown, named.simulator, step)
+    without, shown = [of_camera([one]) for one in patch.without], [False] * len(used)
+    patched = _confirm(model, decision, without, without, used, shown, named.simulator, step)
     table = patch_table(patch, model, patched)
     return [patch.effect] if table['offered'] else [], table
 

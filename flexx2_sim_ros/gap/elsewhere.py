@@ -1,13 +1,12 @@
 """The gap without and with effects, as it is in other scenes of the same camera."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import Simulator
 from flexx2_sim_ros.gap.forms.work import Settings
-from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.work import measure_apart
 import numpy as np
@@ -36,12 +35,16 @@ class Elsewhere:
     posed: bool
     simulator: Simulator
 
+    def is_other_pose(self, motions: Sequence[np.ndarray]) -> bool:
+        """Return whether the poses there are others than these."""
+        poses = self.model.own.elsewhere(motions, self.posed)
+        return any(not np.array_equal(*pair) for pair in zip(poses, motions, strict=True))
+
     def measured(
         self,
         outcomes: Sequence[Outcome],
         motions: Sequence[np.ndarray],
-        effects: Iterable[Settings],
-        together: Settings,
+        wrong: Sequence[Settings],
         step: Callable[[], None],
     ) -> list[Outcome]:
         """
@@ -53,23 +56,15 @@ class Elsewhere:
             Of the recordings, at their fitted poses.
         motions : sequence of numpy.ndarray
             (6 + 3 P,) these poses, as for `registration.place`.
-        effects : iterable of dict
-            With which each recording is simulated, fitted without it.
-        together : dict
-            The same, fitted to all recordings.
+        wrong : sequence of dict
+            (R,) effects that are as wrong as their fit leaves open.
         step : callable
             Called after each recording.
 
         """
-        settings = list(effects)
-        poses = self.model.own.elsewhere(motions, self.posed)
-        moved = any(not np.array_equal(*pair) for pair in zip(poses, motions, strict=True))
-        wrong = as_wrong_as_fitted(together, settings)
-        if not any(settings) or (not moved and wrong == settings):
+        if not self.is_other_pose(motions) or not any(wrong):
             return list(outcomes)
-        jobs = [
-            (file, tuple(pose), own)
-            for file, pose, own in zip(self.used, poses, wrong, strict=True)
-        ]
+        poses = self.model.own.elsewhere(motions, self.posed)
+        jobs = list(zip(self.used, map(tuple, poses), wrong, strict=True))
         apart = self.simulator.run(measure_apart, jobs, step)
         return [replace(one, elsewhere=far) for one, far in zip(outcomes, apart, strict=True)]

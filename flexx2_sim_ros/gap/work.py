@@ -15,6 +15,7 @@ from flexx2_sim_ros.gap.features.confirm import Apart, apart, confirm, Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence, gather
 from flexx2_sim_ros.gap.features.search import Found as Inside
 from flexx2_sim_ros.gap.features.search import search
+from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.jobs import bind, Map
 from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
@@ -233,14 +234,15 @@ def summarise_all(
 
 
 def simulate_set(
-    job: tuple[Found, tuple[float, ...], dict[str, Any], bool],
+    job: tuple[Found, tuple[float, ...], dict[str, Any], dict[str, Any], bool],
     profile: Profile | None,
     seed: int,
     known: Table | None = None,
 ) -> Outcome:
     """Compare a recording with its simulation with effects, at the fitted pose; see `confirm`."""
-    found, motion, effects, show = job
-    return confirm(read(found, profile, known), np.array(motion), effects, seed, show)
+    found, motion, effects, wrong, show = job
+    scene = PlacedScene.at(read(found, profile, known), np.array(motion))
+    return confirm(scene, effects, wrong, seed, show)
 
 
 def measure_apart(

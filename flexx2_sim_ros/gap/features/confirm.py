@@ -47,7 +47,8 @@ class Outcome:
     apart : Apart
         At the fitted pose.
     elsewhere : Apart
-        At the pose that `OwnErrors.elsewhere` gives; the same if nothing else is known.
+        As it is expected in other scenes: with effects that are as wrong as their fit leaves
+        open, at the pose that `OwnErrors.elsewhere` gives.
     seen : numpy.ndarray
         (3, SIZE) float32 features of the recording, and simulated without and with the effects.
     noise : numpy.ndarray
@@ -95,27 +96,26 @@ class _Look(NamedTuple):
 
 
 def confirm(
-    recording: RecordingData, motion: np.ndarray, effects: dict[str, Any], seed: int, show: bool
+    scene: PlacedScene, effects: dict[str, Any], wrong: dict[str, Any], seed: int, show: bool
 ) -> Outcome:
     """
     Simulate a recording's scene with and without effects.
 
     Parameters
     ----------
-    recording : RecordingData
-        The recording.
-    motion : numpy.ndarray
-        (6 + 3 P,) where its camera and its planes really were, as for `registration.place`.
+    scene : PlacedScene
+        The recording's, from where its camera and its planes really were.
     effects : dict
         Parameters by effect.
+    wrong : dict
+        The same, as wrong as their fit leaves open.
     seed : int
         Of the simulations.
     show : bool
         Whether the outcome has a frame to show.
 
     """
-    scene = PlacedScene.at(recording, motion)
-    placed, scenes = scene.placed, scene.covariates
+    recording, placed, scenes = scene.recording, scene.placed, scene.covariates
     grouped = GroupSums(recording, placed.clean, placed.reflectivity, scenes)
     middle = len(recording.depth) // 2
 
@@ -130,10 +130,13 @@ def confirm(
     found = [[features(one.seen.sums, spectrum)[0] for one in some] for some in (before, after)]
     # A recording and the mean of n simulations differ by less than two simulations.
     noise = (found[1][1] - found[1][0]) * np.sqrt((1 + 1 / len(after)) / 2)
-    far = _apart(real.seen, [one.seen for one in before], [one.seen for one in after])
+    far = near = _apart(real.seen, [one.seen for one in before], [one.seen for one in after])
+    if wrong != effects:
+        others = [_seen(scene, depth, effects) for depth in _simulated(scene, wrong, seed)]
+        far = _apart(real.seen, [one.seen for one in before], others)
     return Outcome(
         recording.name,
-        far,
+        near,
         far,
         np.array([own, *(np.mean(some, axis=0) for some in found)], np.float32),
         noise.astype(np.float32),

@@ -118,7 +118,7 @@ class Calibrated:
         return [forms.get(one.name, one) for one in named if one.name not in self.dropped]
 
     def confirmed(
-        self, simulator: Simulator, shown: Sequence[bool], step: Step
+        self, simulator: Simulator, wrong: Sequence[Settings], shown: Sequence[bool], step: Step
     ) -> tuple[list[Outcome], list[np.ndarray]]:
         """
         Simulate each recording with forms that were not fitted to it.
@@ -127,6 +127,8 @@ class Calibrated:
         ----------
         simulator : Simulator
             How the recordings are simulated.
+        wrong : sequence of dict
+            (R,) the forms, as wrong as their fit leaves open.
         shown : sequence of bool
             Which recordings have a frame to show.
         step : callable
@@ -139,7 +141,8 @@ class Calibrated:
             planes are with these effects, as for `registration.place`.
 
         """
-        jobs = list(zip(self.explained.looked, self.explained.now, shown, strict=True))
+        explained = self.explained
+        jobs = list(zip(explained.looked, explained.now, wrong, shown, strict=True))
         both = simulator.run(confirm_settled, jobs, step)
         return [one for one, _ in both], [motion for _, motion in both]
 

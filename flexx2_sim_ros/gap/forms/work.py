@@ -216,7 +216,7 @@ def outcome(
 
 
 def confirm_settled(
-    job: tuple[Looked, Settings, bool], profile: Profile | None, known: Table, seed: int
+    job: tuple[Looked, Settings, Settings, bool], profile: Profile | None, known: Table, seed: int
 ) -> tuple[Outcome, np.ndarray]:
     """
     Compare a recording with its simulation, at the pose that suits the effects; see `confirm`.
@@ -227,11 +227,11 @@ def confirm_settled(
         What is left of the gap, and (6 + 3 P,) this pose and the planes.
 
     """
-    looked, effects, show = job
+    looked, effects, wrong, show = job
     recording = read(looked.found, profile, known)
     own = with_uptime(effects, recording.uptime)
-    motion, _ = _settled(looked, recording, own)
-    return confirm(recording, motion, effects, seed, show), motion
+    motion, scene = _settled(looked, recording, own)
+    return confirm(scene, effects, wrong, seed, show), motion
 
 
 def first_frames(recording: RecordingData, count: int | None) -> RecordingData:
