@@ -134,7 +134,9 @@ def test_a_diagnosis_has_the_form_of_the_camera(tmp_path: Path) -> None:
     assert effects == parse_effects({one['name']: one['parameters'] for one in table['effects']})
     realised = [realised_gap(planned, one, cache, measure)['shrink'] for one in (table, plain)]
     assert realised[0] > max(0.7, realised[1])
-    assert table['gap']['shrink'] > 0.7
+    # Four recordings leave open how large a wave is: less is promised than happens.
+    low, high = table['gap']['interval']
+    assert low < 0.5 < table['gap']['shrink'] < realised[0] <= high
     assert 'Calibrated: wiggling' in (out / 'report.html').read_text()
     # Later steps read it: distributions, and the forms without each recording.
     assert randomise(out).named == ('wiggling',)
