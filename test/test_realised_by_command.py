@@ -15,9 +15,9 @@ MODE = 'Mode_9_30fps'
 
 
 def recorded(folder: Path, seed: int, effects: dict[str, float]) -> Path:
-    """Record four scenes with the blind camera."""
+    """Record six scenes with the blind camera: a drift takes as many."""
     folder.mkdir()
-    key = SceneKey(MODE, seed, 0.0, 112, 86, recordings=4, frames=8)
+    key = SceneKey(MODE, seed, 0.0, 112, 86, recordings=6, frames=8)
     BlindCamera(Case(key, effects, 5)).record(folder)
     return folder
 
