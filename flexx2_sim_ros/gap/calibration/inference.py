@@ -118,7 +118,7 @@ class Thresholds:
         'python -m bench.gap_larger: no effect of such a campaign was a true one',
     )
     varies: float = constant(
-        0.05,
+        0.1,
         '',
         'an effect whose form varies less in the recordings acts like a constant',
         'python -m bench.gap_flat: 0.157 or more of the cause itself, 0.057 or less of an '
