@@ -20,8 +20,8 @@ from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.report.places import difference, group
 from flexx2_sim_ros.validation.benchmark import DEVELOPMENT, make_design
 from flexx2_sim_ros.validation.benchmark.design import Planned
+from flexx2_sim_ros.validation.benchmark.overlap import overlap
 from flexx2_sim_ros.validation.benchmark.physics import DEPENDS_ON, is_physical
-from flexx2_sim_ros.validation.benchmark.scoring import overlap
 from flexx2_sim_ros.validation.benchmark.truth import Comparison
 from flexx2_sim_ros.validation.blind import BlindCamera, CATALOGUE, SceneSet
 import numpy as np

@@ -5,16 +5,11 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.validation.benchmark.goals import reach
+from flexx2_sim_ros.validation.benchmark.overlap import overlap
 from flexx2_sim_ros.validation.benchmark.partition import COVARIATES
 from flexx2_sim_ros.validation.benchmark.physics import DEPENDS_ON
 from flexx2_sim_ros.validation.benchmark.report import print_report
-from flexx2_sim_ros.validation.benchmark.scoring import (
-    answer_of,
-    macro_f1,
-    overlap,
-    Scores,
-    wilson,
-)
+from flexx2_sim_ros.validation.benchmark.scoring import answer_of, macro_f1, Scores, wilson
 from flexx2_sim_ros.validation.blind import CATALOGUE
 from made_answers import said, small
 import numpy as np

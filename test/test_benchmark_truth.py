@@ -1,7 +1,7 @@
 """Where an effect acts, as the benchmark's scorer sees it, on effects whose place is known."""
 
+from flexx2_sim_ros.validation.benchmark.overlap import overlap
 from flexx2_sim_ros.validation.benchmark.partition import concavity, COVARIATES, partition_of
-from flexx2_sim_ros.validation.benchmark.scoring import overlap
 from flexx2_sim_ros.validation.benchmark.truth import affected_cells, Comparison
 from flexx2_sim_ros.validation.blind import BlindCamera, Case, SceneKey, SceneSet
 from flexx2_sim_ros.validation.blind.frame import Effect, Frame
