@@ -30,7 +30,7 @@ from flexx2_sim_ros.gap.inference.effects import (
     of_camera,
     table_of,
 )
-from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted, Settings
+from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
@@ -287,8 +287,10 @@ def _simulate_named(
     wrong = as_wrong_as_fitted(of_camera(fitted), without)
     motions = model.own.found(decision.accepted.nuisances)
     elsewhere = Elsewhere(model, used, _is_posed(fitted), simulator)
-    there = without if elsewhere.is_other_pose(motions) else wrong
-    first = _confirm(model, decision, without, there, used, shown, simulator, step)
+    # At other poses, `measured` simulates the wrong effects, and not this.
+    here = wrong if elsewhere.other_poses(motions) is None else without
+    jobs = list(zip(used, map(tuple, motions), without, here, shown, strict=True))
+    first = simulator.run(simulate_set, jobs, step)
     first = elsewhere.measured(first, motions, wrong, step)
     plain_ones = _Named(
         fitted, fitted, held_out, first, None, first, motions, decision, used, simulator
@@ -311,31 +313,19 @@ def _simulate_named(
     return replace(named, confirmed=confirmed, motions=motions)
 
 
-def _confirm(
-    model: Model,
-    decision: Decision,
-    without: Sequence[Settings],
-    wrong: Sequence[Settings],
-    used: list[Found],
-    shown: list[bool],
-    simulator: Simulator,
-    step: Callable[[], None],
-) -> list[Outcome]:
-    # Simulates each recording at its fitted pose, with the camera's effects as fitted to the other
-    # recordings, and as wrong as their fit leaves open.
-    motions = map(tuple, model.own.found(decision.accepted.nuisances))
-    jobs = list(zip(used, motions, without, wrong, shown, strict=True))
-    return simulator.run(simulate_set, jobs, step)
-
-
 def _correction(
     model: Model, named: _Named, step: Callable[[], None]
 ) -> tuple[list[Effect], dict[str, Any]]:
     # The correction without a cause, or nothing if it does not help; and what it does.
     decision, used = named.decision, named.used
     patch = fit_patch(model, decision.base.residual(model))
-    without, shown = [of_camera([one]) for one in patch.without], [False] * len(used)
-    patched = _confirm(model, decision, without, without, used, shown, named.simulator, step)
+    without = [of_camera([one]) for one in patch.without]
+    motions = model.own.found(decision.accepted.nuisances)
+    jobs = [
+        (file, tuple(motion), own, own, False)
+        for file, motion, own in zip(used, motions, without, strict=True)
+    ]
+    patched = named.simulator.run(simulate_set, jobs, step)
     table = patch_table(patch, model, patched)
     return [patch.effect] if table['offered'] else [], table
 

@@ -35,10 +35,11 @@ class Elsewhere:
     posed: bool
     simulator: Simulator
 
-    def is_other_pose(self, motions: Sequence[np.ndarray]) -> bool:
-        """Return whether the poses there are others than these."""
+    def other_poses(self, motions: Sequence[np.ndarray]) -> list[np.ndarray] | None:
+        """Return the poses there, or None if they are these."""
         poses = self.model.own.elsewhere(motions, self.posed)
-        return any(not np.array_equal(*pair) for pair in zip(poses, motions, strict=True))
+        same = all(np.array_equal(*pair) for pair in zip(poses, motions, strict=True))
+        return None if same else poses
 
     def measured(
         self,
@@ -62,9 +63,9 @@ class Elsewhere:
             Called after each recording.
 
         """
-        if not self.is_other_pose(motions) or not any(wrong):
+        poses = self.other_poses(motions)
+        if poses is None or not any(wrong):
             return list(outcomes)
-        poses = self.model.own.elsewhere(motions, self.posed)
         jobs = list(zip(self.used, map(tuple, poses), wrong, strict=True))
         apart = self.simulator.run(measure_apart, jobs, step)
         return [replace(one, elsewhere=far) for one, far in zip(outcomes, apart, strict=True)]
