@@ -23,7 +23,7 @@ class Quantisation(Effect):
     name: ClassVar[str] = 'quantisation'
     stage: ClassVar[Stage] = Stage.STORAGE
     title: ClassVar[str] = 'storage or fixed-point phase: depth in whole steps'
-    covariate: ClassVar[str] = 'distance'
+    covariate: ClassVar[str] = 'none'
     changes: ClassVar[tuple[str, ...]] = ('noise',)
     source: ClassVar[str] = 'drivers that store millimetres; the step is assumed'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
