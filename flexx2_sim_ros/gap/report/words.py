@@ -212,8 +212,8 @@ def reduction(gap: dict[str, Any]) -> list[str]:
     out = [difference(gap), _percentage(gap)]
     if gap['held_out']:
         out.append(
-            'Each recording was compared with effects that were fitted to the others, or, where '
-            'poses can take over an effect, that are as wrong as their fit leaves open. '
+            'Each recording was compared with effects that were fitted to the others. Where '
+            'poses can hide errors of an effect, it has errors as large as those of its fit. '
             f'{_elsewhere(gap["interval"])}'
         )
     if 'note' in gap:
