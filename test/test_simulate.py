@@ -223,6 +223,22 @@ def test_arrays_with_one_image_a_frame_are_cut_with_the_frames(tmp_path: Path) -
     np.testing.assert_array_equal(truth.known, known[:3])
 
 
+def test_more_frames_than_images_of_one_kind_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Assert nothing is written that could not be read."""
+    source = save(tmp_path, known=np.ones((5, *SCENE.shape), bool))
+    assert main(['simulate', source, str(tmp_path / 'out.npz'), '--frames', '6']) == 2
+    assert (
+        'known: must have an image for each of the 6 frames, got 5; choose fewer frames with '
+        '--frames' in ' '.join(capsys.readouterr().err.split())
+    )
+    assert not (tmp_path / 'out.npz').exists()
+    simulate(source, tmp_path, '--frames', '5')
+    recording = load_recording(tmp_path / 'out.npz')
+    assert read_truth(tmp_path / 'out.npz', recording.extra, recording.depth.shape).known.all()
+
+
 def test_the_input_may_be_a_recording(tmp_path: Path) -> None:
     """Assert what was written can be simulated again, in another mode."""
     first = simulate(save(tmp_path), tmp_path, '--frames', '5')

@@ -107,6 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     console = Console(stderr=True, markup=False)
     count = len(stamps)
+    _check_images(scene, count, arguments.input)
     # Stamps of a clock are exact in nanoseconds only; the noise depends on them.
     exact = None if scene.stamp_ns is None else scene.stamp_ns[:count]
     times = stamps if exact is None or len(exact) < count else exact
@@ -137,6 +138,17 @@ def run(arguments: argparse.Namespace) -> int:
             writer.add_array('effects', effects_yaml(effects))
     _say(console, arguments.output, camera, scene, count, invalid)
     return 0
+
+
+def _check_images(scene: Scene, count: int, path: str) -> None:
+    # A recording with fewer images of one kind than frames cannot be read.
+    for key in sorted(_MAY_BE_STACKS & scene.extra.keys()):
+        value = scene.extra[key]
+        if value.ndim == 3 and len(value) < count:
+            raise InputError(
+                f'{path}: {key}: must have an image for each of the {count} frames, got '
+                f'{len(value)}; choose fewer frames with --frames'
+            )
 
 
 def _say(
