@@ -228,10 +228,6 @@ def diagnose(
     return table
 
 
-def _is_posed(effects: Sequence[Effect]) -> bool:
-    return any(one.role == 'pose' for one in effects)
-
-
 def _settings(
     found: Found, seed: int, pose_prior: tuple[float, float], known: Table
 ) -> dict[str, Any]:
@@ -286,7 +282,7 @@ def _simulate_named(
     without = [of_camera(one) for one in held_out]
     wrong = as_wrong_as_fitted(of_camera(fitted), without)
     motions = model.own.found(decision.accepted.nuisances)
-    elsewhere = Elsewhere(model, used, _is_posed(fitted), simulator)
+    elsewhere = Elsewhere(model, used, fitted, simulator)
     # At other poses, `measured` simulates the wrong effects, and not this.
     here = wrong if elsewhere.other_poses(motions) is None else without
     jobs = list(zip(used, map(tuple, motions), without, here, shown, strict=True))
@@ -308,7 +304,7 @@ def _simulate_named(
         return named
     wrong = as_wrong_as_fitted(forms.explained.effects, forms.explained.now)
     confirmed, motions = forms.confirmed(simulator, wrong, shown, step)
-    elsewhere = replace(elsewhere, posed=_is_posed(effects))
+    elsewhere = replace(elsewhere, effects=effects)
     confirmed = elsewhere.measured(confirmed, motions, wrong, step)
     return replace(named, confirmed=confirmed, motions=motions)
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import Simulator
@@ -23,8 +24,8 @@ class Elsewhere:
         The recordings.
     used : sequence of Found
         Their files.
-    posed : bool
-        Whether a pose error is among the effects.
+    effects : sequence of Effect
+        What was found, a pose error included.
     simulator : Simulator
         How they are simulated.
 
@@ -32,12 +33,20 @@ class Elsewhere:
 
     model: Model
     used: Sequence[Found]
-    posed: bool
+    effects: Sequence[Effect]
     simulator: Simulator
 
     def other_poses(self, motions: Sequence[np.ndarray]) -> list[np.ndarray] | None:
-        """Return the poses there, or None if they are these."""
-        poses = self.model.own.elsewhere(motions, self.posed)
+        """
+        Return the poses there, or None if they are these.
+
+        They are these if the effects have nothing that poses could take over, such as random
+        dropout. What the poses have in common then is chance, or another cause without a name.
+        """
+        posed = any(one.role == 'pose' for one in self.effects)
+        if not posed and not any('pose' in one.nuisances for one in self.effects):
+            return None
+        poses = self.model.own.elsewhere(motions, posed)
         same = all(np.array_equal(*pair) for pair in zip(poses, motions, strict=True))
         return None if same else poses
 
