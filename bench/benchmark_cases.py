@@ -3,8 +3,9 @@ Single development cases of `flexx2 gap benchmark`, with predicted and realised 
 
 The whole development run takes hours; this runs the cases of some effects and strengths alone. It
 prints what the diagnosis said, whether the first row of `where` is of the effect's physics, which
-reduction it predicts, which one happens on fresh scenes, and the time on one core. Cases with a
-file in ``--out`` are not run again.
+reduction it predicts, which one happens on fresh scenes, and the time on one core. Cases that the
+same code has answered in ``--out`` are not run again. With ``--alike``, scenes are those of 400 in
+which the errors of the poses are most alike, by chance.
 
 python -m bench.benchmark_cases --effects intrinsics_error,wiggling --strengths 1 --jobs 2
 """
@@ -19,10 +20,15 @@ from typing import Any
 
 from flexx2_sim_ros import processes
 from flexx2_sim_ros.atomic import output_folder
-from flexx2_sim_ros.validation.benchmark.design import make_design, Planned
+from flexx2_sim_ros.validation.benchmark.answers import code_digest
+from flexx2_sim_ros.validation.benchmark.design import make_design, MODES, Planned
 from flexx2_sim_ros.validation.benchmark.physics import is_physical
 from flexx2_sim_ros.validation.benchmark.runner import DIAGNOSE, MEASURE, run_case
 from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT
+from flexx2_sim_ros.validation.blind import SceneKey, SceneSet
+import numpy as np
+
+_SCENES = range(2000, 2400)  # development seeds that no case of the benchmark uses
 
 
 def main() -> None:
@@ -32,11 +38,17 @@ def main() -> None:
     parser.add_argument('--strengths', default='1')
     parser.add_argument('--groups', default='single,none')
     parser.add_argument('--pose-mm', type=float, default=2.0)
+    parser.add_argument('--alike', action='store_true', help='poses that err alike')
     parser.add_argument('--jobs', type=int, default=2)
     parser.add_argument('--out', default='build/benchmark_cases')
     arguments = parser.parse_args()
-    out = Path(arguments.out)
+    out = Path(arguments.out) / code_digest()[:8]
     cases = dict(_chosen(arguments))
+    if not cases:
+        parser.error(
+            '--effects: must be in cases of these --strengths, --groups and --pose-mm, got '
+            f'{arguments.effects}'
+        )
     results = output_folder(out / 'results')
     left = [
         (out, name, planned.to_json())
@@ -54,15 +66,29 @@ def _chosen(arguments: argparse.Namespace) -> Iterator[tuple[str, Planned]]:
     names = set(arguments.effects.split(','))
     strengths = {float(one) for one in arguments.strengths.split(',')}
     groups = set(arguments.groups.split(','))
+    alike = _alike(arguments.pose_mm) if arguments.alike else []
     for planned in make_design(DEVELOPMENT, quick=False):
         if planned.group not in groups or planned.pose_mm != arguments.pose_mm:
             continue
         if planned.effects and planned.strength not in strengths:
             continue
         if names & (set(planned.effects) or {'none'}):
+            if arguments.alike:
+                seed = alike[planned.seed % len(alike)]
+                planned = replace(planned, scene_seed=seed)
             told = '+'.join(planned.effects) or 'none'
-            name = f'{planned.group}-{told}-{planned.strength:g}-{planned.seed}'
+            scene = f'{planned.seed}-{planned.scene_seed}'
+            name = f'{planned.group}-{told}-{planned.strength:g}-{scene}'
             yield name, replace(planned, realise=bool(planned.effects) and not planned.without)
+
+
+def _alike(pose_mm: float) -> list[int]:
+    # The seeds of the two sets of scenes whose mean pose error is largest beside its scatter.
+    def likeness(seed: int) -> float:
+        twists = SceneSet(SceneKey(MODES[0], seed, pose_mm)).twists
+        return float(np.max(np.abs(twists.mean(axis=0)) / twists.std(axis=0, ddof=1)))
+
+    return sorted(_SCENES, key=likeness)[-2:]
 
 
 def _run(call: tuple[Path, str, dict[str, Any]]) -> str:
@@ -73,7 +99,7 @@ def _run(call: tuple[Path, str, dict[str, Any]]) -> str:
 def _line(name: str, planned: Planned, result: dict[str, Any]) -> str:
     table = result['diagnosis']
     if table is None:
-        return f'{name:42s} {result["error"].splitlines()[-1]}'
+        return f'{name:45s} {result["error"].splitlines()[-1]}'
     where = '-'
     if table['where']:
         first = table['where'][0]['covariate']
@@ -81,7 +107,7 @@ def _line(name: str, planned: Planned, result: dict[str, Any]) -> str:
     gap, realised = table['gap'] or {}, result['realised'] or {}
     named = ', '.join(f'{row["name"]} {row["confidence"]:.2f}' for row in table['effects'])
     return (
-        f'{name:42s} {table["verdict"]:10s} where {where:22s} '
+        f'{name:45s} {table["verdict"]:10s} where {where:22s} '
         f'predicted {_number(gap.get("shrink"))} realised {_number(realised.get("shrink"))} '
         f'{result["cpu_seconds"]:5.1f} s  {named}'
     )

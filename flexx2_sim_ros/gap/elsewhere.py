@@ -25,7 +25,7 @@ class Elsewhere:
     used : sequence of Found
         Their files.
     effects : sequence of Effect
-        What was found, a pose error included.
+        The named effects, a pose error included.
     simulator : Simulator
         How they are simulated.
 
@@ -38,10 +38,10 @@ class Elsewhere:
 
     def other_poses(self, motions: Sequence[np.ndarray]) -> list[np.ndarray] | None:
         """
-        Return the poses there, or None if they are these.
+        Return the poses of other scenes, or None if they are the fitted ones.
 
-        They are these if the effects have nothing that poses could take over, such as random
-        dropout. What the poses have in common then is chance, or another cause without a name.
+        They are, if poses can hide no part of the effects, such as random dropout. What the poses
+        have in common then is chance, or another cause that is not named.
         """
         posed = any(one.role == 'pose' for one in self.effects)
         if not posed and not any('pose' in one.nuisances for one in self.effects):
