@@ -19,18 +19,25 @@ python -m bench.calibrate_decisions --kept
 
 With ``--again``, campaigns of full size and those with a measured reduction are diagnosed again,
 after a change of the method. Their lines are in a second file, and replace the first.
+
+With ``--kept --anew``, the campaigns in which only some effects were named, and whose reduction
+was measured, are diagnosed again, after a change that concerns these effects alone:
+
+python -m bench.calibrate_decisions --kept --anew heavy_tails,random_dropout --jobs 2 --write
 """
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 import datetime
+import math
 from multiprocessing import get_context
 from pathlib import Path
 import time
 from typing import Any
 
 from bench.decision_campaigns import (
+    code,
     counts_anew,
     DESIGN,
     INSIDE,
@@ -50,6 +57,7 @@ from bench.decision_lines import keep, KEPT, kept_arguments
 from bench.journal import entries, Journal
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import whole, write_text
+from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.calibration.decisions import Decisions, FILE, KEYS
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.validation.benchmark.reliability import (
@@ -95,7 +103,11 @@ def main() -> None:
     """Diagnose campaigns, fit the rule, print how often it is right."""
     arguments = _arguments()
     if arguments.kept:
-        report(entries(KEPT), arguments.write, kept_arguments())
+        lines, chosen = entries(KEPT), kept_arguments()
+        if arguments.anew:
+            lines = _with_anew(lines, arguments)
+            chosen = f'{chosen}, then --kept --anew {",".join(arguments.anew)}'
+        report(lines, arguments.write, chosen)
         return
     options = [f'--campaigns {arguments.campaigns}']
     options += [f'--small {arguments.small}'] * (arguments.small < SMALL)
@@ -123,8 +135,19 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         '--kept', action='store_true', help=f'the campaigns of {KEPT.name}; nothing is diagnosed'
     )
+    parser.add_argument(
+        '--anew',
+        type=lambda text: tuple(text.split(',')),
+        default=(),
+        help='with --kept: effects; campaigns in which no other was named are diagnosed again',
+    )
     parser.add_argument('--write', action='store_true', help='the rule and its picture')
     arguments = parser.parse_args()
+    for name in arguments.anew:
+        if not arguments.kept:
+            parser.error('--anew: must be with --kept, got no --kept')
+        if name not in registry():
+            parser.error(f'--anew: must be names of effects, got {name}')
     for name, low, high in (
         ('campaigns', 1, QUIET),
         ('quiet', 0, MOST - QUIET),
@@ -168,6 +191,25 @@ def _lines(arguments: argparse.Namespace) -> list[dict[str, Any]]:
         _diagnose(quiet, some[len(quiet) :], arguments.jobs, ends)
         lines += list(quiet)[: arguments.quiet]
     return lines
+
+
+def _with_anew(
+    lines: Sequence[dict[str, Any]], arguments: argparse.Namespace
+) -> list[dict[str, Any]]:
+    # The lines, with those of campaigns with only effects of `arguments.anew` diagnosed again.
+    journal = Journal(
+        arguments.lines.with_suffix('.anew.jsonl'), names=arguments.anew, code=code()
+    )
+    wanted = [line['index'] for line in lines if _names_only(line, arguments.anew)]
+    _diagnose(journal, wanted[len(journal) :], arguments.jobs, math.inf)
+    newer = {line['index']: line for line in journal}
+    return [newer.get(line['index'], line) for line in lines]
+
+
+def _names_only(line: Mapping[str, Any], names: Sequence[str]) -> bool:
+    # Whether its reduction was measured, and no other effects were named.
+    named = {row['name'] for row in line['diagnosis']['effects']}
+    return (line['realised'] or {}).get('shrink') is not None and named <= set(names)
 
 
 def _diagnose(journal: Journal, left: Sequence[int], jobs: int, ends: float) -> None:
