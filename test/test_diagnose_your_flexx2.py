@@ -93,8 +93,8 @@ def test_every_command_leads_to_the_next(
             alone = ['--jobs', '1'] if words[0] == 'gap' and words[1] != 'plan' else []
             assert main([*words, *alone]) == 0, command
         else:
-            assert words[:3] == ['run', 'flexx2_sim_ros', 'flexx2_camera']
-            node = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', *words[3:]]
+            assert program == 'flexx2_camera'
+            node = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', *words]
             assert '[INFO]' in first_line(node, tmp_path)
     table = json.loads((tmp_path / 'diagnosis' / 'diagnosis.json').read_text())
     assert [row['name'] for row in table['effects']] == ['temporal_filter']

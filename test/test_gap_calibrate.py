@@ -80,6 +80,7 @@ def test_forms_are_found_and_taken(
     assert sorted(path.name for path in out.iterdir()) == [
         'calibration.html',
         'calibration.json',
+        'diagnosis.json',
         'effects.yaml',
         'fixed_pattern.npz',
     ]
@@ -107,6 +108,22 @@ def test_forms_are_found_and_taken(
     assert page.count('class="band"') == 2
     assert page.count('<img') == 1
     assert 'nan' not in page.split('</style>')[1].replace('base64', '').split('src="')[0]
+
+
+def test_a_calibration_in_a_folder_of_its_own_can_be_checked(tmp_path: Path) -> None:
+    wrong = {'offset': {'bias': 0.02}}
+    write_campaign(tmp_path / 'campaign', seed=116, effects=wrong, **TINY)
+    write_campaign(tmp_path / 'fresh', seed=117, effects=wrong, **TINY)
+    diagnose(tmp_path / 'campaign', out=tmp_path / 'diagnosis')
+    before = (tmp_path / 'diagnosis' / 'diagnosis.json').read_bytes()
+    calibrate(tmp_path / 'diagnosis', tmp_path / 'campaign', out=tmp_path / 'out')
+    assert main(['gap', 'check', str(tmp_path / 'out'), str(tmp_path / 'fresh')]) == 0
+    # The recordings of the diagnosis are known; no form was fitted without each of them.
+    diagnosed = read_diagnosis(tmp_path / 'out')
+    assert len(diagnosed.checksums) == TINY['recordings']
+    assert known_of(diagnosed).without == {}
+    calibrate(tmp_path / 'diagnosis', tmp_path / 'campaign', out=tmp_path / 'diagnosis')
+    assert (tmp_path / 'diagnosis' / 'diagnosis.json').read_bytes() == before
 
 
 def test_a_diagnosis_has_the_form_of_the_camera(tmp_path: Path) -> None:

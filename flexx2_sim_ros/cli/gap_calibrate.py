@@ -19,12 +19,14 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         'calibrate',
         help='fit curves, maps and parameters of the diagnosed effects to recordings',
-        description='A diagnosis names effects in their typical form. This command fits the form '
-        'itself: a bias over range, amplitude or time, a probability of invalid pixels over '
-        'incidence or amplitude, a map of a fixed pattern, widths, gates and frequencies. A form '
-        'is taken only if it brings the simulation nearer to recordings that it was not fitted '
-        'to; otherwise the effect stays as it was diagnosed. Writes effects.yaml '
-        '(with maps as .npz files beside it), calibration.json and calibration.html.',
+        description='A diagnosis fits those forms of its effects that are quick to fit. This '
+        'command fits all, and tries alternative explanations as well: a bias over range, '
+        'amplitude or time, a probability of invalid pixels over incidence or amplitude, a map of '
+        'a fixed pattern, widths, gates and frequencies. A form is taken only if it brings the '
+        'simulation nearer to recordings that it was not fitted to; otherwise the effect stays as '
+        'it was diagnosed. Writes effects.yaml (with maps as .npz files beside it), '
+        'calibration.json, calibration.html and diagnosis.json, so that flexx2 gap check can use '
+        'the folder.',
         epilog='example: flexx2 gap calibrate diagnosis/ recordings/ --out calibrated/',
     )
     add_diagnosis(parser)

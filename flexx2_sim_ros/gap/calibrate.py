@@ -63,7 +63,8 @@ def calibrate(
     jobs : int
         Processes.
     out : str or pathlib.Path, optional
-        Folder to write ``effects.yaml``, maps, ``calibration.json`` and ``calibration.html`` to.
+        Folder to write ``effects.yaml``, maps, ``calibration.json`` and ``calibration.html`` to,
+        and ``diagnosis.json``, so that `check`, `cost` and `walk` can use the folder.
     progress : callable, optional
         Called with what is being done, and the fraction that is done.
     scheduler : str, optional
@@ -133,7 +134,15 @@ def calibrate(
     table['version'] = __version__
     if out is not None:
         progress('writing', 0.97)
-        write_calibration(Path(out), table, calibrated, chosen.verdicts, chosen.looked)
+        own = Path(out).resolve() == Path(diagnosis).resolve()
+        write_calibration(
+            Path(out),
+            table,
+            calibrated,
+            chosen.verdicts,
+            chosen.looked,
+            None if own else before.table,
+        )
     progress('done', 1.0)
     return table
 
