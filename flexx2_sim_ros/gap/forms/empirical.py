@@ -91,7 +91,8 @@ def _mean(pairs: Sequence[tuple[np.ndarray, np.ndarray]], mine: np.ndarray) -> n
     # Mean difference of the log variance in each bin, by the number of pixels; 0 if unknown.
     total, weight = np.zeros(int(mine.sum())), np.zeros(int(mine.sum()))
     for real, simulated in pairs:
-        count, difference = real[0][mine], (real[1] - simulated[1])[mine]
+        with np.errstate(invalid='ignore'):  # -inf where nothing varies
+            count, difference = real[0][mine], (real[1] - simulated[1])[mine]
         good = np.isfinite(difference) & (count >= FORMS.known)
         total[good] += count[good] * difference[good]
         weight[good] += count[good]
