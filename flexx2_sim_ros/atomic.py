@@ -17,7 +17,7 @@ import sqlite3
 import sys
 import tempfile
 
-from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.errors import InputError, MachineError, shown_path
 from flexx2_sim_ros.signals import before_leaving
 
 if sys.platform != 'win32':  # On Windows, leftovers are not removed.
@@ -219,18 +219,24 @@ def named(path: str | Path) -> Iterator[None]:
     try:
         yield
     except (OSError, sqlite3.Error) as error:
-        raise InputError(f'{shown_path(path)}: {reason(error)}') from error
+        kind = MachineError if _is_full(error) else InputError
+        raise kind(f'{shown_path(path)}: {reason(error)}') from error
+
+
+def _is_full(error: OSError | sqlite3.Error) -> bool:
+    # Whether the device has no space left.
+    if isinstance(error, OSError):
+        return error.errno in _NO_SPACE
+    return _SQLITE_FULL in str(error)
 
 
 def reason(error: OSError | sqlite3.Error) -> str:
     """Return why something cannot be written, as a clause without a name."""
+    if _is_full(error):
+        return 'no space left on the device'
     if isinstance(error, OSError):
-        if error.errno in _NO_SPACE:
-            return 'no space left on the device'
         text = os.strerror(error.errno) if error.errno else str(error)
         return f'cannot be written: {text[:1].lower()}{text[1:]}'
-    if _SQLITE_FULL in str(error):
-        return 'no space left on the device'
     return f'cannot be written: {error}'
 
 

@@ -33,6 +33,10 @@ class InputError(ValueError):
         super().__init__(printable(message))
 
 
+class MachineError(InputError):
+    """The machine ended the work, not what was given: no memory, no space, no scheduler left."""
+
+
 def printable(text: str) -> str:
     """
     Return text with terminal escapes and other invisible characters as escape sequences.

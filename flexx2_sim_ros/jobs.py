@@ -10,7 +10,7 @@ from threading import Thread
 from typing import Any
 
 from flexx2_sim_ros import processes
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, MachineError
 from threadpoolctl import threadpool_limits
 
 _CONNECT_SECONDS = 10.0
@@ -147,14 +147,14 @@ def _dask(address: str) -> Iterator[Map]:
     try:
         yield run
     except distributed.KilledWorker as error:
-        raise InputError(
+        raise MachineError(
             f'--scheduler: {address}: its workers were lost again and again: {error}'
         ) from error
     except (CancelledError, RuntimeError, OSError) as error:
         # Whatever breaks on the way when the scheduler goes, the client is then not connected.
         if client.status == 'running':
             raise
-        raise InputError(
+        raise MachineError(
             f'--scheduler: {address}: the connection was lost; nothing was written'
         ) from error
     finally:

@@ -18,7 +18,7 @@ import threading
 import time
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import MachineError
 from flexx2_sim_ros.signals import exit_status, leave, leave_on_signals, SIGNALS
 
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
@@ -95,7 +95,7 @@ def workers(count: int, one_thread: bool = False, besides: int = 0) -> Iterator[
     try:
         yield submit
     except BrokenProcessPool as error:
-        raise InputError(
+        raise MachineError(
             f'--jobs: must be fewer, got {count + besides}, of which a process ended before its '
             "work did: out of memory? (In a script, jobs need `if __name__ == '__main__':`.)"
         ) from error

@@ -5,10 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError, MachineError
 from flexx2_sim_ros.gap.data.hidden import hidden_effects
 from flexx2_sim_ros.recording import open_recording
+from flexx2_sim_ros.recording.convert import convert
 from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
 from flexx2_sim_ros.truth.files import write_results
+from flexx2_sim_ros.truth.run import no_progress, running, TruthRequest
 import numpy as np
 import pytest
 import yaml
@@ -151,3 +154,29 @@ def test_files_of_a_folder_that_cannot_be_used_are_refused_and_the_others_go_on(
     assert str(cut) in refused(capsys, good, cut, *words[2:])
     good.unlink()
     assert 'depth: all pixels of all frames are invalid' in refused(capsys, folder, *words[2:])
+
+
+def test_a_bag_that_is_the_current_folder_gives_its_name(
+    tmp_path: Path, wall_yaml: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    convert(small_wall(tmp_path / 'in' / 'wall.npz', 1.2), tmp_path / 'corner')
+    monkeypatch.chdir(tmp_path / 'corner')
+    words = ['gap', 'truth', '.', '--planes', str(wall_yaml), '--out', str(tmp_path / 'out')]
+    assert main([*words, '--jobs', '1']) == 0
+    assert (tmp_path / 'out' / 'corner.npz').is_file()
+
+
+@pytest.mark.parametrize(('error', 'kept'), [(MachineError, True), (InputError, False)])
+def test_what_is_done_stays_if_the_machine_fails(
+    error: type[InputError], kept: bool, tmp_path: Path
+) -> None:
+    out = tmp_path / 'out'
+
+    def fail() -> None:
+        with running(TruthRequest(recordings=(), out=out), no_progress) as run:
+            run.each_once('registering', (0.0, 1.0), str, [1], ['a'])
+            raise error('--jobs: must be fewer')
+
+    with pytest.raises(error):
+        fail()
+    assert out.exists() == kept

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 import hashlib
+import os
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,6 +33,7 @@ def names_of(paths: Sequence[Path]) -> list[str]:
     """Return the names of the files that recordings with ground truth are written to."""
     names: list[str] = []
     for path in paths:
+        path = Path(os.path.abspath(path))  # noqa: PTH100, a link keeps its name; "." has none
         stem, number = path.name, 1
         if path.suffix in ('.npz', *BAG_FILES):
             stem = path.stem

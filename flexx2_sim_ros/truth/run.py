@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, MachineError
 from flexx2_sim_ros.jobs import Map, workers
 from flexx2_sim_ros.recording.folders import find_recordings
 from flexx2_sim_ros.truth.files import (
@@ -239,6 +239,8 @@ def running(request: TruthRequest, progress: Progress) -> Iterator[Run]:
     try:
         with workers(request.jobs, request.scheduler) as mapped:
             yield Run(request, progress, mapped)
+    except MachineError:
+        raise
     except InputError:
         if new:
             shutil.rmtree(request.out, ignore_errors=True)
