@@ -186,6 +186,21 @@ def test_the_step_is_that_of_the_depths_where_recordings_agree() -> None:
     assert agreed_step(np.array([0.005]), 0.0057) == 0.005
 
 
+def test_what_is_unknown_stays_unknown(tmp_path: Path) -> None:
+    """Assert it of a recording with ground truth that gets a mask besides."""
+    known, mask = np.ones((3, 8, 8), bool), np.ones((8, 8), bool)
+    known[1, 2, :] = False
+    mask[:, 5] = False
+    clean = np.ones((8, 8), np.float32)
+    clean[7, 7] = np.nan
+    np.savez(tmp_path / 'in.npz', depth=np.ones((3, 8, 8)), K=K, clean_depth=clean, known=known)
+    Image.fromarray(mask).save(tmp_path / 'mask.png')
+    given = Given(mask=tmp_path / 'mask.png', partial_truth=True)
+    convert(tmp_path / 'in.npz', tmp_path / 'out.npz', given=given)
+    found = load_recording(tmp_path / 'out.npz').extra['known']
+    np.testing.assert_array_equal(found, known & mask & np.isfinite(clean))
+
+
 def test_partial_truth_needs_ground_truth(tmp_path: Path) -> None:
     np.savez(tmp_path / 'in.npz', depth=np.ones((3, 8, 8)), K=K)
     with pytest.raises(InputError, match='must come with clean_depth'):

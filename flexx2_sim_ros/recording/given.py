@@ -7,6 +7,7 @@ from pathlib import Path
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.png import read_mask_png
 from flexx2_sim_ros.recording.reader import ASSUMED, Content, RecordingReader
+from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
 
 MILLIMETRE = 0.001
@@ -136,6 +137,9 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
     if given.partial_truth:
         known = _where_known(reader)
         arrays['known'] = known & arrays['known'] if given.mask is not None else known
+    if 'known' in arrays:
+        own = read_truth(reader.path, reader.arrays, reader.shape).known
+        arrays['known'] = arrays['known'] if own is None else arrays['known'] & own
     if given.rate_hz is not None:
         if not reader.assumed_stamps:
             raise InputError(
