@@ -32,6 +32,11 @@ def convert(*arguments: Any) -> int:
             [1700000000123000000, 1700000000456000000, 1700000001000000000],
         ),
         (['frame2.png', 'frame9.png', 'frame10.png'], [0, 40_000_000, 80_000_000]),
+        # Serial numbers, or later than the year 2262.
+        (
+            ['9999999997.5.png', '9999999998.5.png', '9999999999.5.png'],
+            [0, 40_000_000, 80_000_000],
+        ),
     ],
 )
 def test_a_folder_becomes_a_recording(names: list[str], stamps: list[int], tmp_path: Path) -> None:

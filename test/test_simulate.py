@@ -267,6 +267,7 @@ def test_the_input_may_be_any_kind_of_number(tmp_path: Path) -> None:
         ({}, ['--frames', '-3'], ['--frames', 'must be', "got '-3'"]),
         ({}, ['--seed', str(10**30)], ['--seed', 'must be', str(10**19)]),
         ({'clean_depth': np.stack([SCENE] * 3)}, ['--frames', '4'], ['--frames', '4', '3']),
+        ({'stamp': np.empty(0)}, ['--frames', '5'], ['stamp', 'must be a time', 'got none']),
         ({'clean_depth': np.stack([SCENE] * 3), 'stamp': np.arange(2.0)}, [], ['stamp', '2', '3']),
         ({'stamp': np.array([])}, [], ['must be']),
         ({'K': None}, [], ['K', 'must be in the file']),

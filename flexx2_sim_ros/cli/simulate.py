@@ -239,6 +239,8 @@ def _stamps(
 ) -> np.ndarray:
     available = len(scene.clean_depth) if scene.clean_depth.ndim == 3 else None
     if scene.stamp is not None:
+        if not len(scene.stamp):
+            raise InputError(f'{path}: stamp: must be a time for each frame, got none')
         if available not in (None, len(scene.stamp)):
             raise InputError(
                 f'{path}: stamp: must have one value for each of the {available} frames of '

@@ -17,6 +17,7 @@ _DEPTH = 'depth'
 _GRAYS = ('gray', 'ir', 'infra', 'amplitude')
 _YAML = ('.yaml', '.yml')
 _STAMP = re.compile(r'(\d+)(?:\.(\d{1,9}))?$')
+_END_OF_TIME = 2**63  # nanoseconds in int64
 _NANOSECONDS = {19: 1, 16: 1_000, 13: 1_000_000}  # of a unit, by the digits since 1970
 
 
@@ -143,8 +144,12 @@ def _stamp(file: Path) -> int | None:
         return None
     whole, fraction = found.groups()
     if fraction is not None:
-        return int(whole[-10:]) * 1_000_000_000 + int(fraction.ljust(9, '0'))
-    return int(whole) * _NANOSECONDS[len(whole)] if len(whole) in _NANOSECONDS else None
+        stamp = int(whole[-10:]) * 1_000_000_000 + int(fraction.ljust(9, '0'))
+    elif len(whole) in _NANOSECONDS:
+        stamp = int(whole) * _NANOSECONDS[len(whole)]
+    else:
+        return None
+    return stamp if stamp < _END_OF_TIME else None
 
 
 def _natural(file: Path) -> list[tuple[str, int]]:

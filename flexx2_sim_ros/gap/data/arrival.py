@@ -50,7 +50,7 @@ def find_arrival(reader: RecordingReader, notes: list[str]) -> Arrival | None:
     if 0 <= median <= READING.longest_delay:
         return Arrival(median, low, high)
     notes.append(
-        'received: not used: its clock is not that of stamp, the median difference is '
-        f'{median:.3g} s'
+        f'{reader.path}: received: not used: its clock is not that of stamp, the median '
+        f'difference is {median:.3g} s'
     )
     return None
