@@ -153,7 +153,21 @@ class BagRecording(RecordingReader):
             self._add_own_arrays(content)
         else:
             self._add_carried_arrays(content)
+        self._add_known(content)
         return content
+
+    def _add_known(self, content: Content) -> None:
+        # The ground truth of a frame is unknown if one of its images is missing: `frames` yields
+        # an image of nothing in its place.
+        if 'clean_depth' not in content.layouts and 'clean_depth' not in content.arrays:
+            return
+        absent = [stack.numbers == ABSENT for stack in self._stacks.values()]
+        there = ~np.any(absent, axis=0)
+        if there.all():
+            return
+        known = content.arrays.get('known', np.ones(content.layouts['depth'].shape, bool))
+        if known.dtype == bool and known.ndim in (2, 3):  # Otherwise its reader complains.
+            content.arrays['known'] = known & there[:, None, None]
 
     def _check_size(self, height: int, width: int) -> None:
         # The camera matrix of another size would give another camera. A cloud is read in the size
@@ -199,10 +213,10 @@ class BagRecording(RecordingReader):
             content.arrays['stamp_ns'] = stamps
         content.arrays['received'] = np.array(self._found[self._source].times, np.int64) / 1e9
         for time, info in self._infos[1:]:
-            if not np.array_equal(info.k, first.k):
+            frame = self._frame(time)
+            if self._before_the_end(frame) and not np.array_equal(info.k, first.k):
                 content.changes.append(
-                    f'{self._bag.path}: K: changes at frame '
-                    f'{self._frame(time)} from {first.k.tolist()} to '
+                    f'{self._bag.path}: K: changes at frame {frame} from {first.k.tolist()} to '
                     f'{info.k.tolist()}'
                 )
                 break
@@ -227,6 +241,8 @@ class BagRecording(RecordingReader):
         before = None
         for time, _, usecase, changed in self._usecases:
             frame = self._frame(time)
+            if (changed or before is not None) and not self._before_the_end(frame):
+                return
             if before is None or not frame:
                 content.arrays['usecase'] = np.array(usecase)
             if frame and (changed if before is None else usecase != before):
@@ -256,6 +272,10 @@ class BagRecording(RecordingReader):
     def _frame(self, time: int) -> int:
         # The first frame that was received at a time or after it.
         return int(np.searchsorted(self._found[self._source].times, time))
+
+    def _before_the_end(self, frame: int) -> bool:
+        # Whether the recording has this frame: what changes after the last one does not matter.
+        return frame < len(self._found[self._source].times)
 
     def frames(self, key: str) -> Iterator[np.ndarray]:
         """Iterate over the images of a stack; see `RecordingReader.frames`."""

@@ -40,7 +40,8 @@ def gray_images(reader: RecordingReader, moving: bool) -> Iterator[np.ndarray]:
     total = top = None
     count: Any = 0
     for image in _shown(reader):
-        there = ~np.isnan(image)
+        # A bag lacks the images of some frames: they are black.
+        there = ~np.isnan(image) & bool(np.nan_to_num(image).any())
         total = np.where(there, image, 0) + (0 if total is None else total)
         top = image if top is None else np.fmax(top, image)
         count = count + there

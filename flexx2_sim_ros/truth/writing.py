@@ -275,6 +275,10 @@ def without_strangers(clean: Clean, image: Observation) -> Clean:
 
 
 def _arrays(truths: Sequence[Clean], moving: bool) -> dict[str, np.ndarray]:
+    lit = [truth.reflectivity is not None for truth in truths]
+    if 2 * sum(lit) > len(lit):  # A bag lacks the gray images of a few frames.
+        truths = [truth if one else _dark(truth) for truth, one in zip(truths, lit, strict=True)]
+
     def stack(name: str) -> np.ndarray:
         images = [getattr(truth, name) for truth in truths]
         return np.stack(images) if moving else images[0]
@@ -289,6 +293,14 @@ def _arrays(truths: Sequence[Clean], moving: bool) -> dict[str, np.ndarray]:
         if all(getattr(truth, name) is not None for truth in truths):
             out[name] = stack(name)
     return out
+
+
+def _dark(truth: Clean) -> Clean:
+    # Of a frame whose reflectivity is not known, where that of the others is.
+    nothing = np.full(truth.depth.shape, np.nan, np.float32)
+    return replace(
+        truth, known=np.zeros_like(truth.known), reflectivity=nothing, reflectivity_spread=nothing
+    )
 
 
 def _copied(reader: RecordingReader, written: Set[str]) -> Iterator[tuple[str, Any]]:

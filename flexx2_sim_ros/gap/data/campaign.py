@@ -242,12 +242,14 @@ def _first_known(clean: np.ndarray, known: np.ndarray | None) -> np.ndarray:
 
 
 def _still(truth: Truth) -> Truth:
-    # One image for a still scene: a pixel is known if all frames know it, and its sigma is the
-    # largest of all frames.
+    # One image for a still scene: a pixel is known if all frames know it that know any, and its
+    # sigma is the largest of all frames.
     known, sigma = truth.known, truth.clean_sigma
+    if known is not None and known.ndim == 3:
+        known = np.asarray(known[known.any(axis=(1, 2))].all(axis=0))
     return replace(
         truth,
-        known=np.asarray(known.all(axis=0)) if known is not None and known.ndim == 3 else known,
+        known=None if known is None or known.all() else known,
         clean_sigma=sigma.max(axis=0) if sigma is not None and sigma.ndim == 3 else sigma,
     )
 
@@ -325,8 +327,11 @@ def _reflectivity(
             f'{path}: reflectivity: must have the size of depth, {shape}, got '
             f'{reflectivity.shape[-2:]}'
         )
+    share = np.isfinite(reflectivity).mean(axis=0)  # of the frames that know it
     reflectivity = np.nan_to_num(reflectivity).astype(np.float32)
-    return reflectivity.mean(axis=0) if clean.ndim == 2 < reflectivity.ndim else reflectivity
+    if clean.ndim == 2 < reflectivity.ndim:
+        reflectivity = reflectivity.mean(axis=0) / np.maximum(share, 1 / len(reflectivity))
+    return reflectivity.astype(np.float32)
 
 
 def _filled(
