@@ -106,7 +106,8 @@ def main() -> None:
         lines, chosen = entries(KEPT), kept_arguments()
         if arguments.anew:
             lines = _with_anew(lines, arguments)
-            chosen = f'{chosen}, then --kept --anew {",".join(arguments.anew)}'
+            anew = f'--kept --anew {",".join(arguments.anew)}'
+            chosen = f'{chosen} --write; python -m bench.calibrate_decisions {anew}'
         report(lines, arguments.write, chosen)
         return
     options = [f'--campaigns {arguments.campaigns}']
@@ -133,7 +134,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument('--jobs', type=int, default=1, help='processes')
     parser.add_argument('--again', action='store_true', help='after a change of the method')
     parser.add_argument(
-        '--kept', action='store_true', help=f'the campaigns of {KEPT.name}; nothing is diagnosed'
+        '--kept', action='store_true', help=f'the campaigns of {KEPT.name}, as diagnosed then'
     )
     parser.add_argument(
         '--anew',

@@ -14,7 +14,7 @@ A run is opened only after it was scored: the labels are read.
 """
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import as_completed
 import json
 from pathlib import Path
@@ -28,7 +28,12 @@ from flexx2_sim_ros.validation.benchmark.realised import FRESH, is_independent, 
 from flexx2_sim_ros.validation.benchmark.sealing import open_seal
 import numpy as np
 
-_GROUPS = 'all', 'independent measure', 'strength 1, independent measure'
+_Row = Mapping[str, Any]
+_GROUPS: dict[str, Callable[[_Row], bool]] = {
+    'all': lambda row: True,
+    'independent measure': lambda row: row['independent'],
+    'strength 1, independent measure': lambda row: row['independent'] and row['full'],
+}
 
 
 def main() -> None:
@@ -50,8 +55,8 @@ def main() -> None:
         print(f'{row["effects"]:45s} realised {first:.2f} and {second:.2f}, predicted {said:.2f}')
     print('\n| cases | two sets of scenes differ by | prediction is wrong by |')
     print('|---|---|---|')
-    for group in _GROUPS:
-        some = [row for row in rows if _is_in(row, group)]
+    for group, is_in in _GROUPS.items():
+        some = [row for row in rows if row['again'] is not None and is_in(row)]
         print(f'| {group}: {len(some)} | {_apart(some, "again")} | {_apart(some, "predicted")} |')
 
 
@@ -75,8 +80,7 @@ def _again(call: tuple[Path, str, dict[str, Any]]) -> dict[str, Any]:
     return {
         'case': name,
         'effects': ' + '.join(f'{one} {value:g}' for one, value in planned.effects.items()),
-        'strength': planned.strength,
-        'group': planned.group,
+        'full': planned.group == 'single' and planned.strength == 1,
         'independent': is_independent(result['realised']),
         'predicted': result['diagnosis']['gap']['shrink'],
         'realised': result['realised']['shrink'],
@@ -84,19 +88,12 @@ def _again(call: tuple[Path, str, dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _is_in(row: Mapping[str, Any], group: str) -> bool:
-    if row['again'] is None:
-        return False
-    full = row['group'] == 'single' and row['strength'] == 1
-    return (row['independent'] or group == 'all') and (full or 'strength' not in group)
-
-
 def _share(value: float | None) -> float:
     # As the benchmark counts it: not more than all of a gap goes away.
     return np.nan if value is None else min(value, 1.0)
 
 
-def _apart(rows: list[dict[str, Any]], key: str) -> str:
+def _apart(rows: list[_Row], key: str) -> str:
     apart = [abs(_share(row['realised']) - _share(row[key])) for row in rows]
     return f'{np.mean(apart):.3f}, median {np.median(apart):.3f}' if apart else '-'
 

@@ -72,7 +72,10 @@ def test_times_of_another_clock_are_noted_and_not_used(difference: float, tmp_pa
     found = check(path, None)
     assert isinstance(found, Found)
     assert found.arrival is None
-    assert any('received: not used: its clock is not that of stamp' in one for one in found.notes)
+    assert any(
+        f'{found.path}: received: not used: its clock is not that of stamp' in one
+        for one in found.notes
+    )
     np.savez(path, usecase='Mode_9_5fps', received=stamp + 0.05, **arrays)
     found = check(path, None)
     assert isinstance(found, Found)

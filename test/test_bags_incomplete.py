@@ -2,10 +2,13 @@
 
 from pathlib import Path
 
+from flexx2_sim_ros.characterize.measure import measure
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.data.registration import RecordingData
-from flexx2_sim_ros.recording import open_recording
+from flexx2_sim_ros.recording import load_recording, open_recording
+from flexx2_sim_ros.truth.clean import Clean
 from flexx2_sim_ros.truth.gray_frames import gray_images
+from flexx2_sim_ros.truth.writing import write_truth
 from made_bags import camera_entries, Entry, image, info, SECOND, usecase, write
 import numpy as np
 
@@ -67,6 +70,37 @@ def test_ground_truth_of_a_moving_camera_is_unknown_where_its_image_is_missing(
     known = data.truth.known.reshape(COUNT, -1)
     assert known.all(axis=1).tolist() == [False, True, True, True, False, True]
     assert not known[[0, 4]].any()
+
+
+def test_a_measurement_of_the_noise_uses_all_depth(tmp_path: Path) -> None:
+    noise = 0.004 * np.random.default_rng(1).standard_normal((COUNT, *SHAPE))
+    seen = (wall(False) + 0.01 + noise).astype(np.float32)
+    entries = without(camera_entries('front', seen, wall(False)), CLEAN, {0, 2})
+    found = measure(write(tmp_path / 'bag', entries))
+    assert found.pixels.invalid == 0
+    assert found.bias_of == 'clean depth'
+    assert abs(found.bias - 0.01) < 0.001
+
+
+def test_a_frame_without_a_gray_image_does_not_take_the_reflectivity_of_all(
+    tmp_path: Path,
+) -> None:
+    reader = open_recording(
+        write(tmp_path / 'bag', camera_entries('front', wall(True), wall(True)))
+    )
+    flat = np.zeros(SHAPE, np.float32)
+    lit = [np.full(SHAPE, TRUE, np.float32)] * COUNT
+    truths = [
+        Clean(depth, flat, None if number == 2 else lit[number], np.ones(SHAPE, bool), flat)
+        for number, depth in enumerate(wall(True))
+    ]
+    write_truth(reader, tmp_path / 'out.npz', truths, True, {})
+    found = load_recording(tmp_path / 'out.npz')
+    assert found.extra['known'].all(axis=(1, 2)).tolist() == [
+        number != 2 for number in range(COUNT)
+    ]
+    shown = np.delete(found.reflectivity, 2, axis=0)
+    np.testing.assert_array_equal(shown, np.float32(TRUE))
 
 
 def test_missing_gray_images_do_not_darken_the_others(tmp_path: Path) -> None:

@@ -210,8 +210,10 @@ def _check_units(typical: np.ndarray, far: float) -> None:
 
 
 def _clean(clean: np.ndarray, typical: np.ndarray, reader: RecordingReader) -> np.ndarray:
-    # One image in metres.
-    image = np.asarray(clean[0] if clean.ndim == 3 else clean, np.float64)
+    # One image in metres: the first that is there, because a bag may lack that of a frame.
+    if clean.ndim == 3:
+        clean = next((image for image in clean if np.isfinite(image).any()), clean[0])
+    image = np.asarray(clean, np.float64)
     with np.errstate(invalid='ignore', divide='ignore'):
         ratios = (image / typical)[(image > 0) & (typical > 0)]
     if not len(ratios) or not _MILLIMETRES[0] < np.median(ratios) < _MILLIMETRES[1]:

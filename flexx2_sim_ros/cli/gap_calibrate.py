@@ -45,7 +45,7 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Calibrate with a progress bar, and print the forms that were taken."""
     from flexx2_sim_ros.gap import calibrate
-    from flexx2_sim_ros.gap.report.calibration_page import headline, sentences
+    from flexx2_sim_ros.gap.report.calibration_page import FILES, headline, sentences
     from flexx2_sim_ros.profiles.files import find_profile
 
     console = Console(stderr=True, markup=False)
@@ -63,8 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
     console.print(headline(table), style='bold', highlight=False)
     print_lines(console, sentences(table))
     console.print(
-        f'{arguments.out}: effects.yaml, calibration.json, calibration.html '
-        f'({table["seconds"]:.0f} s)',
-        highlight=False,
+        f'{arguments.out}: {", ".join(FILES)} ({table["seconds"]:.0f} s)', highlight=False
     )
     return 0

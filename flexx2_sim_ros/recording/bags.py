@@ -153,21 +153,7 @@ class BagRecording(RecordingReader):
             self._add_own_arrays(content)
         else:
             self._add_carried_arrays(content)
-        self._add_known(content)
         return content
-
-    def _add_known(self, content: Content) -> None:
-        # The ground truth of a frame is unknown if one of its images is missing: `frames` yields
-        # an image of nothing in its place.
-        if 'clean_depth' not in content.layouts and 'clean_depth' not in content.arrays:
-            return
-        absent = [stack.numbers == ABSENT for stack in self._stacks.values()]
-        there = ~np.any(absent, axis=0)
-        if there.all():
-            return
-        known = content.arrays.get('known', np.ones(content.layouts['depth'].shape, bool))
-        if known.dtype == bool and known.ndim in (2, 3):  # Otherwise its reader complains.
-            content.arrays['known'] = known & there[:, None, None]
 
     def _check_size(self, height: int, width: int) -> None:
         # The camera matrix of another size would give another camera. A cloud is read in the size

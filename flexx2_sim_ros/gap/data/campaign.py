@@ -13,6 +13,7 @@ from flexx2_sim_ros.gap.data.frames import choose_frames
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.registration import RecordingData
+from flexx2_sim_ros.gap.data.truth_frames import first_known, known_in, of_frames, still
 from flexx2_sim_ros.gap.data.units import guessed_scale, in_metres, largest, reflectivity_from
 from flexx2_sim_ros.gap.data.unknown import fill, nearest
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
@@ -197,13 +198,17 @@ def read(found: Found, profile: Profile | None, known: Table | None = None) -> R
         if len(inside):
             parts.append((part, inside))
         start += len(part.stamp)
-    truth = _of_frames(read_truth(path, reader.arrays, reader.shape), chosen)
+    truth = of_frames(read_truth(path, reader.arrays, reader.shape), chosen)
     notes: list[str] = []
     depth, clean = _depths(found, parts, truth.known, notes)
     if clean.ndim == 3:
-        first = _first_known(clean, truth.known)
+        there = _there('clean_depth', parts)
+        first = first_known(clean, known_in(there, clean, truth).known)
         if (clean == first).all(where=np.isfinite(clean)):
-            clean, truth = first, _still(truth)
+            clean, truth = first, still(truth, there)
+        else:
+            light = 'amplitude' if parts[0][0].reflectivity is None else 'reflectivity'
+            truth = known_in(there & _there(light, parts), clean, truth)
     reflectivity = _reflectivity(found, reader.K, parts, clean, notes)
     clean, reflectivity = _filled(found, clean, reflectivity, truth.known)
     uptime = _uptime(reader, chosen)
@@ -225,33 +230,14 @@ def read(found: Found, profile: Profile | None, known: Table | None = None) -> R
     )
 
 
-def _of_frames(truth: Truth, chosen: np.ndarray) -> Truth:
-    # Keep the chosen frames. A mask without unknown pixels is dropped.
-    known, sigma = (
-        one if one is None or one.ndim < 3 else one[chosen]
-        for one in (truth.known, truth.clean_sigma)
-    )
-    return replace(truth, known=None if known is None or known.all() else known, clean_sigma=sigma)
-
-
-def _first_known(clean: np.ndarray, known: np.ndarray | None) -> np.ndarray:
-    # A pixel that is unknown in the first frame may stand still all the same.
-    if known is None or known.ndim < 3:
-        return np.asarray(clean[0])
-    return np.take_along_axis(clean, known.argmax(axis=0)[None], axis=0)[0]
-
-
-def _still(truth: Truth) -> Truth:
-    # One image for a still scene: a pixel is known if all frames know it that know any, and its
-    # sigma is the largest of all frames.
-    known, sigma = truth.known, truth.clean_sigma
-    if known is not None and known.ndim == 3:
-        known = np.asarray(known[known.any(axis=(1, 2))].all(axis=0))
-    return replace(
-        truth,
-        known=None if known is None or known.all() else known,
-        clean_sigma=sigma.max(axis=0) if sigma is not None and sigma.ndim == 3 else sigma,
-    )
+def _there(key: str, parts: list[tuple[Recording, np.ndarray]]) -> np.ndarray:
+    # (T,) Which frames have an image of their own, if any has. A bag lacks those of some: they are
+    # NaN or, as whole numbers, 0.
+    images = _stack(key, parts)
+    if images is None or images.ndim == 2:
+        return np.ones(sum(len(chosen) for _, chosen in parts), bool)
+    there = np.array([np.nan_to_num(image).any() for image in images])
+    return there if there.any() else ~there
 
 
 def _depths(
@@ -308,14 +294,21 @@ def _reflectivity(
 ) -> np.ndarray | None:
     # The given reflectivity, otherwise the one that the amplitude implies; 0 where unknown.
     path, shape = found.path, clean.shape[-2:]
-    reflectivity = _stack('reflectivity', parts)
+
+    def images(key: str) -> np.ndarray | None:
+        stack = _stack(key, parts)
+        if stack is None or stack.ndim == 2 or clean.ndim == 3:
+            return stack
+        return stack[_there(key, parts)]
+
+    reflectivity = images('reflectivity')
     if reflectivity is not None:
         brightest = float(np.nanmax(reflectivity, initial=0))
         if brightest > READING.brightest:
             raise InputError(f'{path}: reflectivity: must be 0 to 1, got up to {brightest:g}')
         reflectivity = np.clip(reflectivity, 0, 1)
     else:
-        amplitude = _stack('amplitude', parts)
+        amplitude = images('amplitude')
         if amplitude is not None:
             reflectivity = reflectivity_from(
                 amplitude, clean, K, found.mode, found.full_scale, path, notes
@@ -327,11 +320,8 @@ def _reflectivity(
             f'{path}: reflectivity: must have the size of depth, {shape}, got '
             f'{reflectivity.shape[-2:]}'
         )
-    share = np.isfinite(reflectivity).mean(axis=0)  # of the frames that know it
     reflectivity = np.nan_to_num(reflectivity).astype(np.float32)
-    if clean.ndim == 2 < reflectivity.ndim:
-        reflectivity = reflectivity.mean(axis=0) / np.maximum(share, 1 / len(reflectivity))
-    return reflectivity.astype(np.float32)
+    return reflectivity.mean(axis=0) if clean.ndim == 2 < reflectivity.ndim else reflectivity
 
 
 def _filled(

@@ -116,9 +116,7 @@ def reflectivity_from(
         notes.append(f'{path}: amplitude: up to {brightest:.4g}: taken for 0 to {full:g}')
     scale = np.float32(sensor.full_scale_amplitude / full)
     image = amplitude.astype(np.float32)
-    if image.ndim == 3 and clean.ndim == 2:
-        lit = image.any(axis=(1, 2))  # A bag lacks the images of others.
-        image = np.nanmean(image[lit] if lit.any() else image, axis=0)
+    image = np.nanmean(image, axis=0) if image.ndim == 3 and clean.ndim == 2 else image
     depths = clean if clean.ndim == 3 else clean[None]
     images = image if image.ndim == 3 else np.broadcast_to(image, depths.shape)
     out = []
