@@ -314,6 +314,7 @@ def _yaml(
             'constant': model.constant,
             'weights': dict(model.weights),
             'limits': {key: list(ends) for key, ends in model.limits.items()},
+            **({'effects': dict(model.effects)} if model.effects else {}),
         }
 
     rates = {
@@ -337,7 +338,7 @@ def _yaml(
             **{key: getattr(rule.thresholds, name) for name, key in KEYS.items()},
         },
         'effect': logistic('effect', rule.least_effect),
-        'alternative': {'threshold': rule.least_alternative},
+        'alternative': logistic('rival', rule.least_alternative),
         'reduction': [
             {'verdict': one.verdict, 'most': one.most, 'margin': one.margin}
             for one in rule.margins

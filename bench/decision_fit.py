@@ -24,9 +24,11 @@ from flexx2_sim_ros.gap.inference.probability import (
     is_posed,
     judge,
     leaves_gap,
+    Rows,
 )
 from flexx2_sim_ros.gap.inference.support import Support, support_from
 import numpy as np
+from sklearn.compose import make_column_transformer
 from sklearn.linear_model import LogisticRegression, QuantileRegressor
 from sklearn.model_selection import cross_val_predict, GroupKFold
 from sklearn.pipeline import make_pipeline
@@ -40,10 +42,13 @@ HELD = 0.9  # intervals of the reduction
 COVERED = 0.95  # named effects and alternatives; with fewer, causes are named wrongly more often
 _FOLDS = 10
 # Products of these besides: without them, the confidence is too low where the evidence is strong,
-# and does not know that the same gain means more in a campaign with more depths.
+# and does not know that the same gain means more in a campaign with more depths. Chosen effects
+# and others have models of their own, because the same evidence means less where an effect was not
+# chosen, and campaigns without a gap have no part in them: they are not asked for effects.
 _EFFECT_PRODUCTS = 'gain', 'fraction', 'lead', 'left', 'ln_depths'
 _QUANTILE = 0.9  # over the scatter of wrong poses and the number of depths
 POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
+_MOST_STEPS = 1000  # of the fit of a logistic model; it takes a few hundred
 _MOST = (4, 100)  # recordings: few, many
 _FEWEST = 9  # campaigns of a group, for a quantile of 0.9
 
@@ -137,32 +142,26 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
     """
     rows = [gap_evidence(one.support) for one in campaigns]
     gap, gap_odds = _logistic(rows, (), [one.present for one in campaigns], range(len(rows)))
-    pairs = [
-        (k, name, row)
-        for k, one in enumerate(campaigns)
-        for name, row in effect_evidence(one.support).items()
-    ]
-    effect, found = _logistic(
-        [row for _, _, row in pairs],
-        _EFFECT_PRODUCTS,
-        [name in campaigns[k].true for k, name, _ in pairs],
-        [k for k, _, _ in pairs],
-    )
-    of_campaign: list[dict[str, float]] = [{} for _ in campaigns]
-    for (k, name, _), p in zip(pairs, found, strict=True):
-        of_campaign[k][name] = p
+    nothing = Logistic(0.0, {}, {})
     rule = Decisions(
         gap,
-        effect,
-        _thresholds(campaigns, gap_odds),
+        effect=nothing,
+        rival=nothing,
+        thresholds=_thresholds(campaigns, gap_odds),
         least_effect=0.0,
         least_alternative=0.0,
         margins=(),
     )
+    found = [
+        one for one, p in zip(campaigns, gap_odds, strict=True) if has_gap(one.support, p, rule)
+    ]
+    rows_of = [effect_evidence(one.support) for one in found]
+    effect, of_chosen = _of_effects(found, [chosen for chosen, _ in rows_of])
+    rival, of_rivals = _of_effects(found, [rivals for _, rivals in rows_of])
+    rule = replace(rule, effect=effect, rival=rival)
     gaps = [
-        (one, effects)
-        for one, p, effects in zip(campaigns, gap_odds, of_campaign, strict=True)
-        if has_gap(one.support, p, rule)
+        (one, chosen | rivals)
+        for one, chosen, rivals in zip(found, of_chosen, of_rivals, strict=True)
     ]
     count = sum(one.present for one in campaigns)
     rule = replace(rule, least_alternative=_least_alternative(gaps))
@@ -170,32 +169,60 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
     return replace(rule, margins=_margins(campaigns, rule))
 
 
+def _of_effects(
+    campaigns: Sequence[Campaign], rows: Sequence[Rows]
+) -> tuple[Logistic, list[dict[str, float]]]:
+    # The model of effects with these rows for each campaign, and their probabilities.
+    pairs = [(k, name) for k, of_one in enumerate(rows) for name in of_one]
+    model, probabilities = _logistic(
+        [rows[k][name] for k, name in pairs],
+        _EFFECT_PRODUCTS,
+        [name in campaigns[k].true for k, name in pairs],
+        [k for k, _ in pairs],
+        [name for _, name in pairs],
+    )
+    out: list[dict[str, float]] = [{} for _ in campaigns]
+    for (k, name), p in zip(pairs, probabilities, strict=True):
+        out[k][name] = p
+    return model, out
+
+
 def _logistic(
     rows: Sequence[Mapping[str, float]],
     factors: Sequence[str],
     labels: Sequence[bool],
     groups: Sequence[int],
+    effects: Sequence[str] = (),
 ) -> tuple[Logistic, np.ndarray]:
     # The model, and the probability of each row by models of the other folds. Its terms are the
-    # evidence and the products of all pairs of factors.
+    # evidence, the products of all pairs of factors, and a constant of each effect. These are not
+    # scaled: that of an effect with few rows stays small.
     names = [*rows[0], *map(TIMES.join, combinations_with_replacement(factors, 2))]
     x = np.array(
         [[math.prod(row[one] for one in name.split(TIMES)) for name in names] for row in rows]
     )
     y = np.array(labels)
-    model = make_pipeline(StandardScaler(), LogisticRegression())
+    kinds = sorted(set(effects))
+    of_kind = np.array([[effect == kind for kind in kinds] for effect in effects])
+    if kinds:
+        x = np.hstack([x, of_kind])
+    scaled = make_column_transformer(
+        (StandardScaler(), slice(len(names))), remainder='passthrough'
+    )
+    model = make_pipeline(scaled, LogisticRegression(max_iter=_MOST_STEPS))
     left_out = cross_val_predict(
         model, x, y, groups=groups, cv=GroupKFold(_FOLDS), method='predict_proba'
     )[:, 1]
     model.fit(x, y)
-    scaler, fitted = model[0], model[1]
-    weights = fitted.coef_[0] / scaler.scale_
+    scaler, fitted = model[0].transformers_[0][1], model[1]
+    weights, besides = fitted.coef_[0, : len(names)] / scaler.scale_, fitted.coef_[0, len(names) :]
     constant = float(fitted.intercept_[0] - weights @ scaler.mean_)
     limits = {
         name: (min(row[name] for row in rows), max(row[name] for row in rows)) for name in rows[0]
     }
     by_name = dict(zip(names, map(float, weights), strict=True))
-    return Logistic(constant, by_name, limits), left_out
+    by_effect = dict(zip(kinds, map(float, besides), strict=True))
+    return Logistic(constant, by_name, limits, by_effect), left_out
 
 
 def _thresholds(campaigns: Sequence[Campaign], odds: np.ndarray) -> GapThresholds:

@@ -6,7 +6,7 @@ of errors that it reached.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 import math
 from pathlib import Path
@@ -46,19 +46,24 @@ class Logistic:
     limits : mapping of str to tuple of float
         Least and largest value of each evidence in the campaigns that the model was fitted to.
         Values beyond count as these: a product is not extrapolated.
+    effects : mapping of str to float
+        Log odds besides for evidence of this effect, by its name: some are taken for others more
+        often than the evidence says. 0 for effects without an entry.
 
     """
 
     constant: float
     weights: Mapping[str, float]
     limits: Mapping[str, tuple[float, float]]
+    effects: Mapping[str, float] = field(default_factory=dict)
 
-    def probability(self, evidence: Mapping[str, float]) -> float:
-        """Return the probability, 0..1, given the evidence by name."""
+    def probability(self, evidence: Mapping[str, float], effect: str = '') -> float:
+        """Return the probability, 0..1, given the evidence by name, and of which effect it is."""
         limited = {
             name: min(max(evidence[name], low), high) for name, (low, high) in self.limits.items()
         }
-        odds = self.constant + sum(
+        odds = self.constant + self.effects.get(effect, 0.0)
+        odds += sum(
             weight * math.prod(limited[name] for name in names.split(TIMES))
             for names, weight in self.weights.items()
         )
@@ -155,8 +160,11 @@ class Decisions:
 
     Attributes
     ----------
-    gap, effect : Logistic
-        That there is a gap; that an effect is present.
+    gap : Logistic
+        That there is a gap.
+    effect, rival : Logistic
+        Where there is one: that a chosen effect is present; that another one is, which could be in
+        place of the last one chosen.
     thresholds : GapThresholds
         From which evidence on there is a gap.
     least_effect : float
@@ -170,6 +178,7 @@ class Decisions:
 
     gap: Logistic
     effect: Logistic
+    rival: Logistic
     thresholds: GapThresholds
     least_effect: float
     least_alternative: float
@@ -240,6 +249,7 @@ def read_decisions(path: Path) -> Decisions:
         return Decisions(
             _logistic(table, 'gap'),
             _logistic(table, 'effect'),
+            _logistic(table, 'alternative'),
             GapThresholds(**{name: _number(table['gap'], key) for name, key in KEYS.items()}),
             _number(table['effect'], 'threshold'),
             _number(table['alternative'], 'threshold'),
@@ -261,7 +271,8 @@ def _logistic(table: Mapping[str, Any], name: str) -> Logistic:
     limits = {str(key): (float(low), float(high)) for key, (low, high) in row['limits'].items()}
     if missing := {one for names in weights for one in names.split(TIMES)} - {*limits}:
         raise ValueError(f'{name}.limits: must have {", ".join(sorted(missing))}')
-    return Logistic(_number(row, 'constant'), weights, limits)
+    effects = {str(key): float(value) for key, value in row.get('effects', {}).items()}
+    return Logistic(_number(row, 'constant'), weights, limits, effects)
 
 
 def _number(row: Mapping[str, Any], name: str) -> float:

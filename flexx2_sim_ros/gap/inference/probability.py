@@ -14,6 +14,7 @@ from flexx2_sim_ros.gap.inference.support import Support
 import numpy as np
 
 _POSE = of_role('pose').name
+Rows = dict[str, dict[str, float]]  # evidence by its name, for each effect
 EXPLAINED = 'identified', 'partly'  # the verdicts that name effects
 
 
@@ -54,8 +55,11 @@ def judge(support: Support, rule: Decisions) -> Judgement:
 
     """
     gap = rule.gap.probability(gap_evidence(support))
+    chosen, rivals = effect_evidence(support)
     effects = {
-        name: rule.effect.probability(row) for name, row in effect_evidence(support).items()
+        name: model.probability(row, name)
+        for model, rows in ((rule.effect, chosen), (rule.rival, rivals))
+        for name, row in rows.items()
     }
     best = max((effects[one.name] for one in support.chosen), default=0.0)
     if not has_gap(support, gap, rule):
@@ -134,7 +138,7 @@ def gap_evidence(support: Support) -> dict[str, float]:
     }
 
 
-def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
+def effect_evidence(support: Support) -> tuple[Rows, Rows]:
     """
     Return what tells effects that are present from others.
 
@@ -145,9 +149,9 @@ def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
 
     Returns
     -------
-    dict of str to dict of str to float
-        For each chosen effect, and each one that could be in place of the last one: ``chosen``,
-        1 or 0; ``gain``, its gain; ``fraction``, its gain as a fraction of the excess loss;
+    tuple of dict of str to dict of str to float
+        For each chosen effect, and for each other one that could be in place of the last one:
+        ``gain``, its gain; ``fraction``, its gain as a fraction of the excess loss;
         ``lead`` and ``lead_t``, by how much and how clearly it is better than the best other
         explanation (negative: worse); ``lead_fraction``, the lead as a fraction of its gain;
         ``left``, the fraction of the excess loss that the chosen effects leave; ``scatter`` of the
@@ -156,7 +160,7 @@ def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
 
     """
     if not support.chosen:
-        return {}
+        return {}, {}
     common = {
         'left': float(np.clip(support.left / max(support.excess, 1e-9), 0.0, 1.5)),
         'scatter': support.scatter,
@@ -165,28 +169,27 @@ def effect_evidence(support: Support) -> dict[str, dict[str, float]]:
     }
     last, excess = support.chosen[-1], support.excess
     rivals = {one.name: one for one in support.rivals[::-1]}
-    out = {one.name: _row(1.0, one.gain, one.gain, one.t, excess) for one in support.chosen[:-1]}
+    chosen = {one.name: _row(one.gain, one.gain, one.t, excess) for one in support.chosen[:-1]}
     nearest = support.rivals[0].gain if support.rivals else 0.0
-    out[last.name] = _row(
-        1.0,
+    chosen[last.name] = _row(
         last.gain,
         last.gain - max(nearest, 0.0),
         min([last.t, *(one.t for one in support.rivals)]),
         excess,
     )
-    for name, one in rivals.items():
-        if name not in out:
-            out[name] = _row(0.0, one.gain, one.gain - last.gain, -one.t, excess)
-    return {
-        name: {**row, **common, 'pose': support.scatter if name == _POSE else 0.0}
-        for name, row in out.items()
+    others = {
+        name: _row(one.gain, one.gain - last.gain, -one.t, excess)
+        for name, one in rivals.items()
+        if name not in chosen
     }
+    for name, row in (*chosen.items(), *others.items()):
+        row |= {**common, 'pose': support.scatter if name == _POSE else 0.0}
+    return chosen, others
 
 
-def _row(chosen: float, gain: float, lead: float, t: float, excess: float) -> dict[str, float]:
+def _row(gain: float, lead: float, t: float, excess: float) -> dict[str, float]:
     # Fractions of less than a loss of 1, or a gain of 0.5, say nothing.
     return {
-        'chosen': chosen,
         'gain': float(np.arcsinh(gain)),
         'fraction': float(np.clip(gain / max(excess, 1.0), 0.0, 1.5)),
         'lead': float(np.arcsinh(lead)),
