@@ -1,17 +1,22 @@
 """A diagnosis simulates what it names: it fits forms, doubts constants, refuses what harms."""
 
+from dataclasses import replace
 from pathlib import Path
+import re
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.effects.shapes import Free, Shape
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.forms.search import evaluations, Numbers, search
 from flexx2_sim_ros.gap.forms.work import judge, look, Looked
 from flexx2_sim_ros.gap.inference.decide import decide
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.report import table as report_table
 from flexx2_sim_ros.gap.report.table import makes_larger
+from flexx2_sim_ros.gap.report.words import sentences
 from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
 import numpy as np
@@ -125,8 +130,30 @@ def test_effects_that_are_refused_are_the_first_alternatives(tmp_path: Path) -> 
     assert named
     refused = decision.refused()
     assert refused.verdict == 'unknown'
+    assert refused.why_refused == 'larger'
     assert not refused.accepted.candidates
     first = refused.alternatives[: len(named)]
     assert [one.fit.candidates[-1].effect for one in first] == named
     assert [one.confidence for one in first] == decision.confidences
     assert not any(one.instead_of for one in refused.alternatives)
+
+
+def test_the_report_says_why_effects_that_fit_are_not_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Assert it with a threshold from which on every effect makes the gap larger."""
+    monkeypatch.setattr(report_table, 'THRESHOLDS', replace(THRESHOLDS, larger=-2.0))
+    write_campaign(tmp_path, effects={'offset': {'bias': 0.02}}, seed=44, **SIZE)
+    table = diagnose(tmp_path, out=tmp_path / 'out')
+    assert table['verdict'] == 'unknown'
+    (refused,) = table['refused']
+    assert refused['reason'] == 'larger'
+    name = refused['name'].replace('_', ' ')
+    why = 'make the gap larger when they are simulated'
+    said = next(one for one in sentences(table) if one.startswith('Found, but not named: '))
+    assert name in said
+    assert why in said
+    page = (tmp_path / 'out' / 'report.html').read_text()
+    (row,) = re.findall(f'<tr><td>{name}</td><td>[^<]*</td><td>([^<]*)</td>', page)
+    assert why in row
+    assert 'too little' not in page

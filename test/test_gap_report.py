@@ -315,6 +315,38 @@ def test_the_headline_says_how_sure_the_cause_is(confidence: float, words: str) 
 
 
 @pytest.mark.parametrize(
+    ('reason', 'said'),
+    [
+        ('improbable', 'none of the effects found is probable enough'),
+        ('little', 'the effects found explain too little of the gap'),
+        ('larger', 'the effects found make the gap larger when they are simulated'),
+    ],
+)
+def test_an_unknown_cause_has_a_reason_and_its_nearest_explanations(
+    reason: str, said: str
+) -> None:
+    table: dict[str, Any] = {
+        'verdict': 'unknown',
+        'effects': [],
+        'gap': {},
+        'alternatives': [{'name': 'offset'}, {'name': 'amplitude_bias'}],
+        'refused': [{'name': 'offset', 'reason': reason}],
+        'not_decidable': [],
+        'unexplained': [],
+        'where': [],
+        'recordings': [],
+        'age': {'latency': 0.0, 'delay': None},
+    }
+    assert sentences(table) == [
+        f'Found, but not named: offset: {said}.',
+        'Other explanations: amplitude bias.',
+    ]
+    # Diagnoses of older versions do not say it.
+    del table['refused']
+    assert sentences(table) == ['Nearest explanations: offset and amplitude bias.']
+
+
+@pytest.mark.parametrize(
     ('factor', 'said'), [(1.01, ''), (1.05, '5 % above the model'), (0.96, '4 % below the model')]
 )
 def test_a_noise_level_of_its_own_is_said(factor: float, said: str) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+import re
 import shutil
 from typing import Any
 
@@ -14,7 +15,7 @@ from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.inference.decide import decidable_part
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED
-from flexx2_sim_ros.gap.report.words import headline
+from flexx2_sim_ros.gap.report.words import headline, sentences
 import numpy as np
 import pytest
 import yaml
@@ -114,7 +115,8 @@ def test_no_effect_is_named_where_one_that_the_truth_hides_explains_as_much(
     monkeypatch.setattr(gap_truth, 'TAPE', 0.005)
     campaign = tmp_path / 'campaign'
     write_campaign(campaign, seed=SEED, effects={'warm_up_drift': {'strength': 2.0}}, **SMALL)
-    table = diagnose(with_truth(campaign, tmp_path / 'planes', 'constrained'), without=WITHOUT)
+    folder, out = with_truth(campaign, tmp_path / 'planes', 'constrained'), tmp_path / 'out'
+    table = diagnose(folder, without=WITHOUT, out=out)
     assert table['verdict'] == 'unknown'
     assert table['effects'] == []
     alternatives = {row['name'] for row in table['alternatives']}
@@ -122,6 +124,14 @@ def test_no_effect_is_named_where_one_that_the_truth_hides_explains_as_much(
     assert 'warm_up_drift' in alternatives - hidden
     assert 'offset' in alternatives & hidden
     assert 'not accurate enough to tell its cause' in headline(table)
+    assert {'name': 'warm_up_drift', 'reason': 'hidden'} in table['refused']
+    said = next(one for one in sentences(table) if one.startswith('Found, but not named: '))
+    assert 'the ground truth hides explains the gap about as well' in said
+    rows = re.findall(
+        '<tr><td>([^<]*)</td><td>[^<]*</td><td>([^<]*)</td>', (out / 'report.html').read_text()
+    )
+    assert 'the ground truth hides' in dict(rows)['warm up drift']
+    assert dict(rows)['offset'] == 'alternative explanation: may be present'
 
 
 def test_a_constant_of_another_effect_is_not_fitted_where_an_offset_is_hidden() -> None:

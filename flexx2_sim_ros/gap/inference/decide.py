@@ -79,6 +79,10 @@ class Decision:
         found, the verdict is ``unknown`` and ``alternatives`` has them all.
     support : Support
         The evidence.
+    why_refused : str
+        With ``unknown``, why the effects chosen are not named: ``improbable`` or ``little`` as in
+        `Judgement`; ``hidden``, as an effect that the ground truth hides explains about as much;
+        or ``larger``, as they make the gap larger when they are simulated. Otherwise empty.
 
     """
 
@@ -93,6 +97,7 @@ class Decision:
     excess: float
     undecided: list[Undecided]
     support: Support
+    why_refused: str = ''
 
     @property
     def explains_gap(self) -> bool:
@@ -117,7 +122,7 @@ class Decision:
         return self.verdict not in ('none', 'not_decidable')
 
     def refused(self) -> 'Decision':
-        """Return the decision without a cause: the effects chosen are the first alternatives."""
+        """Return the decision for effects that make the gap larger: the first alternatives."""
         alone = {one.fit.candidates[-1].effect: one.fit for one in self.considered}
         rows = zip(
             self.chosen.candidates, self.shares, self.intervals, self.confidences, strict=True
@@ -128,7 +133,9 @@ class Decision:
             if candidate.effect in alone
         ]
         others = [replace(one, instead_of=()) for one in self.alternatives]
-        return replace(self, verdict='unknown', alternatives=[*chosen, *others])
+        return replace(
+            self, verdict='unknown', alternatives=[*chosen, *others], why_refused='larger'
+        )
 
 
 def decide(
@@ -181,7 +188,7 @@ def decide(
     found, excess = selection.chosen, trials.excess(selection.chosen)
     support = support_of(trials, selection, without_each(trials, found), considered)
     said = judge(support, rule or calibrated())
-    verdict = said.verdict
+    verdict, refused = said.verdict, said.refused
     if verdict == 'none' and (hidden or absorbed):
         verdict = 'not_decidable'
     chosen = _as_in_catalogue(trials, found)
@@ -191,7 +198,8 @@ def decide(
         more = [*singles, *(trials.single(candidate) for candidate in open_ones)]
         if hidden_could_explain(trials, found, [*candidates, *open_ones], more, names, tick):
             # The recordings cannot tell the effects found from one that the ground truth hides.
-            verdict, considered, others = 'unknown', best_of_each(more), others | names
+            verdict, refused = 'unknown', 'hidden'
+            considered, others = best_of_each(more), others | names
     rivals, instead = selection.rivals, chosen.fit
     if verdict == 'unknown':
         rivals, instead = tuple(considered), trials.base
@@ -213,6 +221,7 @@ def decide(
         excess,
         [*(one for one in absorbed if one.effect not in settled | names), *hidden],
         support,
+        refused,
     )
 
 

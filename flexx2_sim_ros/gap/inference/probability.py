@@ -33,6 +33,9 @@ class Judgement:
         Probability of each effect that was chosen or could be in place of the last chosen one.
     alternatives : frozenset of str
         Effects that are probable enough to be listed as alternatives.
+    refused : str
+        With ``unknown``, why the chosen effects are not named: ``improbable``, or ``little``, as
+        they explain too little of the gap; otherwise empty.
 
     """
 
@@ -40,6 +43,7 @@ class Judgement:
     gap: float
     effects: dict[str, float]
     alternatives: frozenset[str]
+    refused: str = ''
 
 
 def judge(support: Support, rule: Decisions) -> Judgement:
@@ -62,15 +66,17 @@ def judge(support: Support, rule: Decisions) -> Judgement:
         for name, row in rows.items()
     }
     best = max((effects[one.name] for one in support.chosen), default=0.0)
+    refused = ''
     if not has_gap(support, gap, rule):
         verdict = 'none'
     elif best < rule.least_effect or _explain_little(support):
         verdict = 'unknown'
+        refused = 'improbable' if best < rule.least_effect else 'little'
     else:
         likely = best >= THRESHOLDS.likely
         verdict = 'identified' if likely and not leaves_gap(support, rule) else 'partly'
     probable = (name for name, one in effects.items() if one >= rule.least_alternative)
-    return Judgement(verdict, gap, effects, frozenset(probable))
+    return Judgement(verdict, gap, effects, frozenset(probable), refused)
 
 
 def has_gap(support: Support, probability: float, rule: Decisions) -> bool:

@@ -24,6 +24,8 @@ from flexx2_sim_ros.gap.report.words import (
     MEANINGS,
     MEASURES,
     not_considered,
+    refusals,
+    REFUSED,
     sentences,
 )
 from flexx2_sim_ros.html_drawing import bar, CURVE_STYLE
@@ -210,19 +212,22 @@ def _doubt(q: float) -> str:
 
 def _considered(table: dict[str, Any], decision: Decision) -> str:
     rows = []
-    taken = {row['name'] for row in table['effects']}
+    taken, refused = {row['name'] for row in table['effects']}, refusals(table)
     ties = {other['name'] for other in table['alternatives']}
     for one in decision.considered[:10]:
         name = one.fit.candidates[0].effect
         fraction = max(decision.base.total - one.fit.total, 0) / decision.excess
         if name in taken:
             why = 'selected'
-        elif name in ties and taken:
-            why = 'alternative explanation: may be present instead of a selected effect'
+        elif name in refused:
+            why = f'found, but not named: {REFUSED[refused[name]]}'
+        elif name in ties and (taken or refused):
+            why = 'alternative explanation: may be present'
+            why += ' instead of a selected effect' if taken else ''
         elif one.gain <= 0:
             why = 'no better on recordings that were left out of the fit'
         else:
-            why = 'improves the fit less' if taken else 'improves the fit too little'
+            why = 'improves the fit less' if taken or refused else 'improves the fit too little'
         rows.append(
             f'<tr><td>{escape(spaced(name))}</td><td>{percent(min(fraction, 1))}</td>'
             f'<td>{escape(why)}</td></tr>'

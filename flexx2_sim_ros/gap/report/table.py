@@ -77,6 +77,7 @@ def diagnosis_table(
         # A delay alone explains nothing: it is not listed as an effect.
         'effects': _effect_rows(decision, changing(with_delay(effects, arrival_of(age)))),
         'alternatives': [_alternative(model, one) for one in decision.alternatives if finds],
+        'refused': _refused(decision),
         'not_decidable': [
             {'name': one.effect, 'absorbed': one.absorbed, 'settled_by': one.settled_by}
             for one in decision.undecided
@@ -227,6 +228,15 @@ def _alternative(model: Model, one: Alternative) -> dict[str, Any]:
         'confidence': one.confidence,
         'instead_of': list(one.instead_of),
     }
+
+
+def _refused(decision: Decision) -> list[dict[str, str]]:
+    # An effect that does not improve the fit of left-out recordings was not found.
+    if decision.verdict != 'unknown' or decision.support.gain <= 0:
+        return []
+    return [
+        {'name': one.effect, 'reason': decision.why_refused} for one in decision.chosen.candidates
+    ]
 
 
 def _where(

@@ -36,6 +36,13 @@ _MEANINGS = {
     'same distribution',
 }
 MEANINGS = {MEASURES[key][0]: meaning for key, meaning in _MEANINGS.items()}
+# Why effects that were found are not named.
+REFUSED = {
+    'improbable': 'none of the effects found is probable enough',
+    'little': 'the effects found explain too little of the gap',
+    'hidden': 'an effect that the ground truth hides explains the gap about as well',
+    'larger': 'the effects found make the gap larger when they are simulated',
+}
 _SAME_NOISE = 0.02  # of sigma_z
 
 
@@ -97,8 +104,7 @@ def headline(table: dict[str, Any]) -> str:
     if table['verdict'] == 'too_little':
         return 'The recordings have too few depths on surfaces to say whether there is a gap.'
     if table['verdict'] == 'unknown':
-        hidden = {row['name'] for row in table['not_decidable']}
-        if hidden & {row['name'] for row in table['alternatives']}:
+        if _hides_cause(table):
             return (
                 'There is a gap, but the ground truth is not accurate enough to tell its cause. '
                 f'Nearest explanations: {_names(table["alternatives"])}.'
@@ -130,6 +136,31 @@ def headline(table: dict[str, Any]) -> str:
         )
     removed = ': '.join(filter(None, [f'{percent(gap["shrink"])} of the gap', _changes(gap)]))
     return f'{added} to the simulation removes {removed}.{rest}'
+
+
+def _hides_cause(table: dict[str, Any]) -> bool:
+    # Whether an effect that the ground truth hides may be the cause of an unknown gap.
+    hidden = {row['name'] for row in table['not_decidable']}
+    larger = any(reason == 'larger' for reason in refusals(table).values())
+    return not larger and bool(hidden & {row['name'] for row in table['alternatives']})
+
+
+def refusals(table: dict[str, Any]) -> dict[str, str]:
+    """Return why effects that were found are not named, by effect; none in older tables."""
+    return {row['name']: row['reason'] for row in table.get('refused', [])}
+
+
+def _unnamed(table: dict[str, Any]) -> list[str]:
+    # What was found where the cause is unknown, and what else may be present.
+    refused = refusals(table)
+    out = [
+        f'Found, but not named: {listed([*refused])}: {REFUSED[reason]}.'
+        for reason in dict.fromkeys(refused.values())
+    ]
+    others = [row for row in table['alternatives'] if row['name'] not in refused]
+    if others and not _hides_cause(table):  # Otherwise the headline has them.
+        out.append(f'{"Other" if refused else "Nearest"} explanations: {_names(others)}.')
+    return out
 
 
 def _changes(gap: dict[str, Any]) -> str:
@@ -166,6 +197,8 @@ def sentences(table: dict[str, Any]) -> list[str]:
             + (f' instead of {listed(other["instead_of"])}.' if len(table['effects']) > 1 else '.')
             for other in table['alternatives']
         ]
+    if table['verdict'] == 'unknown':
+        out += _unnamed(table)
     if table['verdict'] in ('unknown', 'partly') and table['unexplained']:
         names = ', '.join(CHANNELS[row['structure']] for row in table['unexplained'][:4])
         rest = 'The gap' if table['verdict'] == 'unknown' else 'The remaining gap'
