@@ -11,6 +11,7 @@ from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.features.confirm import Apart
 from flexx2_sim_ros.gap.features.single_frame import single_frame
+from flexx2_sim_ros.gap.report import calibration_page
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
 from flexx2_sim_ros.gap.report.places import difference, finding
 from flexx2_sim_ros.gap.report.table import verdict_of
@@ -22,6 +23,7 @@ from flexx2_sim_ros.gap.report.words import (
     reduction,
     sentences,
 )
+from flexx2_sim_ros.gap.report.writing import comment
 from flexx2_sim_ros.html_drawing import curves, MARKS
 import numpy as np
 from PIL import Image
@@ -344,6 +346,52 @@ def test_an_unknown_cause_has_a_reason_and_its_nearest_explanations(
     # Diagnoses of older versions do not say it.
     del table['refused']
     assert sentences(table) == ['Nearest explanations: offset and amplitude bias.']
+
+
+@pytest.mark.parametrize(
+    ('share', 'said'),
+    [
+        (0.08, 'take{} away 8 % of {}'),
+        (-0.08, 'add{} 8 % to {}'),
+        (-0.004, 'take{} away 0 % of {}'),
+    ],
+)
+def test_a_gap_that_grows_is_not_said_to_be_taken_away(share: float, said: str) -> None:
+    size = {'before': 5.0, 'after': 2.0, 'null': 1.0, 'tolerance': 1.0}
+    gap: dict[str, Any] = {
+        'shrink': share,
+        'interval': [share, 0.9],
+        'at_fitted_poses': {'shrink': share},
+        'noise_factor': 1.0,
+        'measured_by': 'distance',
+        'held_out': False,
+        'worse': [],
+        'wasserstein_mm': size,
+        'invalid_rate': size,
+    }
+    form = {'name': 'offset', 'form': 'curve', 'taken': True}
+    table = {
+        'verdict': 'identified',
+        'effects': [{'name': name, 'confidence': 0.9} for name in ('offset', 'pose_error')],
+        'gap': gap,
+        'calibration': {'effects': [form], 'dropped': [], 'typical_gap': gap},
+        'alternatives': [],
+        'unexplained': [],
+        'not_decidable': [],
+        'where': [],
+        'recordings': [],
+        'age': {'latency': 0.0, 'delay': None},
+    }
+    assert f'Once the poses are corrected, it {said.format("s", "what is left")}.' in headline(
+        table
+    )
+    would = f'the effects would {said.format("", "the gap")}.'
+    assert any(would in one for one in sentences(table))
+    assert said.format('s', 'the gap') in comment(table).splitlines()
+    calibrated = {key: [] for key in ('explanations', 'effects', 'unchanged', 'dropped')}
+    rest = {'recordings': [], 'empirical': None, 'left_out': [], 'gap': gap}
+    (line,) = calibration_page.sentences(calibrated | rest)
+    assert f'These effects {said.format("", "the gap")} in left-out recordings' in line
 
 
 @pytest.mark.parametrize(

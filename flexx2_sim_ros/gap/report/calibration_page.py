@@ -13,7 +13,7 @@ from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import covariate_of
 from flexx2_sim_ros.gap.forms.proposals import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.work import Looked
-from flexx2_sim_ros.gap.report.text import percent, spaced
+from flexx2_sim_ros.gap.report.text import moved, percent, spaced
 from flexx2_sim_ros.gap.report.words import why_dropped
 from flexx2_sim_ros.html_drawing import CURVE_STYLE, curves, picture
 from flexx2_sim_ros.html_page import html_page
@@ -117,8 +117,8 @@ def sentences(table: dict[str, Any]) -> list[str]:
         )
     low, high = table['gap']['interval'] or [table['gap']['shrink']] * 2
     out.append(
-        f'These effects take away {percent(table["gap"]["shrink"])} of the gap in left-out '
-        f'recordings (90 % interval {percent(low)} to {percent(high)}).'
+        f'These effects {moved(table["gap"]["shrink"], "the gap", "")} in left-out recordings '
+        f'(90 % interval of the reduction: {percent(low)} to {percent(high)}).'
     )
     return out + [f'Left out: {row["reason"]}.' for row in table['left_out']]
 

@@ -11,7 +11,7 @@ from flexx2_sim_ros.consumers.comparison import FEWEST
 from flexx2_sim_ros.consumers.running import Result
 from flexx2_sim_ros.effects.time_offset import TimeOffset
 from flexx2_sim_ros.gap.report.style import STYLE
-from flexx2_sim_ros.gap.report.text import listed, percent, spaced
+from flexx2_sim_ros.gap.report.text import listed, moved, percent, spaced
 from flexx2_sim_ros.html_drawing import bar, picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
@@ -131,7 +131,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     fitted = sum(row['effects_from'] == 'this recording' for row in used)
     out = [
         f'{spaced(row["effect"])}: {_percent(row, "part")} of what all effects change; '
-        f'{_moved(row["share"])} the difference (means over {row["measures"]} measures).'
+        f'{moved(row["share"], "the difference")} (means over {row["measures"]} measures).'
         for row in table['ranking']
     ]
     for place, row in enumerate(table['ranking'][1:], start=1):  # the first: in the headline
@@ -152,10 +152,6 @@ def sentences(table: dict[str, Any]) -> list[str]:
     out += [f'Given up: {row["consumer"]}: {row["reason"]}.' for row in table['faults']]
     out += [f'Not read: installed package {name}.' for name in table['damaged_packages']]
     return out + [f'Left out: {row["reason"]}.' for row in table['recordings'] if not row['used']]
-
-
-def _moved(share: float) -> str:
-    return f'takes away {percent(share)} of' if share >= 0 else f'adds {percent(-share)} to'
 
 
 def lines(consumer: dict[str, Any]) -> Iterator[tuple[Line, bool]]:

@@ -29,3 +29,22 @@ def short(number: float, digits: int = 2) -> str:
 def percent(fraction: float) -> str:
     """Return a fraction in percent, as text."""
     return f'{100 * fraction:z.0f} %'  # z: no minus before a zero
+
+
+def moved(share: float, what: str, ending: str = 's') -> str:
+    """
+    Return that a fraction is taken away from something, or added to it.
+
+    Parameters
+    ----------
+    share : float
+        The fraction; below 0 it is added.
+    what : str
+        What it is a fraction of.
+    ending : str
+        Of the verb: empty after several subjects, or after ``would``.
+
+    """
+    if round(share, 2) < 0:
+        return f'add{ending} {percent(-share)} to {what}'
+    return f'take{ending} away {percent(share)} of {what}'

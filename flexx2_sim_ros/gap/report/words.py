@@ -7,7 +7,7 @@ from flexx2_sim_ros.errors import each_once
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.report.age import age_words
 from flexx2_sim_ros.gap.report.places import CHANNELS, finding
-from flexx2_sim_ros.gap.report.text import listed, percent, short, spaced
+from flexx2_sim_ros.gap.report.text import listed, moved, percent, short, spaced
 
 # Names of the physical measures, for people: name, unit and factor to it.
 MEASURES = {
@@ -122,8 +122,8 @@ def headline(table: dict[str, Any]) -> str:
     them = 'it' if len(rows) == 1 else 'them'
     if len(simulated) < len(rows):
         them = listed(simulated)
-        fitted = percent(gap['at_fitted_poses']['shrink'])
-        rest = f' Once the poses are corrected, it removes {fitted} of what is left.{rest}'
+        fitted = moved(gap['at_fitted_poses']['shrink'], 'what is left')
+        rest = f' Once the poses are corrected, it {fitted}.{rest}'
     added = f'The gap {"is" if likely else "may be"} due to {_names(rows)}: adding {them}'
     if gap['shrink'] < 0 and gap['measured_by'] == 'loss':
         return (
@@ -219,10 +219,10 @@ def _calibrated(table: dict[str, Any]) -> list[str]:
     if not taken:
         return same
     forms = ', '.join(f'{spaced(row["name"])} ({row["form"]})' for row in taken)
-    removed = percent(table['calibration']['typical_gap']['shrink'])
+    removed = moved(table['calibration']['typical_gap']['shrink'], 'the gap', '')
     return [
         f'Calibrated: {forms}, fitted to these recordings. In the form of the catalogue, the '
-        f'effects would remove {removed} of the gap.',
+        f'effects would {removed}.',
         *map(why_dropped, table['calibration']['dropped']),
         *same,
     ]

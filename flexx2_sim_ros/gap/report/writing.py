@@ -15,7 +15,7 @@ from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.age import age_words, arrival_of, with_delay
 from flexx2_sim_ros.gap.report.page import page
-from flexx2_sim_ros.gap.report.text import percent
+from flexx2_sim_ros.gap.report.text import moved
 from flexx2_sim_ros.gap.report.words import camera_effects, correction, imitation, reduction
 
 FILES = ('diagnosis.json', 'effects.yaml', 'report.html')
@@ -59,7 +59,7 @@ def write(
         (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
         camera = [one for one in effects if one.role != 'pose']
         late = with_delay(camera, arrival_of(table['age']))
-        save_effects(part / FILES[1], late, _comment(table))
+        save_effects(part / FILES[1], late, comment(table))
         (part / FILES[2]).write_text(
             page(table, model, decision, confirmed, calibrated),
             encoding='utf-8',
@@ -83,7 +83,8 @@ def _with_files(table: dict[str, Any], effects: Sequence[Effect]) -> dict[str, A
     return {**table, 'effects': rows}
 
 
-def _comment(table: dict[str, Any]) -> str:
+def comment(table: dict[str, Any]) -> str:
+    """Return what ``effects.yaml`` says above its effects."""
     names = ', '.join(row['name'] for row in table['effects']) or 'no effect'
     if 'patch' in table:
         cause = 'flexx2 gap diagnose: no effect of the catalogue explains the gap'
@@ -93,11 +94,7 @@ def _comment(table: dict[str, Any]) -> str:
     lines = [f'flexx2 gap diagnose: {table["verdict"]}: {names}']
     if camera_effects(table):
         gap = table['gap']
-        lines += [
-            f'removes {percent(gap["shrink"])} of the gap',
-            *reduction(gap),
-            *imitation(table),
-        ]
+        lines += [moved(gap['shrink'], 'the gap'), *reduction(gap), *imitation(table)]
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         lines.append(
             'pose_error is not in here: it is no effect of the camera. Correct the poses.'
