@@ -248,6 +248,10 @@ class RecordedCamera:
             self._image('reflectivity', number),
         ).depth
 
+    def skip(self, camera: Camera, number: int) -> None:
+        """Let the time of a frame pass for a camera, as if it had captured it."""
+        camera.skip(int(self._reader.stamp_ns[number]))
+
 
 class _Simulation:
     # A simulated camera at any frame of a recording; some effects remember earlier frames.
@@ -264,6 +268,8 @@ class _Simulation:
         if number != self._last + 1:
             self._camera.reset()
             start = max(0, number - _WARM_UP) if self._camera.effects else number
+            for one in range(start):  # A drift began at the first frame of the recording.
+                self._recorded.skip(self._camera, one)
         self._last = -1
         for one in range(start, number + 1):
             self._depth = self._recorded.capture(self._camera, one)
