@@ -15,7 +15,8 @@ def test_packing_keeps_what_is_valid() -> None:
     depth = np.array([[np.nan, 0.0, -1.0, np.inf], [1e-5, 1.5, 7.0, 40.0]], np.float32)
     packed = pack_depth(depth)
     assert packed.dtype == np.dtype('<u2')
-    assert packed[0].tolist() == [0, 0, 0, 65535]
+    assert packed[0].tolist() == [0, 0, 0, 0]
+    assert ViewedFrame(0, 0, depth, None, CAMERA).invalid_fraction == 0.5
     assert packed[1].tolist() == [1, round(1.5 / UNIT), round(7.0 / UNIT), 65535]
     valid = np.random.default_rng(0).uniform(0.05, 16, (172, 224)).astype(np.float32)
     np.testing.assert_allclose(pack_depth(valid) * UNIT, valid, atol=UNIT / 2 + 1e-5)

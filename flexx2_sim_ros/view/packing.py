@@ -29,7 +29,7 @@ class ViewedFrame:
     stamp : int
         Nanoseconds.
     simulated : numpy.ndarray
-        (H, W) float32 metres; NaN, 0 and less are invalid.
+        (H, W) float32 metres; NaN, infinite, 0 and less are invalid.
     clean : numpy.ndarray or None
         The same for the clean depth that it was simulated from.
     intrinsics : Intrinsics
@@ -46,7 +46,7 @@ class ViewedFrame:
     @property
     def invalid_fraction(self) -> float:
         """Return the fraction of simulated pixels that are invalid."""
-        return float(1.0 - np.mean(self.simulated > 0))
+        return float(1.0 - np.mean(_is_valid(self.simulated)))
 
 
 def pack_depth(depth: np.ndarray) -> np.ndarray:
@@ -55,7 +55,11 @@ def pack_depth(depth: np.ndarray) -> np.ndarray:
         steps = np.rint(depth * np.float32(1 / UNIT))
         # A valid pixel is never 0.
         steps = np.clip(steps, 1, _FARTHEST)
-        return np.where(depth > 0, steps, 0).astype('<u2')
+        return np.where(_is_valid(depth), steps, 0).astype('<u2')
+
+
+def _is_valid(depth: np.ndarray) -> np.ndarray:
+    return (depth > 0) & (depth < np.inf)
 
 
 def pack(name: str, shot: ViewedFrame) -> bytes:
