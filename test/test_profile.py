@@ -79,6 +79,31 @@ def test_the_built_in_camera_is_a_profile_too(tmp_path: Path) -> None:
     assert OTHER.default_usecase == 'Narrow'
 
 
+def moving(path: Path, **fields: Any) -> np.ndarray:
+    """Return frames of a wall that comes nearer, of a mode with other fields."""
+    table = yaml.safe_load(path.read_text())
+    table['modes']['Wide.1+'] |= fields
+    changed = path.with_name('changed.yaml')
+    changed.write_text(yaml.safe_dump(table))
+    clean = np.broadcast_to(np.linspace(2.0, 1.9, 3)[:, None, None], (3, 48, 64))
+    camera = Camera('Wide.1+', profile=load_profile(changed), effects={'motion_artefact': {}})
+    return camera.capture(clean, OTHER.intrinsics.matrix, np.arange(3) * 40_000_000).depth
+
+
+def test_raw_frames_take_no_longer_than_a_frame_if_their_exposure_is_not_known(path: Path) -> None:
+    # A readout takes 600 us: at 25 Hz this leaves 4400 us of exposure to each of eight.
+    whole = moving(path, raw_frames=8, exposure_us=[1, 4400])
+    np.testing.assert_array_equal(moving(path, raw_frames=8, exposure_us=None), whole)
+    assert not np.array_equal(moving(path, raw_frames=8, exposure_us=[1, 2200]), whole)
+
+
+def test_an_unknown_number_of_raw_frames_is_four_for_each_frequency(path: Path) -> None:
+    given = {'exposure_us': [1, 2200]}
+    stated = moving(path, raw_frames=8, **given)
+    np.testing.assert_array_equal(moving(path, raw_frames=None, **given), stated)
+    assert not np.array_equal(moving(path, raw_frames=4, **given), stated)
+
+
 def missing(*keys: str) -> Callable[[dict[str, Any]], None]:
     def change(table: dict[str, Any]) -> None:
         for key in keys[:-1]:

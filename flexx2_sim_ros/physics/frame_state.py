@@ -15,6 +15,7 @@ from flexx2_sim_ros.profiles.sensor import KINDS
 import numpy as np
 
 SPEED_OF_LIGHT = 299_792_458.0
+_PHASES = 4  # assumed: the raw frames of a frequency, as `motion_artefact` takes them
 
 
 class Stage(IntEnum):
@@ -205,9 +206,16 @@ class FrameState:
 
     @property
     def acquisition_seconds(self) -> float:
-        """Return how long the raw frames of one depth frame take."""
-        readout_us = self.mode.sensor.readout_us
-        return self.mode.raw_frames * (self.mode.exposure_us[1] + readout_us) * 1e-6
+        """
+        Return how long the raw frames of one depth frame take: at most until the next one.
+
+        An unknown exposure is as long as that allows; if it is not known how many raw frames there
+        are, there are four for each frequency.
+        """
+        mode = self.mode
+        raw_frames = mode.raw_frames or _PHASES * len(mode.modulation_hz)
+        taken = raw_frames * (mode.exposure_us[1] + mode.sensor.readout_us) * 1e-6
+        return min(taken, 1.0 / mode.rate_hz)
 
     def uniforms(self, stream: int) -> np.ndarray:
         """Return (H, W) float32 random numbers in (0, 1] that no other stream shares."""

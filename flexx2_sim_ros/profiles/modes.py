@@ -135,7 +135,7 @@ class Mode:
     modulation_hz : tuple of float
         Modulation frequencies.
     raw_frames : int
-        Raw exposures a depth frame.
+        Raw exposures a depth frame; 0: not known.
     exposure_us : tuple of int
         Shortest and longest exposure, microseconds.
     noise : NoiseModel
