@@ -267,7 +267,8 @@ def test_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     ('rows', 'effects', 'said'),
     [
         (2, FITTED, 'from at least 3 recordings'),
-        (8, {'offset': {'curve': {'knots': [1.0, 2.0], 'values': [0.0, 0.01]}}}, 'with a curve'),
+        (8, {'offset': {'curve': {'knots': [1.0, 2.0], 'values': [0.0, 0.01]}}}, 'gap calibrate'),
+        (8, {'residual_patch': {}}, 'with a cause, got residual_patch'),
     ],
 )
 def test_diagnoses_that_cannot_be_randomised(
@@ -277,6 +278,50 @@ def test_diagnoses_that_cannot_be_randomised(
     with pytest.raises(InputError, match=said):
         randomise(folder, tmp_path / 'r.yaml')
     assert not (tmp_path / 'r.yaml').exists()
+
+
+def test_an_effect_with_a_frequency_of_its_own_is_drawn(tmp_path: Path) -> None:
+    """Assert it of a period that the recordings showed, which all fits have."""
+    camera = {**FITTED, 'wiggling': {'a2': 0.004, 'mhz': 44.0}}
+    folder = diagnosed(tmp_path / 'diagnosis', 8, camera)
+    path = folder / 'diagnosis.json'
+    table = json.loads(path.read_text())
+    for k, row in enumerate(table['recordings']):
+        row['effects_without']['wiggling'] = {'a2': 0.004 + 0.0001 * (-1) ** k, 'mhz': 44.0}
+    path.write_text(json.dumps(table))
+    found = randomise(folder, tmp_path / 'r.yaml')
+    assert 'wiggling.a2' in [one.name for one in found.randomisation.distributions]
+    for drawn in load_randomisation(tmp_path / 'r.yaml').draw(3, 1):
+        (wave,) = (one for one in drawn if one.name == 'wiggling')
+        assert wave.settings['mhz'] == 44.0
+    # Where `gap calibrate` has fitted the frequency, no fit without a recording has one.
+    calibrated = diagnosed(tmp_path / 'calibrated', 8, camera)
+    for row in table['recordings']:
+        del row['effects_without']['wiggling']['mhz']
+    (calibrated / 'diagnosis.json').write_text(json.dumps(table))
+    with pytest.raises(InputError, match='got wiggling with that of flexx2 gap calibrate'):
+        randomise(calibrated)
+
+
+def test_the_folder_of_a_calibration_is_named_as_such(tmp_path: Path) -> None:
+    folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
+    path = folder / 'diagnosis.json'
+    table = json.loads(path.read_text())
+    for row in table['recordings']:
+        del row['effects_without']
+    path.write_text(json.dumps(table))
+    with pytest.raises(InputError, match='use the folder of flexx2 gap diagnose'):
+        randomise(folder)
+
+
+def test_a_correction_that_is_taken_as_given_is_written(tmp_path: Path) -> None:
+    folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
+    path = folder / 'diagnosis.json'
+    known = {'residual_patch': {'bias_0': 0.02}}
+    path.write_text(json.dumps(json.loads(path.read_text()) | {'settings': {'known': known}}))
+    randomise(folder, tmp_path / 'r.yaml')
+    (drawn,) = load_randomisation(tmp_path / 'r.yaml').draw(1, 1)
+    assert {*parse_effects(known)} <= {*drawn}
 
 
 def test_each_environment_draws_a_camera_at_reset(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from flexx2_sim_ros.atomic import checked_target
 from flexx2_sim_ros.effects import (
     Distribution,
     Effect,
+    loadable,
     parse_effects,
     Randomisation,
     registry,
@@ -77,17 +78,13 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
         check_map_files(Path(out).parent, maps_of_draws(out))
     before = read_diagnosis(Path(diagnosis))
     named = tuple(effect for effect in before.typical_effects() if effect.role != 'pose')
-    for effect in named:
-        if effect.forms or effect.name not in registry():
-            raise InputError(
-                f'DIAGNOSIS: must have effects with parameters, got {effect.name} with a curve or '
-                'without a cause (use the folder of flexx2 gap diagnose)'
-            )
+    held_out = _held_out(before, named)
+    _check_form(named, held_out)
     undecided = _undecided(before, {effect.name for effect in named})
     late = [] if before.arrival is None else [TimeOffset(latency=0.0)]
     if not (named or undecided or late):
         raise InputError('DIAGNOSIS: must have effects to randomise, got none')
-    distributions, correlation = _fitted(named, _held_out(before, named))
+    distributions, correlation = _fitted(named, held_out)
     prior = _priors(undecided, before.arrival)
     size = len(distributions)
     matrix = np.eye(size + len(prior))
@@ -98,7 +95,7 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
     chances |= {effect.name: 1.0 for effect in late}
     by_name = {effect.name: effect for effect in (*late, *given, *named, *undecided)}
     randomisation = Randomisation(
-        tuple(by_name[name] for name in registry() if name in by_name),
+        tuple(by_name[name] for name in loadable() if name in by_name),
         chances,
         (*distributions, *prior),
         matrix,
@@ -193,15 +190,34 @@ def _held_out(before: Diagnosed, named: Sequence[Effect]) -> list[dict[str, Effe
     return found
 
 
+def _check_form(named: Sequence[Effect], held_out: Sequence[Mapping[str, Effect]]) -> None:
+    # The fits that the jackknife needs have the form of the diagnosis, some with a number of
+    # another formula. Any other form is that of a calibration.
+    for effect in named:
+        if effect.name not in registry():
+            raise InputError(f'DIAGNOSIS: must have effects with a cause, got {effect.name}')
+    if named and not held_out:
+        raise InputError(
+            'DIAGNOSIS: must have the effects as fitted without each recording, got none: use the '
+            'folder of flexx2 gap diagnose, made with this version, not that of gap calibrate'
+        )
+    if named and len(held_out) < _FEWEST:
+        raise InputError(
+            f'DIAGNOSIS: must have been made from at least {_FEWEST} recordings, got '
+            f'{len(held_out)}'
+        )
+    for effect in named:
+        if any(one[effect.name].forms.keys() != effect.forms.keys() for one in held_out):
+            raise InputError(
+                f'DIAGNOSIS: must have effects in the form of the diagnosis, got {effect.name} '
+                'with that of flexx2 gap calibrate: diagnose again'
+            )
+
+
 def _fitted(
     named: Sequence[Effect], held_out: Sequence[Mapping[str, Effect]]
 ) -> tuple[list[Distribution], np.ndarray]:
     # Jackknife over recordings (Efron and Tibshirani 1993, chapter 11) of all parameters.
-    if named and len(held_out) < _FEWEST:
-        raise InputError(
-            f'DIAGNOSIS: must have been made with this version from at least {_FEWEST} '
-            f'recordings, got {len(held_out)} that were left out of the fit'
-        )
     items = [
         (effect, item)
         for effect in named
