@@ -6,7 +6,7 @@ import shutil
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.effects import load_effects, parse_effects, save_effects
+from flexx2_sim_ros.effects import load_effects, parse_effects, registry, save_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import check, diagnose
 from flexx2_sim_ros.gap.check import judged
@@ -184,6 +184,23 @@ def test_effects_taken_as_given_leave_the_rest(tmp_path: Path) -> None:
     assert without['measures']['loss']['after'] > 2 * without['measures']['loss']['null']
     with pytest.raises(InputError, match='looked for as well, got multipath'):
         check(out, tmp_path / 'fresh', known={'multipath': {}})
+
+
+def test_a_given_delay_leaves_the_latency_to_be_found(tmp_path: Path) -> None:
+    """Assert it of what `effects.yaml` of bags has: when images arrive changes none of them."""
+    moving = {'recordings': 4, 'frames': 8, 'scale': 0.35, 'moving': 4}
+    camera = {'time_offset': {'latency': 0.08}}
+    write_campaign(tmp_path / 'bags', seed=103, effects=camera, **moving)
+    known = {'time_offset': {'latency': 0.0, 'delay': 0.05}}
+    left_out = [name for name in registry() if name not in ('time_offset', 'pose_error')]
+    out = tmp_path / 'out'
+    table = diagnose(tmp_path / 'bags', known=known, without=left_out, out=out)
+    (found,) = table['effects']
+    assert found['name'] == 'time_offset'
+    assert found['parameters']['latency'] == pytest.approx(0.08, abs=0.01)
+    assert 'time_offset' not in [row['name'] for row in table['not_considered']]
+    write_campaign(tmp_path / 'fresh', seed=104, effects=camera, **moving)
+    assert check(out, tmp_path / 'fresh', known=known)['holds']
 
 
 def test_a_pose_error_cannot_be_given(tmp_path: Path) -> None:

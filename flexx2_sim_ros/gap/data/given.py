@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from flexx2_sim_ros.effects import ageing, Effect, loadable, parse_effects
+from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError
 
 Table = Mapping[str, Mapping[str, Any]]
@@ -24,7 +25,8 @@ def given_effects(known: Table, uptime: float | None = None) -> tuple[Effect, ..
     Returns
     -------
     tuple of Effect
-        In the order of light.
+        In the order of light, without a `TimeOffset` that only delays images: it changes none of
+        them, and says nothing of their latency.
 
     Raises
     ------
@@ -36,7 +38,7 @@ def given_effects(known: Table, uptime: float | None = None) -> tuple[Effect, ..
     if uptime is not None:
         for name in ageing(table):
             table[name]['uptime'] = uptime
-    effects = parse_effects(table, 'known')
+    effects: tuple[Effect, ...] = changing(parse_effects(table, 'known'))
     for effect in effects:
         if effect.role == 'pose':
             raise InputError(
