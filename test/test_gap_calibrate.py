@@ -6,7 +6,7 @@ from pathlib import Path
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.effects import load_effects, parse_effects, save_effects
+from flexx2_sim_ros.effects import load_effects, parse_effects, registry, save_effects
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import calibrate, diagnose, measure, randomise
@@ -175,6 +175,25 @@ def test_a_diagnosis_carries_a_map(campaign: Path, tmp_path: Path) -> None:
     written = json.loads((out / 'diagnosis.json').read_text())
     (row,) = (one for one in written['effects'] if one['name'] == 'fixed_pattern')
     assert row['parameters']['pattern'] == 'fixed_pattern.npz'
+
+
+def test_late_images_keep_their_delay_where_another_effect_gets_a_curve(tmp_path: Path) -> None:
+    grazing = {'curve': {'knots': [40.0, 60.0], 'values': [0.0, 0.5]}}
+    camera = {'time_offset': {'latency': 0.08}, 'grazing_dropout': grazing}
+    size = {'recordings': 4, 'frames': 8, 'scale': 0.35, 'moving': 3}
+    recordings, out = tmp_path / 'recordings', tmp_path / 'out'
+    write_campaign(recordings, seed=45, effects=camera, **size)
+    for path in recordings.iterdir():
+        with np.load(path) as archive:
+            content = dict(archive)
+        np.savez(path, **content, received=content['stamp'] + 0.05)
+    left_out = [name for name in registry() if name not in (*camera, 'pose_error')]
+    table = diagnose(recordings, out=out, without=left_out)
+    (row,) = table['calibration']['effects']
+    assert row['taken']
+    found = {one['name']: one['parameters'] for one in table['effects']}
+    assert found['time_offset']['delay'] == pytest.approx(0.05)
+    assert load_effects(out / 'effects.yaml') == parse_effects(found)
 
 
 def test_noise_that_depends_on_the_incidence_gets_a_curve(tmp_path: Path) -> None:

@@ -149,7 +149,8 @@ def calibrated_table(
         (6 + 3 P,) where the camera of each recording was then.
 
     """
-    forms = {one.name: plain(one.settings) for one in parse_effects(calibrated.explained.effects)}
+    late = with_delay(parse_effects(calibrated.explained.effects), arrival_of(table['age']))
+    forms = {one.name: plain(one.settings) for one in late}
     verdicts = [
         {**one.as_table(), 'typical': plain(calibrated.typical[one.proposal.effect])}
         for one in calibrated.explained.verdicts
