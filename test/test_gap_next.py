@@ -171,6 +171,36 @@ def test_a_laser_decides_what_fitted_planes_leave_open(plan: Plan, tmp_path: Pat
     assert list(found['baselines']) == ['repeat']
 
 
+def test_a_given_map_and_correction_are_part_of_smaller_images(
+    plan: Plan, undecided: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """Assert it of stripes of 8 px on a bias of 20 mm, in images of half the campaign's size."""
+    diagnosis, campaign = undecided
+    folder = shutil.copytree(diagnosis, tmp_path / 'diagnosis')
+    stripes = np.broadcast_to(0.02 * (-1.0) ** (np.arange(56) // 8), (43, 56))
+    table = json.loads((folder / 'diagnosis.json').read_text())
+    bias = {f'bias_{i}': 0.02 for i in range(14)}
+    table['settings']['known'] = {
+        'residual_patch': bias,
+        'fixed_pattern': {'pattern': stripes.tolist()},
+    }
+    kept = 'pose_error', 'intrinsics_error', 'offset'
+    table['not_considered'] = [{'name': name} for name in registry() if name not in kept]
+    (folder / 'diagnosis.json').write_text(json.dumps(table))
+    smaller = replace(plan, recordings=plan.recordings[:1], scale=0.125)
+    own = tmp_path / 'own.npz'
+    np.savez(own, clean_depth=np.full((86, 112), 1.5), K=np.diag([104.0, 104.0, 1.0]))
+    found = suggest(folder, campaign, smaller, scenes=[own])
+    assert {view.possible.name for view in found.views} == {'frontal', 'own.npz'}
+    names = list(found.table['explanations'])
+    for view in found.views:
+        error = view.error[names.index('no effect')]
+        width = error.shape[1]
+        assert width == {'frontal': 28, 'own.npz': 112}[view.possible.name]
+        expected = 0.02 + 0.02 * (-1.0) ** (np.arange(width) * 56 // width // 8)
+        np.testing.assert_allclose(np.nanmean(error, axis=0), expected, atol=0.01)
+
+
 def test_kinds_of_truth_follow_from_the_recordings() -> None:
     def kinds(**truth: Any) -> list[str]:
         return usual_kinds({'recordings': [{'used': True, 'truth': truth}, {'used': False}]})

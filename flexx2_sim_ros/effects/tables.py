@@ -69,6 +69,14 @@ class PixelMap:
         """Return a hash of the numbers."""
         return hash(self.values.tobytes())
 
+    def at_size(self, height: int, width: int) -> 'PixelMap':
+        """Return the map of smaller or larger images of the same view: the nearest pixels."""
+        rows, columns = (
+            ((np.arange(new) + 0.5) * old / new).astype(int)
+            for new, old in zip((height, width), self.values.shape, strict=True)
+        )
+        return PixelMap(self.values[np.ix_(rows, columns)])
+
     def plain(self) -> list[list[float]]:
         """Return the rows as lists, as in a JSON file."""
         rows: list[list[float]] = self.values.tolist()

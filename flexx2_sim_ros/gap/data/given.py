@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from flexx2_sim_ros.effects import ageing, Effect, loadable, parse_effects
+from flexx2_sim_ros.effects.tables import PixelMap
 from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError
 
@@ -46,6 +47,27 @@ def given_effects(known: Table, uptime: float | None = None) -> tuple[Effect, ..
                 'the recordings'
             )
     return effects
+
+
+def at_size(known: Table, height: int, width: int) -> Table:
+    """
+    Return given effects for images of another size, in which a camera is simulated.
+
+    Parameters
+    ----------
+    known : mapping
+        Parameters by effect, maps as `PixelMap`.
+    height, width : int
+        Of the images, pixels.
+
+    """
+    return {
+        name: {
+            key: one.at_size(height, width) if isinstance(one, PixelMap) else one
+            for key, one in values.items()
+        }
+        for name, values in known.items()
+    }
 
 
 def together(given: tuple[Effect, ...], effects: Any) -> tuple[Effect, ...]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
-from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.simulation import simulate, with_uptime
 from flexx2_sim_ros.gap.planning.explanations import Effects
 from flexx2_sim_ros.gap.planning.possible import Possible
@@ -38,11 +37,7 @@ class View:
 
 
 def look(
-    possible: Possible,
-    explanations: Mapping[str, Effects],
-    profile: Profile,
-    known: Table,
-    seed: int,
+    possible: Possible, explanations: Mapping[str, Effects], profile: Profile, seed: int
 ) -> View:
     """
     Simulate a recording with each explanation.
@@ -55,8 +50,6 @@ def look(
         Effects by explanation.
     profile : Profile
         The camera.
-    known : mapping
-        Effects that are taken as given.
     seed : int
         Seed of the noise.
 
@@ -64,7 +57,7 @@ def look(
     found = check(possible.path, profile)
     if not isinstance(found, Found):
         raise InputError(found)
-    recording = read(found, profile, known)
+    recording = read(found, profile, possible.known)
     images = []
     for effects in explanations.values():
         depth = simulate(

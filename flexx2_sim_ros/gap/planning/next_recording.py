@@ -143,7 +143,7 @@ def suggest(
         for i, scene in enumerate(scenes):
             written = folder / f'own_{i}.npz'
             own.append(of_scene(written, Path(scene), plan.usecase, *told))
-        possible += [*own, *of_campaign(repeated)]
+        possible += [*own, *of_campaign(repeated, setting.given)]
         step = stepper(progress, 'simulating recordings', 0.2, 0.6, len(possible))
         outcomes = mapped(bind(_look_out, setting=setting), possible, step)
         for one, outcome in zip(possible, outcomes, strict=True):
@@ -156,7 +156,7 @@ def suggest(
         new = [row for row in rows if not row.possible.repeat]
         best, expected = _suggestion(new, setting.known, mapped, progress)
         first = [*best, *(row for row in new if row not in best)][:_SHOWN]
-        views = [look(row.possible, setting.explanations, *told) for row in first]
+        views = [look(row.possible, setting.explanations, camera, seed) for row in first]
     return Suggestions(_table(rows, best, expected, setting), views)
 
 
@@ -239,7 +239,7 @@ def _look_out(possible: Possible, setting: _Setting) -> _Row | str:
     ]
     pair = []
     for seed in (known.source.seed, known.source.seed + 1):
-        simulations = Simulations(profile, columns, seed, known.source.prior, setting.given)
+        simulations = Simulations(profile, columns, seed, known.source.prior, possible.known)
         one = summarise(found, simulations)
         if isinstance(one, str):
             return one

@@ -8,9 +8,9 @@ from typing import Any
 from flexx2_sim_ros.camera import Camera, Profile
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.gap.data.campaign import check, Found
-from flexx2_sim_ros.gap.data.given import given_effects, Table
+from flexx2_sim_ros.gap.data.given import at_size, given_effects, Table
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
-from flexx2_sim_ros.gap.planning.truths import ALL_KINDS, Kind, write_recording
+from flexx2_sim_ros.gap.planning.truths import ALL_KINDS, Kind, smaller, write_recording
 from flexx2_sim_ros.recording import load_scene
 import numpy as np
 
@@ -32,6 +32,8 @@ class Possible:
         The kind of ground truth.
     path : pathlib.Path
         Its simulated recording, or an existing one.
+    known : dict
+        Effects of the camera in images of this size: parameters by name.
     planned : PlannedRecording or None
         The planned recording, if it comes from the plan.
     repeat : bool
@@ -43,6 +45,7 @@ class Possible:
     words: str
     kind: Kind
     path: Path
+    known: Table
     planned: PlannedRecording | None = None
     repeat: bool = False
 
@@ -105,13 +108,15 @@ def of_plan(
         Seed of the noise.
 
     """
+    lens = smaller(profile.intrinsics, plan.scale)
+    known = at_size(known, lens.height, lens.width)
     out = []
     for kind in kinds:
         for i, planned in enumerate(plan.recordings):
             if kind.suits(planned):
                 path = folder / f'{planned.name}_{kind.name}.npz'
                 write_recording(path, plan, planned, profile, kind, known, [seed, i])
-                out.append(Possible(planned.name, planned.set_up, kind, path, planned))
+                out.append(Possible(planned.name, planned.set_up, kind, path, known, planned))
     return out
 
 
@@ -144,6 +149,7 @@ def of_scene(
     stamp = scene.stamp
     if stamp is None or len(stamp) != count:
         stamp = np.arange(count) / profile.mode(usecase).rate_hz
+    known = at_size(known, *clean.shape[-2:])
     device = Camera(usecase, profile=profile, effects=given_effects(known), seed=seed)
     depth = device.capture(clean, scene.K, stamp, scene.reflectivity).depth
     extra = scene.extra if clean.ndim == 3 else _of_still_scene(scene.extra)
@@ -161,7 +167,8 @@ def of_scene(
     found = check(written, profile)
     if not isinstance(found, Found):
         raise InputError(found.replace(str(written), shown_path(scene_file)))
-    return Possible(scene_file.name, f'the scene of {shown_path(scene_file)}', _AS_TOLD, written)
+    words = f'the scene of {shown_path(scene_file)}'
+    return Possible(scene_file.name, words, _AS_TOLD, written, known)
 
 
 def _of_still_scene(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -178,9 +185,9 @@ def _of_still_scene(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     return out
 
 
-def of_campaign(found: Sequence[Found]) -> list[Possible]:
+def of_campaign(found: Sequence[Found], known: Table) -> list[Possible]:
     """Return the existing recordings of a campaign, as recordings to repeat."""
     return [
-        Possible(one.path.name, 'recorded before', _AS_TOLD, one.path, repeat=True)
+        Possible(one.path.name, 'recorded before', _AS_TOLD, one.path, known, repeat=True)
         for one in found
     ]

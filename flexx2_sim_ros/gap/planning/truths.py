@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Intrinsics, Profile
-from flexx2_sim_ros.effects import ageing, registry
+from flexx2_sim_ros.effects import ageing
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.planes import plane_shifts
@@ -143,8 +143,7 @@ def write_recording(
     table: dict[str, Any] = {name: dict(values) for name, values in (effects or {}).items()}
     for name in ageing(table):
         table[name]['uptime'] = planned.scene.uptime
-    own = tuple(registry()[name].from_mapping(values) for name, values in table.items())
-    device = Camera(plan.usecase, profile=profile, effects=own, seed=seed[0] + 77, name='real')
+    device = Camera(plan.usecase, profile=profile, effects=table, seed=seed[0] + 77, name='real')
     depth = device.capture(real, lens.matrix, stamp, shade).depth
     content: dict[str, Any] = {
         'depth': depth.astype(np.float32),
