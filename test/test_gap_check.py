@@ -5,11 +5,13 @@ from pathlib import Path
 import shutil
 
 from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.effects import load_effects, parse_effects, registry, save_effects
+from flexx2_sim_ros.effects import Effect, load_effects, parse_effects, registry, save_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import check, diagnose
 from flexx2_sim_ros.gap.check import judged
+from flexx2_sim_ros.gap.data.given import given_effects, together
 from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.given_effects import fit_without_and_with
 from flexx2_sim_ros.gap.inference.improvement import measured
@@ -184,6 +186,55 @@ def test_effects_taken_as_given_leave_the_rest(tmp_path: Path) -> None:
     assert without['measures']['loss']['after'] > 2 * without['measures']['loss']['null']
     with pytest.raises(InputError, match='looked for as well, got multipath'):
         check(out, tmp_path / 'fresh', known={'multipath': {}})
+
+
+CURVES = {
+    'offset': {'curve': {'knots': [0.5, 3.0], 'values': [-0.02, 0.04]}},
+    'excess_noise': {'slant': {'knots': [20.0, 60.0], 'values': [2.5, 1.0]}},
+}
+
+
+def test_effects_given_with_curves_leave_the_rest(tmp_path: Path) -> None:
+    """Assert that a bias and the camera's own noise are found on top of given curves."""
+    size = {'recordings': 5, 'frames': 8, 'scale': 0.35, 'moving': 0}
+    camera = {**CURVES, 'amplitude_bias': {}}
+    write_campaign(tmp_path / 'campaign', seed=45, effects=camera, **size)
+    kept = 'amplitude_bias', 'wiggling', 'pose_error'
+    left_out = [name for name in registry() if name not in (*kept, *CURVES)]
+    out = tmp_path / 'out'
+    table = diagnose(tmp_path / 'campaign', known=CURVES, without=left_out, out=out)
+    assert table['verdict'] == 'identified'
+    assert [row['name'] for row in table['effects']] == ['amplitude_bias']
+    # As `write_campaign` drew it.
+    drawn = 1 + 0.05 * np.random.default_rng([45, 1]).standard_normal()
+    assert table['gap']['noise_factor'] == pytest.approx(drawn, abs=0.02)
+
+
+def test_a_number_acts_on_top_of_a_given_curve() -> None:
+    clean, K = np.full((40, 50), 1.5, np.float32), np.array([[50, 0, 25], [0, 50, 20], [0, 0, 1]])
+
+    def seen(*effects: Effect) -> np.ndarray:
+        return Camera(effects=effects, seed=1).capture(clean, K, 0.0).depth
+
+    given = given_effects(CURVES)
+    plain, offset, noise = (
+        seen(*together(given, more))
+        for more in ({}, {'offset': {'bias': 0.003}}, {'excess_noise': {'factor': 1.5}})
+    )
+    assert not np.array_equal(plain, seen())
+    np.testing.assert_allclose(offset - plain, 0.003, atol=1e-6)
+    silent = plain - seen(*given_effects({'offset': CURVES['offset']}))
+    assert np.corrcoef((noise - plain).ravel(), silent.ravel())[0, 1] > 0.9
+    np.testing.assert_array_equal(seen(*together((), parse_effects(CURVES))), plain)
+
+
+def test_a_curve_cannot_be_given_of_an_effect_that_is_checked(tmp_path: Path) -> None:
+    camera = {'offset': {'bias': 0.02}}
+    table = {'schema': 2, 'verdict': 'identified', 'recordings': []}
+    (tmp_path / 'diagnosis.json').write_text(json.dumps(table))
+    save_effects(tmp_path / 'effects.yaml', parse_effects(camera))
+    with pytest.raises(InputError, match='one of them has a curve, got offset'):
+        check(tmp_path, tmp_path, known=CURVES)
 
 
 def test_a_given_delay_leaves_the_latency_to_be_found(tmp_path: Path) -> None:

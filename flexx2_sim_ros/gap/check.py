@@ -14,7 +14,7 @@ from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found, read
-from flexx2_sim_ros.gap.data.given import given_effects, Table, together
+from flexx2_sim_ros.gap.data.given import given_effects, in_one_table, Table
 from flexx2_sim_ros.gap.features.before_after import before_after
 from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.given_effects import fit_without_and_with, Fitted
@@ -87,7 +87,7 @@ def check(
     before = read_diagnosis(Path(diagnosis))
     effects = before.effects_to_check()
     given = before.known if known is None else known
-    together(given_effects(given), effects)  # Refuses effects that are in both.
+    in_one_table(given_effects(given), effects)  # Refuses effects that are in both.
     metres, degrees = before.pose_prior if pose_prior is None else pose_prior
     request = _Request(
         table_of(effects),

@@ -8,7 +8,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import ageing, Effect, of_role
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found
-from flexx2_sim_ros.gap.data.given import given_effects, Table, together
+from flexx2_sim_ros.gap.data.given import given_effects, in_one_table, Table
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
 from flexx2_sim_ros.gap.features.evidence import Evidence
@@ -137,7 +137,7 @@ def fit_without_and_with(
         return summarise_all(folder, some, left_out, simulations, mapped, step)
 
     known = known or {}
-    with_known = table_of(together(given_effects(known), shifting)) if shifting else known
+    with_known = in_one_table(given_effects(known), shifting) if shifting else known
     used, after, unusable = summaries(found, more, with_known)
     if shifting:
         _, before, _ = summaries(used, columns, known)

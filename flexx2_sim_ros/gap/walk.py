@@ -11,7 +11,7 @@ from flexx2_sim_ros.atomic import check_outputs, output_folder, whole_files
 from flexx2_sim_ros.camera import flexx2, Profile
 from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.gap.data.given import given_effects, together
+from flexx2_sim_ros.gap.data.given import given_effects, in_one_table
 from flexx2_sim_ros.gap.features.simulation import with_uptime
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
@@ -144,10 +144,7 @@ def cameras_of(
     usecase = kind.mode(str(settings.get('usecase', kind.default_usecase))).name
     given = given_effects(with_uptime(table_of(given_effects(before.known)), None))
     added = with_uptime(table_of(effects), None)
-    tables: Mapping[str, Any] = {
-        NOISE: table_of(given),
-        DIAGNOSED: table_of(together(given, added)),
-    }
+    tables: Mapping[str, Any] = {NOISE: table_of(given), DIAGNOSED: in_one_table(given, added)}
     return usecase, {
         PERFECT: ExactCamera(kind.mode(usecase).range_max),
         **{name: SimulatedCamera(usecase, profile, table, seed) for name, table in tables.items()},

@@ -8,6 +8,7 @@ from flexx2_sim_ros.effects import ageing, Effect, loadable, parse_effects
 from flexx2_sim_ros.effects.tables import PixelMap
 from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.frame_state import FrameState
 
 Table = Mapping[str, Mapping[str, Any]]
 
@@ -80,7 +81,8 @@ def together(given: tuple[Effect, ...], effects: Any) -> tuple[Effect, ...]:
         From `given_effects`.
     effects : mapping or iterable of Effect
         What the simulation adds. A bias or a factor on sigma_z that is given as well counts twice:
-        the biases are added, the factors multiplied.
+        the biases are added, the factors multiplied. With a curve, one acts after the other; such
+        a pair has no settings of its own (`in_one_table`).
 
     Returns
     -------
@@ -97,14 +99,55 @@ def together(given: tuple[Effect, ...], effects: Any) -> tuple[Effect, ...]:
     return tuple(by_name[name] for name in loadable() if name in by_name)
 
 
+def in_one_table(given: tuple[Effect, ...], effects: Any) -> dict[str, dict[str, Any]]:
+    """
+    Return the settings of what `together` returns, by effect.
+
+    Parameters
+    ----------
+    given, effects
+        As for `together`.
+
+    Raises
+    ------
+    InputError
+        When an effect is in both, unless it is a bias or a factor on sigma_z without a curve.
+
+    """
+    both = together(given, effects)
+    for one in both:
+        if isinstance(one, _InTurn):
+            raise InputError(
+                'known: must not have an effect that is looked for as well where one of them has '
+                f'a curve, got {one.name}'
+            )
+    return {one.name: one.settings for one in both}
+
+
+class _InTurn:
+    """Mark of an effect that stands for two of its kind."""
+
+
 def _both(one: Effect, other: Effect) -> Effect:
     if one.role not in ('bias', 'sigma'):
         raise InputError(
             f'known: must not have an effect that is looked for as well, got {one.name}'
         )
+    if one.forms or other.forms:
+        return _in_turn(one, other)
     (name,) = (p.name for p in one.parameters() if p.name != 'strength')
     a, b = (getattr(effect, name) for effect in (one, other))
     if one.role == 'bias':
         return replace(other, strength=1.0, **{name: one.strength * a + other.strength * b})
     factor = (1 + one.strength * (a - 1)) * (1 + other.strength * (b - 1))
     return replace(other, strength=1.0, **{name: factor})
+
+
+def _in_turn(one: Effect, other: Effect) -> Effect:
+    # A number is of depth, a curve along the ray or over another quantity: they have no sum.
+    def apply(self: Effect, state: FrameState) -> None:
+        one.apply(state)
+        other.apply(state)
+
+    kind: Any = type('InTurn', (_InTurn, type(one)), {'apply': apply})
+    return kind(strength=1.0)
