@@ -43,6 +43,23 @@ def refused(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
     return capsys.readouterr().err.strip().splitlines()[-1]
 
 
+@pytest.mark.parametrize(
+    ('options', 'words'),
+    [
+        (('--scan', 'room.ply', '--clock-offset', '0'), '--trajectory, --odometry or --tf'),
+        (('--scan', 'room.ply', '--lens-error', '0'), '--board'),
+        (('--board', 'target.yaml', '--clock-offset', '0'), '--scan or --scene'),
+        (('--board', 'target.yaml', '--room-error', '0'), '--scan, --scene or --planes'),
+        (('--planes', 'planes.yaml', '--clock-offset', '0'), '--scan or --scene'),
+    ],
+)
+def test_an_option_of_another_kind_of_truth_is_refused_also_if_it_is_0(
+    options: tuple[str, ...], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    error = refused(capsys, 'wall.npz', *options, '--out', tmp_path / 'out')
+    assert error == f'flexx2: error: {options[2]}: must be given with {words} only'
+
+
 def test_no_recording_is_overwritten_by_another_one(
     tmp_path: Path, wall_yaml: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -222,8 +222,7 @@ def _room_maker(arguments: argparse.Namespace) -> _Maker:
 
     room = Path(arguments.scan or arguments.scene)
     _check_suffix(room, arguments.scan is not None)
-    if arguments.lens_error is not None:
-        raise InputError('--lens-error: must be given with --board only')
+    _check_unused(arguments, ('lens_error',), '--board')
     request = Request(
         **_common(arguments),
         room=room,
@@ -240,11 +239,8 @@ def _told(arguments: argparse.Namespace) -> Any:
 
     given = arguments.trajectory, arguments.odometry, arguments.tf
     if not any(given):
-        for name in ('camera_in_body', 'clock_offset', 'relative'):
-            if getattr(arguments, name) not in (None, False):
-                raise InputError(
-                    f'{_option(name)}: must be given with --trajectory, --odometry or --tf'
-                )
+        names = 'camera_in_body', 'clock_offset', 'relative'
+        _check_unused(arguments, names, '--trajectory, --odometry or --tf')
         return None
     if arguments.pose and not arguments.relative:
         raise InputError(
@@ -264,20 +260,20 @@ def _told(arguments: argparse.Namespace) -> Any:
     )
 
 
-def _check_unused(arguments: argparse.Namespace, names: tuple[str, ...]) -> None:
+def _check_unused(arguments: argparse.Namespace, names: tuple[str, ...], fitting: str) -> None:
     for name in names:
-        if getattr(arguments, name) not in (None, [], False):
-            raise InputError(f'{_option(name)}: must be given with --scan or --scene only')
-
-
-def _option(name: str) -> str:
-    return f'--{name.replace("_", "-")}'
+        value = getattr(arguments, name)
+        # 0 is a value, but equals False.
+        if not (value is None or value is False or value == []):
+            option = f'--{name.replace("_", "-")}'
+            raise InputError(f'{option}: must be given with {fitting} only')
 
 
 def _board_maker(arguments: argparse.Namespace) -> _Maker:
     from flexx2_sim_ros.truth import BoardRequest, make_board_truth
 
-    _check_unused(arguments, (*_PLACES, 'room_error'))
+    _check_unused(arguments, _PLACES, '--scan or --scene')
+    _check_unused(arguments, ('room_error',), '--scan, --scene or --planes')
     request = BoardRequest(
         **_common(arguments),
         board=Path(arguments.board),
@@ -289,9 +285,8 @@ def _board_maker(arguments: argparse.Namespace) -> _Maker:
 def _plane_maker(arguments: argparse.Namespace) -> _Maker:
     from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
 
-    _check_unused(arguments, _PLACES)
-    if arguments.lens_error is not None:
-        raise InputError('--lens-error: must be given with --board only')
+    _check_unused(arguments, _PLACES, '--scan or --scene')
+    _check_unused(arguments, ('lens_error',), '--board')
     request = PlaneRequest(
         **_common(arguments), planes=Path(arguments.planes), room_error=arguments.room_error or 0.0
     )
