@@ -294,6 +294,39 @@ def test_a_filter_over_frames_gets_its_own_kernel(tmp_path: Path) -> None:
     assert effect.window == pytest.approx(4.0, abs=0.5)
 
 
+@pytest.mark.parametrize(
+    ('name', 'camera', 'diagnosed', 'label'),
+    [
+        (
+            'grazing_dropout',
+            {'curve': {'knots': [40.0, 60.0], 'values': [0.0, 0.5]}},
+            {'slant': {'knots': [-1.0, 1.0], 'values': [0.3, 0.0]}},
+            'monotone table over incidence',
+        ),
+        ('flying_pixels', {'footprint': 2.0}, {'footprint': 1.0, 'mhz': 15.0}, 'square'),
+        (
+            'temporal_filter',
+            {'share': 0.8, 'gate': 100.0},
+            {'window': 2.0, 'gate': 1.0},
+            'weight and gate',
+        ),
+    ],
+)
+def test_a_new_form_replaces_the_one_that_an_effect_has(
+    name: str, camera: dict, diagnosed: dict, label: str, tmp_path: Path
+) -> None:
+    """Assert it of forms that win over the new one where an effect has both."""
+    write_campaign(tmp_path / 'recordings', seed=118, effects={name: camera}, **SMALL)
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {name: diagnosed})
+    table = calibrate(diagnosis, tmp_path / 'recordings', out=tmp_path / 'out')
+    (row,) = table['effects']
+    assert row['taken']
+    assert row['form'] == label
+    assert table['gap']['shrink'] > 0.6
+    (effect,) = load_effects(tmp_path / 'out' / 'effects.yaml')
+    assert not effect.forms.keys() & (diagnosed.keys() - camera.keys())
+
+
 def test_an_alternative_is_calibrated_where_the_diagnosis_leaves_one(tmp_path: Path) -> None:
     """Assert the right one of two explanations is taken; a bad recording is named and left out."""
     recordings = tmp_path / 'recordings'

@@ -1,6 +1,6 @@
 """Fit the forms of named effects, and take those that left-out recordings pay for."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -155,15 +155,14 @@ def calibrate_effects(
                 continue
             proposal = proposals[name]
         changed = [
-            {**own, name: {**own[name], **form}}
-            for own, form in zip(now, proposal.without, strict=True)
+            _with_form(own, name, form) for own, form in zip(now, proposal.without, strict=True)
         ]
         after = work.apart(looked, changed)
         verdict = judged(proposal, before, after)
         verdicts.append(verdict)
         if verdict.taken:
             now, before = changed, after
-            together[name] = {**together[name], **proposal.together}
+            together = _with_form(together, name, proposal.together)
     return Explained(looked, together, verdicts, now, before)
 
 
@@ -200,6 +199,13 @@ def correct(explained: Explained, work: Work) -> Verdict:
     return min(verdicts, key=lambda verdict: float(verdict.after.mean()))
 
 
+def _with_form(settings: Settings, name: str, form: Mapping[str, Any]) -> Settings:
+    # Another form that an effect has already, such as `mhz` or `slant`, may win over the new one.
+    others = registry()[name].tables()
+    kept = {key: value for key, value in settings[name].items() if key not in others}
+    return {**settings, name: {**kept, **form}}
+
+
 def _geometry(
     name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work
 ) -> Proposal:
@@ -224,7 +230,7 @@ def _searched(
 ) -> Proposal:
     def evaluate(sets: Sequence[Numbers]) -> np.ndarray:
         jobs = [
-            (one, [{**own, name: {**own[name], **numbers}} for numbers in sets])
+            (one, [_with_form(own, name, numbers) for numbers in sets])
             for one, own in zip(looked, now, strict=True)
         ]
         several = work.judge(jobs, FORMS.frames, quick)
