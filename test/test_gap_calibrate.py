@@ -118,12 +118,29 @@ def test_a_calibration_in_a_folder_of_its_own_can_be_checked(tmp_path: Path) -> 
     before = (tmp_path / 'diagnosis' / 'diagnosis.json').read_bytes()
     calibrate(tmp_path / 'diagnosis', tmp_path / 'campaign', out=tmp_path / 'out')
     assert main(['gap', 'check', str(tmp_path / 'out'), str(tmp_path / 'fresh')]) == 0
-    # The recordings of the diagnosis are known; no form was fitted without each of them.
-    diagnosed = read_diagnosis(tmp_path / 'out')
-    assert len(diagnosed.checksums) == TINY['recordings']
-    assert known_of(diagnosed).without == {}
-    calibrate(tmp_path / 'diagnosis', tmp_path / 'campaign', out=tmp_path / 'diagnosis')
+    # The recordings of the diagnosis are known.
+    assert len(read_diagnosis(tmp_path / 'out').checksums) == TINY['recordings']
     assert (tmp_path / 'diagnosis' / 'diagnosis.json').read_bytes() == before
+
+
+@pytest.mark.parametrize('mix', [0.4, 1.0])
+@pytest.mark.parametrize('out', ['diagnosis', 'out'])
+def test_effects_without_a_recording_are_dropped_with_a_new_form(
+    out: str, mix: float, tmp_path: Path
+) -> None:
+    """Assert it also of the diagnosis's own folder: a cost would be that of the old effects."""
+    filtered = {'spatial_filter': {'mix': mix}}
+    write_campaign(tmp_path / 'recordings', seed=119, effects=filtered, **TINY)
+    typical = {'spatial_filter': {'mix': 0.4}}
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', typical)
+    file = diagnosis / 'diagnosis.json'
+    row = {'name': 'a.npz', 'used': True, 'checksum': '1', 'effects_without': typical}
+    file.write_text(json.dumps({**json.loads(file.read_text()), 'recordings': [row]}))
+    table = calibrate(diagnosis, tmp_path / 'recordings', out=tmp_path / out)
+    assert table['effects'][0]['taken'] == (mix != 0.4)
+    after = read_diagnosis(tmp_path / out)
+    assert list(after.checksums) == ['1']
+    assert known_of(after).without.keys() == ({'1'} if mix == 0.4 else set())
 
 
 def test_a_diagnosis_has_the_form_of_the_camera(tmp_path: Path) -> None:

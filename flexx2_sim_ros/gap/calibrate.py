@@ -31,6 +31,7 @@ from flexx2_sim_ros.jobs import workers
 import numpy as np
 
 SCHEMA = 1
+_LEFT_OUT = 'effects_without', 'forms_without'  # of a recording's row in diagnosis.json
 
 
 def calibrate(
@@ -134,14 +135,14 @@ def calibrate(
     table['version'] = __version__
     if out is not None:
         progress('writing', 0.97)
-        own = Path(out).resolve() == Path(diagnosis).resolve()
+        same = effects == explanations[0]
         write_calibration(
             Path(out),
             table,
             calibrated,
             chosen.verdicts,
             chosen.looked,
-            None if own else before.table,
+            before.table if same else _less_left_out(before.table),
         )
     progress('done', 1.0)
     return table
@@ -212,6 +213,15 @@ def _table(
         'recordings': [one.found.path.name for one in chosen.looked],
         'left_out': [{'name': name, 'reason': reason} for name, reason in left_out],
     }
+
+
+def _less_left_out(diagnosis: dict[str, Any]) -> dict[str, Any]:
+    # diagnosis.json, less the effects as fitted to the other recordings: they have other forms.
+    rows = [
+        {key: value for key, value in row.items() if key not in _LEFT_OUT}
+        for row in diagnosis['recordings']
+    ]
+    return {**diagnosis, 'recordings': rows}
 
 
 def _gap(outcomes: Sequence[dict[str, list[float]]]) -> dict[str, Any]:

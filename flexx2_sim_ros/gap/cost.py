@@ -335,7 +335,7 @@ def known_of(before: Diagnosed) -> Known:
         if not parts or not isinstance(row.get('checksum'), str):
             continue
         left = [one for one in parse_effects({**own, **forms}) if one.role != 'pose']
-        if _forms(left) == _forms(effects):  # Maps, and later calibrations, have none.
+        if _forms(left) == _forms(effects):  # Maps have none.
             without[row['checksum']] = table_of(left)
     return Known(
         table, before.known, (metres,) * 3 + (degrees,) * 3, frozenset(before.checksums), without

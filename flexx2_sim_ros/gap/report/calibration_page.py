@@ -20,7 +20,6 @@ from flexx2_sim_ros.html_page import html_page
 import numpy as np
 
 FILES = ('effects.yaml', 'calibration.json', 'calibration.html', 'diagnosis.json')
-_LEFT_OUT = 'effects_without', 'forms_without'  # of a recording's row in diagnosis.json
 _STYLE = """
 td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
 th, small, .dim, figcaption { color: var(--dim); } figcaption { font-size: .85rem; }
@@ -43,12 +42,12 @@ def write_calibration(
     effects: Sequence[Effect],
     verdicts: Sequence[Verdict],
     looked: Sequence[Looked],
-    diagnosis: dict[str, Any] | None,
+    diagnosis: dict[str, Any],
 ) -> None:
     """
     Write ``effects.yaml`` with its maps, ``calibration.json`` and ``calibration.html``.
 
-    With `diagnosis`, the folder can be used like that of a diagnosis.
+    With ``diagnosis.json``, the folder can be used like that of a diagnosis.
 
     Parameters
     ----------
@@ -62,9 +61,8 @@ def write_calibration(
         The tried forms, for the page.
     looked : sequence of Looked
         The recordings.
-    diagnosis : dict or None
-        The content of ``diagnosis.json``, to be written as well: without the effects as fitted
-        to the other recordings, because they do not have the calibrated forms.
+    diagnosis : dict
+        The content of ``diagnosis.json``.
 
     """
     with whole_files(output_folder(folder)) as part:
@@ -74,13 +72,8 @@ def write_calibration(
         (part / FILES[2]).write_text(
             page(table, verdicts, looked), encoding='utf-8', errors='backslashreplace'
         )
-        if diagnosis is not None:
-            rows = [
-                {key: value for key, value in row.items() if key not in _LEFT_OUT}
-                for row in diagnosis['recordings']
-            ]
-            text = json.dumps({**diagnosis, 'recordings': rows}, indent=2)
-            (part / FILES[3]).write_text(text + '\n', encoding='utf-8')
+        text = json.dumps(diagnosis, indent=2)
+        (part / FILES[3]).write_text(text + '\n', encoding='utf-8')
 
 
 def headline(table: dict[str, Any]) -> str:
