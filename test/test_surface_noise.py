@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from batches import DEVICES
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera, flexx2, Profile
 from flexx2_sim_ros.characterize import characterize, to_profile
@@ -15,9 +16,11 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import SurfaceNoise
 import numpy as np
 import pytest
+import warp as wp
 
 USECASE = 'Mode_9_30fps'
 PLANTED = SurfaceNoise(0.9, 0.25, 0.4)
+STEEP = SurfaceNoise(0.9, 0.0, 1.0)
 K = np.array([[210.0, 0.0, 55.5], [0.0, 212.0, 42.5], [0.0, 0.0, 1.0]])
 SIZE = 86, 112
 
@@ -78,6 +81,36 @@ def test_both_paths_and_the_batch_agree() -> None:
     plain = Camera(USECASE, profile=profile, seed=4).capture(depth, K, np.int64(1e9 / 30)).depth
     batch.reset()
     assert not np.array_equal(found[1], plain, equal_nan=True)
+
+
+@pytest.mark.parametrize('device', DEVICES)
+@pytest.mark.parametrize('first', ['white', 'dark'])
+def test_a_captured_graph_follows_changes_of_mode(first: str, device: str) -> None:
+    """Assert it of modes whose noise depends on reflectivity in different ways, or not at all."""
+    profile = camera_with(PLANTED)
+    (mode,) = profile.modes
+    modes = [
+        replace(mode, name=name, noise=replace(mode.noise, surfaces=surfaces))
+        for name, surfaces in (('white', None), ('dark', PLANTED), ('darker', STEEP))
+    ]
+    profile = replace(profile, modes=tuple(modes))
+    one, other = (
+        BatchCamera(2, first, profile=profile, K=K, seed=[3, 4], device=device) for _ in range(2)
+    )
+    scene = [wp.array(np.stack([image] * 2), device=device) for image in striped()]
+    seen, wanted = one(*scene), other(*scene)
+    with wp.ScopedCapture(device) as capture:
+        one(*scene)
+    for mode in modes:
+        for camera in (one, other):
+            camera.set_usecase(mode.name, np.array([False, True]))
+        wp.capture_launch(capture.graph)
+        other(*scene)
+        np.testing.assert_array_equal(seen.numpy(), wanted.numpy())
+        alone = Camera(mode.name, seed=4, profile=profile)
+        stamp = int(other.image_stamps.numpy()[1])
+        depth = alone.capture(striped()[0], K, stamp, striped()[1]).depth
+        np.testing.assert_allclose(seen.numpy()[1], depth, rtol=1e-4)
 
 
 def test_the_section_is_read_back_and_checked(tmp_path: Path) -> None:

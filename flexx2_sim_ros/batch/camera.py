@@ -322,9 +322,9 @@ class BatchCamera:
     def _launch(
         self, images: Images, depth: wp.array, reflectivity: wp.array | None, out: wp.array
     ) -> None:
-        # Noise that depends on reflectivity needs the path of effects; the plain one is faster.
+        # Slower, with noise by reflectivity; the same in all modes, since graphs are captured.
         with_stages = self._has_effects or (
-            reflectivity is not None and depends_on_surfaces(self._modes)
+            reflectivity is not None and depends_on_surfaces(self.profile.modes)
         )
         stages = self._stages_for(images) if with_stages else None
         if stages is not None:

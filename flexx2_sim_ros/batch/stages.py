@@ -75,7 +75,11 @@ class BatchStages:
         num_envs, device = len(effects), rows.stamps.device
         self._names = {effect.name for own in effects for effect in own}
         self._lights = wp.empty(num_envs, dtype=Light, device=device)
-        self._surface_noise: wp.array | None = None
+        self._surface_noise = (
+            wp.zeros(num_envs, dtype=wp.vec3f, device=device)
+            if depends_on_surfaces(profile.modes)
+            else None
+        )
         self._kept = self._memory(num_envs, device)
         self._seen = self._images_between(device)
         self._geometry = SceneGeometry(effects, latest_ns, profile, images, rows, camera)
@@ -121,9 +125,8 @@ class BatchStages:
         """Put the numbers of the mode of every environment on the device."""
         rows = {mode.name: light_row(mode, self._profile) for mode in set(modes)}
         self._lights.assign(np.array([rows[mode.name] for mode in modes]))
-        self._surface_noise = (
-            surface_rows(modes, self._lights.device) if depends_on_surfaces(modes) else None
-        )
+        if self._surface_noise is not None:  # A captured graph reads the same memory again.
+            self._surface_noise.assign(surface_rows(modes))
 
     def forget(self, mask: wp.array) -> None:
         """Reset the environments that a (N,) bool array on the device chooses."""

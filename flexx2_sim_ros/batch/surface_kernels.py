@@ -1,7 +1,6 @@
 """How sigma_z depends on reflectivity, as a Warp kernel: `formulas.surfaces.surface_factor`."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
@@ -52,10 +51,10 @@ def depends_on_surfaces(modes: Sequence[Mode]) -> bool:
     return any(mode.noise.surfaces is not None for mode in modes)
 
 
-def surface_rows(modes: Sequence[Mode], device: Any) -> wp.array:
-    """Return the coefficients of every environment's mode, (N,) on the device."""
+def surface_rows(modes: Sequence[Mode]) -> np.ndarray:
+    """Return the coefficients of every environment's mode, (N, 3) float32."""
     rows = [
         _NO_DEPENDENCE if mode.noise.surfaces is None else mode.noise.surfaces.coefficients
         for mode in modes
     ]
-    return wp.array(np.array(rows, np.float32), dtype=wp.vec3f, device=device)
+    return np.array(rows, np.float32)
