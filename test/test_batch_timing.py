@@ -231,3 +231,11 @@ def test_more_frames_than_can_be_kept_are_refused() -> None:
     cameras = BatchCamera(2, 'Mode_5_60fps', effects=late(1.0), device='cpu')
     with pytest.raises(InputError, match='time_offset.delay: must be so short'):
         cameras(np.broadcast_to(np.float32(1), (2, 5000, 5000)))
+
+
+def test_more_earlier_frames_than_can_be_kept_are_refused() -> None:
+    early = {'time_offset': {'latency': 1.0}}
+    cameras = BatchCamera(4000, 'Mode_5_60fps', effects=early, device='cpu')
+    said = 'time_offset.latency: must be so short that at most 2147483647 pixels are kept, got 1 s'
+    with pytest.raises(InputError, match=said):
+        cameras(np.broadcast_to(np.float32(1), (4000, 100, 100)))

@@ -9,7 +9,7 @@ from flexx2_sim_ros.batch.drawn import DrawnCameras
 from flexx2_sim_ros.batch.effect_tables import each_environment
 from flexx2_sim_ros.batch.exchange import checked, checked_images, from_warp, stream_of, to_warp
 from flexx2_sim_ros.batch.host import HostCameras, without_kernel, write_frames
-from flexx2_sim_ros.batch.images import Images, period_ns, Rows
+from flexx2_sim_ros.batch.images import Images, MOST_PIXELS, period_ns, Rows
 from flexx2_sim_ros.batch.stages import BatchStages
 from flexx2_sim_ros.batch.surface_kernels import depends_on_surfaces
 from flexx2_sim_ros.batch.timing import FrameTiming
@@ -23,7 +23,6 @@ import numpy as np
 import warp as wp
 
 _INVALID = {'nan': math.nan, 'zero': 0.0}
-_MOST_PIXELS = 2**31 - 1
 
 
 class BatchCamera:
@@ -280,7 +279,7 @@ class BatchCamera:
         Raises
         ------
         InputError
-            For another kind, shape, dtype or device.
+            For another kind, shape, dtype or device, and more late frames than can be kept.
 
         """
         kind = checked_images(self.num_envs, depth, reflectivity, out, self.device)
@@ -377,9 +376,9 @@ class BatchCamera:
 
     def _images_for(self, height: int, width: int) -> Images:
         if self._images is None or (self._images.height, self._images.width) != (height, width):
-            if self.num_envs * height * width > _MOST_PIXELS:
+            if self.num_envs * height * width > MOST_PIXELS:
                 raise InputError(
-                    f'depth: must have at most {_MOST_PIXELS} pixels in all, got '
+                    f'depth: must have at most {MOST_PIXELS} pixels in all, got '
                     f'{self.num_envs} x {height} x {width} pixels'
                 )
             self._images = Images(

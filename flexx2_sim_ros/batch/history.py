@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.batch import history_kernels
-from flexx2_sim_ros.batch.images import Images, launch, Rows
+from flexx2_sim_ros.batch.images import check_kept, Images, launch, Rows
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.time_offset import FRAMES_KEPT
@@ -28,6 +28,11 @@ class FrameHistory:
     images : Images
     rows : Rows
 
+    Raises
+    ------
+    InputError
+        When the frames of all environments are too many.
+
     """
 
     def __init__(
@@ -45,6 +50,7 @@ class FrameHistory:
         interval = 1e9 / max(mode.rate_hz for mode in profile.modes)
         slots = min(max(math.ceil(latest_ns / interval) + 1, 2), FRAMES_KEPT)
         self._frames = slots * sum(chosen)
+        check_kept('time_offset.latency', latest_ns, self._frames * self._pixels)
 
         def array(values: Any, dtype: Any) -> wp.array:
             return wp.array(values, dtype=dtype, device=device)

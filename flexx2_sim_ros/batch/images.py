@@ -11,6 +11,7 @@ from flexx2_sim_ros.batch.host import without_kernel
 from flexx2_sim_ros.camera import Intrinsics, Mode
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.time_offset import time_offset_of
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 import warp as wp
@@ -18,6 +19,7 @@ import warp as wp
 # Environments whose images are made at a time, so that they stay in the cache (measured on the
 # CPU; on CUDA chosen for an L2 cache of 50 MB, not measured).
 AT_A_TIME = {'cpu': 8, 'cuda': 256}
+MOST_PIXELS = 2**31 - 1  # of an array of Warp
 _THREADS_FOR_MOVED = 256
 _PIXELS_A_THREAD = 4  # where there are many
 
@@ -106,6 +108,32 @@ class Rows:
 def period_ns(mode: Mode) -> int:
     """Return the time from frame to frame, nanoseconds."""
     return round(1e9 / mode.rate_hz)
+
+
+def check_kept(name: str, longest_ns: int, pixels: int) -> None:
+    """
+    Check that frames which are kept for a time fit into an array.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter that says how long, for the error.
+    longest_ns : int
+        How long in the environment where it is longest.
+    pixels : int
+        Of the frames of all environments.
+
+    Raises
+    ------
+    InputError
+        When they are too many.
+
+    """
+    if pixels > MOST_PIXELS:
+        raise InputError(
+            f'{name}: must be so short that at most {MOST_PIXELS} pixels are kept, got '
+            f'{longest_ns / 1e9:g} s, for which {pixels} are'
+        )
 
 
 class Images:

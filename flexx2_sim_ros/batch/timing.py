@@ -3,12 +3,11 @@
 from typing import Any
 
 from flexx2_sim_ros.batch import timing_kernels
-from flexx2_sim_ros.batch.images import Images, launch, Rows
+from flexx2_sim_ros.batch.images import check_kept, Images, launch, Rows
 from flexx2_sim_ros.errors import InputError, shown
 import warp as wp
 
 _LONGEST_STEP = 10.0  # seconds
-_MOST_KEPT = 2**31 - 1  # pixels
 
 
 class FrameTiming:
@@ -84,11 +83,7 @@ class FrameTiming:
         timing, num_envs = self._timing, self._rows.stamps.size
         slots = frames_kept(longest_ns, shortest_ns, self.step_ns)
         size = slots * num_envs * images.height * images.width
-        if size > _MOST_KEPT:
-            raise InputError(
-                f'time_offset.delay: must be so short that at most {_MOST_KEPT} pixels are kept, '
-                f'got {longest_ns / 1e9:g} s, for which {size} are'
-            )
+        check_kept('time_offset.delay', longest_ns, size)
         if (slots, size) == (timing.slots, timing.frames.size):
             return
         device = self._rows.stamps.device
