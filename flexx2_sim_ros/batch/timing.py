@@ -54,6 +54,7 @@ class FrameTiming:
         )
         timing.taken = wp.zeros(0, dtype=wp.int64, device=device)
         timing.frames = wp.zeros(0, dtype=wp.float32, device=device)
+        self._shape: tuple[int, ...] = ()  # slots, height and width of what is kept, if it is
         wp.load_module(timing_kernels, device=device)
 
     @property
@@ -63,7 +64,7 @@ class FrameTiming:
 
     def keep(self, longest_ns: int, shortest_ns: int, images: Images) -> None:
         """
-        Allocate the ring, unless it has the right size; frames under way are then lost.
+        Allocate the ring, unless it has the right shape; frames under way are then lost.
 
         Parameters
         ----------
@@ -84,8 +85,10 @@ class FrameTiming:
         slots = frames_kept(longest_ns, shortest_ns, self.step_ns)
         size = slots * num_envs * images.height * images.width
         check_kept('time_offset.delay', longest_ns, size)
-        if (slots, size) == (timing.slots, timing.frames.size):
+        shape = (slots, images.height, images.width) if slots else ()
+        if shape == self._shape:
             return
+        self._shape = shape
         device = self._rows.stamps.device
         timing.slots = slots
         timing.taken = wp.zeros(slots * num_envs, dtype=wp.int64, device=device)
