@@ -162,7 +162,9 @@ def test_azure_has_fixed_pattern_noise() -> None:
     sums.add(depth)
     means.add(depth)
     moments = sums.moments()
-    pixels = pixel_statistics(board, moments, moments.count == 2, means)
+    pixels = pixel_statistics(
+        board, moments, moments.count == 2, means, np.full(depth[0].shape, len(depth))
+    )
     assert 1e3 * pixels.pattern == known(0.9)
     # The second capture is 0.7 mm further away as a whole, which is no noise of the pixels.
     assert 1e3 * pixels.drift == pytest.approx(0.74, abs=0.02)

@@ -5,7 +5,7 @@ import math
 
 from flexx2_sim_ros.characterize.analysis import Characterization
 from flexx2_sim_ros.characterize.measure import Measurement
-from flexx2_sim_ros.characterize.single_pass import only_valid
+from flexx2_sim_ros.characterize.single_pass import masked_chunks
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 import numpy as np
@@ -13,7 +13,6 @@ import numpy as np
 _BINS = 100  # as in the paper
 _REACH = 5.0  # standard deviations to either side
 _CONDITION = (1.0, 15.0)  # metres and degrees, as in the paper
-_CHUNK = 60
 
 
 @dataclass(frozen=True)
@@ -69,8 +68,9 @@ def noise_histogram(result: Characterization, camera: str | None = None) -> Hist
     sigma = math.sqrt(float(np.mean(mode.axial.model().sigma_z(plane, theta) ** 2)))
     edges: np.ndarray | None = None
     counts = np.zeros(0, np.int64)
-    for part in open_recording(measurement.path, camera).chunks(_CHUNK):
-        depth = only_valid(part.depth)[:, y0:y1, x0:x1]
+    reader = open_recording(measurement.path, camera, result.camera)
+    for frames, _, _ in masked_chunks(reader):
+        depth = frames[:, y0:y1, x0:x1]
         if edges is None:
             edges = bin_edges(max(sigma, 1e-6), storage_step(depth))
             counts = np.zeros(len(edges) - 1, np.int64)

@@ -202,7 +202,7 @@ def _measure(
         _window(board),
         bias,
         bias_of,
-        pixel_statistics(board, moments, usable, seen.means),
+        pixel_statistics(board, moments, usable, seen.means, seen.left_in),
         tiles,
         seen.edges(),
         seen.counts,

@@ -20,7 +20,7 @@ class Pixels:
     count : int
         Pixels that were measured.
     invalid : float
-        Share of invalid pixels, of all pixels and frames in the region.
+        Share of invalid pixels, of all pixels and frames in the region that no mask excludes.
     lag, right, down : float
         Correlation of the noise with the next frame, the next pixel in the row and the next one
         in the column. Of a single frame: of what is left of the plane.
@@ -88,7 +88,7 @@ class FrameMeans:
 
 
 def pixel_statistics(
-    board: Board, moments: Moments, usable: np.ndarray, means: FrameMeans
+    board: Board, moments: Moments, usable: np.ndarray, means: FrameMeans, left_in: np.ndarray
 ) -> Pixels:
     """
     Summarise a region.
@@ -103,11 +103,13 @@ def pixel_statistics(
         (H, W) bool, pixels with enough valid frames.
     means : FrameMeans
         Of all frames.
+    left_in : numpy.ndarray
+        (H, W) frames in which no mask excludes the pixel.
 
     """
     here = board.region & usable
     count = int(here.sum())
-    invalid = 1.0 - float(moments.count[board.region].mean()) / moments.frames
+    invalid = 1.0 - float(moments.count[board.region].sum() / left_in[board.region].sum())
     v, u = np.nonzero(here)
     error = np.full(here.shape, np.nan)
     error[v, u] = moments.mean[v, u] - board.plane.depth(u, v)

@@ -17,6 +17,7 @@ from flexx2_sim_ros.characterize.lateral import (
 from flexx2_sim_ros.characterize.moments import Accumulator
 from flexx2_sim_ros.characterize.pixels import FrameMeans
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording import Recording, RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
@@ -44,6 +45,8 @@ class SinglePass:
         Sums of depth for each pixel.
     means : FrameMeans
         Mean error of each frame.
+    left_in : numpy.ndarray
+        (H, W) frames in which no mask excludes the pixel.
     positions : list of list of numpy.ndarray
         Positions of each edge, by chunks of frames.
     clean : numpy.ndarray or None
@@ -60,23 +63,31 @@ class SinglePass:
     sites: list[EdgeSite]
     sums: Accumulator
     means: FrameMeans
+    left_in: np.ndarray
     positions: list[list[np.ndarray]]
     clean: np.ndarray | None
     levels: np.ndarray
     counts: AmplitudeCounts | None = None
 
-    def add(self, depth: np.ndarray) -> None:
-        """Add (n, H, W) consecutive frames, metres, NaN where invalid."""
+    def add(self, depth: np.ndarray, left_in: np.ndarray) -> None:
+        """Add (n, H, W) consecutive frames: metres, NaN where invalid; bool, False if masked."""
         self.sums.add(depth)
         self.means.add(depth)
+        self.left_in += left_in.sum(axis=0)
         for columns, site in zip(self.positions, self.sites, strict=True):
             columns.append(edge_positions(depth, site))
 
     def add_amplitude(
-        self, amplitude: np.ndarray, depth: np.ndarray, window: tuple[slice, slice], frames: int
+        self,
+        amplitude: np.ndarray,
+        depth: np.ndarray,
+        left_in: np.ndarray,
+        window: tuple[slice, slice],
+        frames: int,
     ) -> None:
         """Add (n, H, W) amplitudes of a recording with this number of frames."""
-        found = count_invalid(amplitude[:, *window], np.isfinite(depth[:, *window]))
+        counted = np.where(left_in, amplitude, np.nan)[:, *window]
+        found = count_invalid(counted, np.isfinite(depth[:, *window]))
         self.counts = found if self.counts is None else self.counts + found
         self.levels += amplitude.sum(axis=0) / frames
 
@@ -114,28 +125,47 @@ def read_frames(
     x0, y0, x1, y1 = box or (0, 0, width, height)
     window = slice(y0, y1), slice(x0, x1)
     seen: SinglePass | None = None
-    for depth, part in _chunks(reader):
+    for depth, left_in, part in masked_chunks(reader):
         if seen is None:
             seen = _start(reader, depth, part, box, near, far)
-        seen.add(depth)
+        seen.add(depth, left_in)
         if part.amplitude is not None:
             amplitude = np.broadcast_to(np.asarray(part.amplitude, np.float64), depth.shape)
-            seen.add_amplitude(amplitude, depth, window, frames)
+            seen.add_amplitude(amplitude, depth, left_in, window, frames)
     assert seen is not None
     return seen
 
 
-def _chunks(reader: RecordingReader) -> Iterator[tuple[np.ndarray, Recording]]:
-    # Depth of each chunk, NaN where it is invalid or a mask excludes it, and the chunk.
+def masked_chunks(reader: RecordingReader) -> Iterator[tuple[np.ndarray, np.ndarray, Recording]]:
+    """
+    Read a recording without the pixels that a mask excludes.
+
+    Masks are the recording's key `known` and the pixels that never have depth by the reader's
+    profile.
+
+    Yields
+    ------
+    tuple
+        (n, H, W) depth of some frames, metres, NaN where invalid or masked; (n, H, W) bool, False
+        where masked; and the frames as they are.
+
+    """
     known = read_truth(reader.path, reader.arrays, reader.shape).known
+    _, height, width = reader.shape
+    camera = Intrinsics.from_matrix(reader.K, width, height, reader.distortion)
+    outside = reader.profile.sensor.outside(camera)
     start = 0
     for part in reader.chunks(_CHUNK):
         depth = only_valid(part.depth)
+        left_in = np.ones(depth.shape, bool)
         if known is not None:
-            here = known if known.ndim == 2 else known[start : start + len(depth)]
-            depth = np.where(here, depth, np.float32(np.nan))
+            left_in &= known if known.ndim == 2 else known[start : start + len(depth)]
             start += len(depth)
-        yield depth, part
+        if outside is not None:
+            left_in &= ~outside
+        if not left_in.all():
+            depth = np.where(left_in, depth, np.float32(np.nan))
+        yield depth, left_in, part
 
 
 def _start(
@@ -167,6 +197,7 @@ def _start(
         sites,
         Accumulator(reference),
         FrameMeans(board.region, reference),
+        np.zeros(first.shape, np.int64),
         [[] for _ in sites],
         None if part.clean_depth is None else _clean(part.clean_depth, first, reader),
         np.zeros(first.shape),

@@ -1,0 +1,72 @@
+"""Recordings of other cameras: with masks, and named in other ways."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from boards import board
+from flexx2_sim_ros.camera import flexx2, Intrinsics
+from flexx2_sim_ros.characterize import characterize
+from flexx2_sim_ros.characterize.histogram import noise_histogram
+from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR
+from flexx2_sim_ros.profiles.valid_mask import mask_of
+import numpy as np
+import pytest
+
+SIZE = (60, 80)
+PLACES = ((0.7, 0), (1.0, 30), (1.5, 0), (1.5, 50), (2.0, 30))
+NOISE = flexx2().mode('Mode_9_30fps').noise
+
+
+def content(distance: float, angle: float) -> dict[str, Any]:
+    """Make a recording of a board that fills the image."""
+    target = board(distance, angle, size=SIZE)
+    sigma = NOISE.sigma_z(target.depth, target.incidence)
+    noise = np.random.default_rng(round(1000 * distance + angle)).standard_normal((12, *SIZE))
+    return {
+        'depth': (target.depth + sigma * noise).astype(np.float32),
+        'K': target.K,
+        'stamp': np.arange(12) / 30,
+        'usecase': 'Mode_9_30fps',
+    }
+
+
+@pytest.mark.parametrize('kind', ['known', 'known in each frame', 'profile'])
+def test_masked_pixels_are_neither_invalid_nor_noise(tmp_path: Path, kind: str) -> None:
+    """
+    Assert the share of invalid pixels among those that the mask leaves in, and their histogram.
+
+    4000 pixels of 12 frames know a share of 3 % to 0.08 %.
+    """
+    generator = np.random.default_rng(5)
+    left_in = generator.uniform(size=SIZE) > 0.15
+    masked = np.broadcast_to(~left_in, (12, *SIZE))
+    known: dict[str, Any] = {} if kind == 'profile' else {'known': left_in}
+    if kind == 'known in each frame':
+        known['known'] = np.broadcast_to(left_in, (12, *SIZE)).copy()
+        known['known'][::3] = True
+        masked = ~known['known']
+    profile = flexx2()
+    if kind == 'profile':
+        camera = Intrinsics.from_matrix(content(1.0, 0)['K'], *SIZE[::-1])
+        sensor = replace(DEFAULT_SENSOR, valid_mask=mask_of(left_in, camera))
+        modes = tuple(replace(mode, sensor=sensor) for mode in profile.modes)
+        profile = replace(profile, modes=modes)
+    for distance, angle in PLACES:
+        made = content(distance, angle)
+        depth = made['depth']
+        depth[generator.uniform(size=depth.shape) < 0.03] = np.nan
+        depth[masked] += 0.01  # The noise is some 4 mm.
+        depth[masked & (generator.uniform(size=depth.shape) < 0.5)] = np.nan
+        name = f'Mode_9_30fps_{distance:.2f}m_{angle}deg.npz'
+        np.savez(tmp_path / name, **made | known, amplitude=np.full(depth.shape, 100.0))
+    result = characterize(tmp_path, profile=profile)
+    for m in result.modes[0].measurements:
+        assert m.pixels.invalid == pytest.approx(0.03, abs=0.006)
+        assert m.amplitude is not None
+        share = m.amplitude.invalid.sum() / m.amplitude.pixels.sum()
+        assert share == pytest.approx(0.03, abs=0.006)
+    histogram = noise_histogram(result)
+    middles = (histogram.edges[1:] + histogram.edges[:-1]) / 2
+    # The mean of 3000 values is known to 0.02 sigma.
+    assert abs(np.average(middles, weights=histogram.counts)) < 0.15 * histogram.sigma
