@@ -8,13 +8,15 @@ from boards import board
 from flexx2_sim_ros.camera import flexx2, Intrinsics
 from flexx2_sim_ros.characterize import characterize
 from flexx2_sim_ros.characterize.histogram import noise_histogram
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.profiles.files import read_profile
 from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR
 from flexx2_sim_ros.profiles.valid_mask import mask_of
 import numpy as np
 import pytest
 
 SIZE = (60, 80)
-PLACES = ((0.7, 0), (1.0, 30), (1.5, 0), (1.5, 50), (2.0, 30))
+PLACES = ((0.7, 0), (0.7, 40), (1.0, 20), (1.5, 0), (1.5, 50), (2.0, 30), (2.5, 0), (2.5, 45))
 NOISE = flexx2().mode('Mode_9_30fps').noise
 
 
@@ -70,3 +72,26 @@ def test_masked_pixels_are_neither_invalid_nor_noise(tmp_path: Path, kind: str) 
     middles = (histogram.edges[1:] + histogram.edges[:-1]) / 2
     # The mean of 3000 values is known to 0.02 sigma.
     assert abs(np.average(middles, weights=histogram.counts)) < 0.15 * histogram.sigma
+
+
+@pytest.mark.parametrize(
+    ('spellings', 'name'),
+    [
+        (['mode_9_30fps'], 'Mode_9_30fps'),
+        (['MODE_9_30FPS', 'Mode_9_30fps'], 'Mode_9_30fps'),
+        (['TOF', 'tof', 'ToF'], 'tof'),
+    ],
+)
+def test_a_mode_is_the_same_in_upper_and_lower_case(
+    tmp_path: Path, spellings: list[str], name: str
+) -> None:
+    for number, (distance, angle) in enumerate(PLACES):
+        spelling = spellings[number % len(spellings)]
+        np.savez(tmp_path / f'{number}.npz', **content(distance, angle) | {'usecase': spelling})
+    assert main(['characterize', 'fit', str(tmp_path), '--jobs', '1']) == 0
+    written = read_profile(tmp_path / 'characterization' / 'profile.yaml')
+    assert written.profile.names == [name]
+    assert written.standard_errors[name]['a'] is not None
+    assert written.measured[name]['recordings'] == len(PLACES)
+    page = (tmp_path / 'characterization' / 'report.html').read_text(encoding='utf-8')
+    assert ('class="paper"' in page) == (name == 'Mode_9_30fps')

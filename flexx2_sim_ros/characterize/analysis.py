@@ -228,6 +228,9 @@ def characterize(
         else:
             measured.append(_with_hidden_noise(result))
         on_done(done, len(paths))
+    # Case tells no two modes of a profile apart.
+    spelling = {m.usecase.lower(): m.usecase for m in sorted(measured, key=lambda m: m.usecase)}
+    measured = [replace(m, usecase=spelling[m.usecase.lower()]) for m in measured]
     measured.sort(key=lambda m: (m.usecase, m.label, str(m.path)))
     kept = _agreeing(measured, left_out)
     if not kept:

@@ -36,7 +36,8 @@ class Measurement:
     path : pathlib.Path
         The recording.
     usecase : str
-        The mode of the recording, else the mode in its name, else ``unknown``.
+        The mode of the recording, else the mode in its name, else ``unknown``; a mode of the
+        camera as the camera's profile writes it.
     condition : Condition or None
         Mode, distance and angle in the name.
     frames : int
@@ -159,7 +160,10 @@ def _measure(
     profile: Profile,
 ) -> Measurement:
     usecase = _usecase(reader, condition)
-    near, far = _range(profile, usecase)
+    near, far = 0.0, math.inf
+    if usecase.strip().lower() in map(str.lower, profile.names):
+        mode = profile.mode(usecase)
+        usecase, near, far = mode.name, mode.range_min, mode.range_max
     frames, height, width = reader.shape
     if box is not None and not (0 <= box[0] < box[2] <= width and 0 <= box[1] < box[3] <= height):
         raise InputError(f'box: must be x0 y0 x1 y1 within {width} x {height}, got {box}')
@@ -216,14 +220,6 @@ def _usecase(reader: RecordingReader, condition: Condition | None) -> str:
     if own is not None and stated is not None and own.lower() != stated.lower():
         raise InputError(f'{reader.path}: usecase: must be {stated}, as the name says, got {own}')
     return own or stated or 'unknown'
-
-
-def _range(profile: Profile, usecase: str) -> tuple[float, float]:
-    try:
-        mode = profile.mode(usecase)
-    except InputError:
-        return 0.0, math.inf
-    return mode.range_min, mode.range_max
 
 
 def _check_place(condition: Condition | None, distance: float, angle: float) -> None:
