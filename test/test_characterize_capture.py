@@ -12,6 +12,7 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.profiles.files import ProfileFile, save_profile
+from flexx2_sim_ros.profiles.modes import Profile
 from made_bags import DRIVER
 import numpy as np
 import pytest
@@ -182,6 +183,74 @@ def test_a_lens_that_distorts_changes_no_result(tmp_path: Path, camera: Any) -> 
     assert len(edges) >= 2
     for sigma in edges:
         assert true * 0.94 < sigma < np.sqrt(true**2 + 2 / 12) * 1.06
+
+
+RANGES = (
+    (0.1, 0.5),
+    (1.0, 10.0),
+    (0.05, 0.2),
+    (0.02, 0.15),
+    (0.25, 0.3),
+    (0.5, 0.52),
+    (0.6, 2.4),  # The farthest limits of the Flexx2, another nearest one.
+    (1.0, 7.0),
+    (1.0, 1.2),
+    (9.0, 12.0),
+    (0.3, 25.0),
+    (0.001, 1000.0),
+)
+
+
+@pytest.mark.parametrize('limits', RANGES)
+def test_a_campaign_without_distances_is_inside_any_range(
+    limits: tuple[float, float],
+    tmp_path: Path,
+    camera: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    mode = one_mode(camera, limits)
+    save_profile('own.yaml', ProfileFile(mode))
+    own = ['--profile', 'own.yaml', '--angles', '0', '--frames', '1']
+    assert main(['characterize', 'plan', *own]) == 0
+    planned = re.findall(r'- \[ \] `own_(\S+)m_0deg`', capsys.readouterr().out)
+    assert planned
+    assert all(limits[0] <= float(distance) <= limits[1] for distance in planned)
+    assert main(['characterize', 'capture', 'campaign', *own, '--jobs', '1']) == 0
+    assert len(list(Path('campaign').iterdir())) == len(planned)
+
+
+def one_mode(camera: Profile, limits: tuple[float, float]) -> Profile:
+    """Return a camera with one mode of a range; sigma_z is 1 % of depth."""
+    noise = replace(camera.modes[0].noise, a=0.0, b=0.01, c=0.0, d=0.0)
+    near, far = limits
+    mode = replace(
+        camera.modes[0], name='own', noise_of='own', noise=noise, range_min=near, range_max=far
+    )
+    return replace(camera, modes=(mode,))
+
+
+@pytest.mark.parametrize(
+    ('limits', 'named'),
+    [
+        ((0.001, 0.009), 'range_m of own: must hold a whole centimetre'),
+        ((0.01, 0.08), '--distances: must be 0.1 to 10 m, where the simulated board can be'),
+        ((12.0, 100.0), '--distances: must be 0.1 to 10 m, where the simulated board can be'),
+    ],
+)
+def test_a_range_in_which_no_board_can_be_is_named(
+    limits: tuple[float, float],
+    named: str,
+    tmp_path: Path,
+    camera: Any,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    profile = tmp_path / 'own.yaml'
+    save_profile(profile, ProfileFile(one_mode(camera, limits)))
+    arguments = ['capture', str(tmp_path / 'campaign'), '--profile', str(profile)]
+    assert main(['characterize', *arguments]) == 2
+    assert named in capsys.readouterr().err
 
 
 def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,6 +22,7 @@ DISTANCES = {
     2.4: (0.3, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0),
     7.0: (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0),
 }
+_BOARD = 0.1, 10.0  # metres: where a board of 1.2 m is neither beyond the image nor a few pixels
 _CHUNK = 30
 
 
@@ -42,7 +43,7 @@ def conditions(
     usecases : sequence of str, optional
         Modes; those whose noise was measured (all, if none was) when left out.
     distances : sequence of float, optional
-        Metres; eight that suit each mode's range when left out.
+        Metres; up to eight that suit each mode's range when left out.
     angles : sequence of float
         Degrees.
     percents : sequence of float or None
@@ -56,8 +57,8 @@ def conditions(
     Raises
     ------
     InputError
-        For an unknown mode, a distance outside a mode's range, an angle beyond 80 degrees or a
-        reflectivity outside 1 to 100 %.
+        For an unknown mode, a distance outside a mode's range, an angle beyond 80 degrees, a
+        reflectivity outside 1 to 100 %, or a range without a whole centimetre.
 
     """
     modes = (
@@ -75,15 +76,16 @@ def conditions(
             )
     found = []
     for mode in modes:
-        for distance in distances or _distances(mode):
+        for asked in distances or _distances(mode):
+            # To the centimetre, as by tape and in the recordings' names.
+            distance = round(float(asked), 2)
             if not mode.range_min <= distance <= mode.range_max:
                 raise InputError(
                     f'--distances: must be {mode.range_min:g} to {mode.range_max:g} m, the '
-                    f'range of {mode.name}, got {distance:g}'
+                    f'range of {mode.name}, to the centimetre, got {asked:g}'
                 )
-            # To the centimetre, as by tape and in the recordings' names.
             found += [
-                Condition(mode.name, round(float(distance), 2), float(angle), percent)
+                Condition(mode.name, distance, float(angle), percent)
                 for angle in angles
                 for percent in percents
             ]
@@ -94,8 +96,24 @@ def conditions(
 
 
 def _distances(mode: Mode) -> tuple[float, ...]:
-    spread = np.geomspace(max(0.3, 1.5 * mode.range_min), 0.8 * mode.range_max, 8)
-    return DISTANCES.get(mode.range_max, tuple(spread.round(2)))
+    near, far = mode.range_min, mode.range_max
+    if near < _BOARD[1] and far > _BOARD[0]:
+        near, far = max(near, _BOARD[0]), min(far, _BOARD[1])
+    listed = DISTANCES.get(mode.range_max, ())
+    if listed and 1.5 * near <= listed[0]:
+        return listed
+    # Off the range's ends, where noise is cut off, but no further in than a quarter of it.
+    quarter = (far - near) / 4
+    first = min(max(0.3, 1.5 * near), near + quarter)
+    last = max(0.8 * far, far - quarter)
+    spread = np.geomspace(first, last, 8).round(2).tolist()
+    inside = tuple(distance for distance in spread if near <= distance <= far)
+    if not inside:
+        raise InputError(
+            f'range_m of {mode.name}: must hold a whole centimetre, to which boards are placed, '
+            f'got {mode.range_min:g} to {mode.range_max:g}'
+        )
+    return inside
 
 
 @dataclass(frozen=True)
@@ -151,8 +169,8 @@ def capture(
     Raises
     ------
     InputError
-        When a file is there that no capture made (it is not overwritten), or the folder cannot
-        be written.
+        When a file is there that no capture made (it is not overwritten), the folder cannot
+        be written, or a board would be nearer than 0.1 m or farther than 10 m.
 
     """
     if frames < 1:
@@ -190,9 +208,16 @@ def _render(
     # Imported here: planning and fitting need no MuJoCo.
     from flexx2_sim_ros.rendering.cameras import board_model
     from flexx2_sim_ros.rendering.renderer import open_renderer
-    from flexx2_sim_ros.rendering.scenes import place_board
+    from flexx2_sim_ros.rendering.scenes import BOARD_DISTANCES, place_board
     import mujoco
 
+    near, far = BOARD_DISTANCES
+    for distance, _ in setups:
+        if not near <= distance <= far:
+            raise InputError(
+                f'--distances: must be {near:g} to {far:g} m, where the simulated board can be, '
+                f'got {distance:g}'
+            )
     source, name = centred(camera), 'camera'
     model = board_model(source, name)
     data = mujoco.MjData(model)

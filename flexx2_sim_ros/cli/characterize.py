@@ -82,7 +82,8 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
         type=number(0, 1e3, above=True),
         nargs='+',
         metavar='M',
-        help="distances of the board, metres (default: eight that suit each mode's range)",
+        help='distances of the board, metres, to the centimetre (default: up to eight that suit '
+        "each mode's range)",
     )
     parser.add_argument(
         '--angles',
