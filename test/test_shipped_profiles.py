@@ -23,7 +23,9 @@ from flexx2_sim_ros.profiles.files import (
     shipped,
 )
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.profiles.sensor import Sensor
+from flexx2_sim_ros.profiles.valid_mask import mask_of, ValidMask
 from matplotlib.image import imread, imsave
 import numpy as np
 import pytest
@@ -323,3 +325,42 @@ def test_a_mask_says_which_pixels_have_depth(suffix: str, tmp_path: Path) -> Non
     (tmp_path / 'ring.npy').unlink()
     with pytest.raises(InputError, match=r'valid_mask: .*ring\.npy: must be an existing'):
         load_profile(path)
+
+
+@pytest.mark.parametrize('size', [(320, 240), (128, 106), (512, 424)])
+def test_a_mask_of_another_image_is_saved_for_the_profiles_own(
+    size: tuple[int, int], tmp_path: Path
+) -> None:
+    """Assert that camera and file allow the same pixels, as rays tell."""
+    camera = find_profile('kinect_v2')
+    own = replace(camera.intrinsics.resized(*size), cx=size[0] / 2 + 5)
+    image = np.random.default_rng(0).uniform(size=size[::-1]) < 0.7
+    masked = with_mask(camera, mask_of(image, own))
+    save_profile(tmp_path / 'camera.yaml', ProfileFile(masked))
+    kept = load_profile(tmp_path / 'camera.yaml')
+    wanted = masked.sensor.outside(camera.intrinsics)
+    assert wanted is not None
+    assert 0.2 < wanted.mean() < 0.5
+    found = kept.sensor.outside(camera.intrinsics)
+    np.testing.assert_array_equal(found, wanted)
+
+
+def with_mask(camera: Profile, mask: ValidMask) -> Profile:
+    """Return a camera with a mask of valid pixels in all its modes."""
+    sensor = replace(camera.sensor, valid_mask=mask)
+    return replace(camera, modes=tuple(replace(mode, sensor=sensor) for mode in camera.modes))
+
+
+def test_a_mask_that_a_profile_cannot_have_is_not_saved(tmp_path: Path) -> None:
+    camera = find_profile('flexx2_exposure')
+    own = camera.intrinsics
+    elsewhere = replace(own, cx=own.cx - 1000)
+    everywhere = np.ones((own.height, own.width), bool)
+    masked = with_mask(camera, mask_of(everywhere, elsewhere))
+    with pytest.raises(InputError, match=r'camera\.yaml: sensor\.valid_mask: must have a pixel'):
+        save_profile(tmp_path / 'camera.yaml', ProfileFile(masked))
+    masked = with_mask(camera, mask_of(everywhere, own))
+    two = replace(masked, modes=(camera.modes[0], *masked.modes[1:]))
+    with pytest.raises(InputError, match=r'camera\.yaml: sensor: must be the same in all modes'):
+        save_profile(tmp_path / 'camera.yaml', ProfileFile(two))
+    assert not list(tmp_path.iterdir())

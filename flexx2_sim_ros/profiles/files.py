@@ -28,7 +28,7 @@ from flexx2_sim_ros.profiles.modes import (
 from flexx2_sim_ros.profiles.section import Section
 from flexx2_sim_ros.profiles.sensor import KINDS, Sensor
 from flexx2_sim_ros.profiles.sensor_section import read_sensor, sensor_row
-from flexx2_sim_ros.profiles.valid_mask import write_mask
+from flexx2_sim_ros.profiles.valid_mask import mask_of, ValidMask, write_mask
 import numpy as np
 import yaml
 
@@ -191,7 +191,8 @@ def save_profile(path: str | Path, content: ProfileFile) -> None:
     """
     Write a camera profile; the file is there whole or not at all.
 
-    A mask of valid pixels is written beside it, as ``<name>_valid.npy``.
+    A mask of valid pixels is written beside it, as ``<name>_valid.npy``: as an image of the
+    profile's size, whatever the image's size in which it was given.
 
     Parameters
     ----------
@@ -203,11 +204,12 @@ def save_profile(path: str | Path, content: ProfileFile) -> None:
     Raises
     ------
     InputError
-        When the file cannot be written, or `load_profile` would refuse it.
+        When the file cannot be written, `load_profile` would refuse it, or its modes differ in
+        their `Sensor` or incidence cap, of which a file has one.
 
     """
     path = Path(path)
-    camera, mask = content.profile.intrinsics, content.profile.sensor.valid_mask
+    camera, mask = content.profile.intrinsics, _mask(path, content.profile)
     mask_name = None if mask is None else f'{path.stem}_valid.npy'
     table = {
         'schema': SCHEMA,
@@ -236,6 +238,26 @@ def save_profile(path: str | Path, content: ProfileFile) -> None:
             raise InputError(str(error).replace(str(part), str(path))) from error
         if mask is not None and mask_name is not None:
             write_mask(path.with_name(mask_name), mask)
+
+
+def _mask(path: Path, profile: Profile) -> ValidMask | None:
+    # The mask in the profile's own image; what a file has once must be the same in all modes.
+    first = profile.modes[0]
+    for mode in profile.modes:
+        if (mode.sensor, mode.noise.incidence_cap) != (first.sensor, first.noise.incidence_cap):
+            raise InputError(
+                f'{shown_path(path)}: sensor: must be the same in all modes, got others in '
+                f'{first.name} and {mode.name}'
+            )
+    if profile.sensor.valid_mask is None:
+        return None
+    image = ~profile.sensor.valid_mask.outside(profile.intrinsics)
+    if not image.any():
+        raise InputError(
+            f'{shown_path(path)}: sensor.valid_mask: must have a pixel that may have depth, got '
+            "none within the profile's image"
+        )
+    return mask_of(image, profile.intrinsics)
 
 
 def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:
