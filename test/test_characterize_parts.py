@@ -194,6 +194,31 @@ def test_edges_are_found_and_measured(background: float) -> None:
     assert not find_edges(found, typical, 0.0, 0.9)
 
 
+@pytest.mark.parametrize(
+    ('angle', 'limits', 'masked'),
+    [
+        (45, (0.0, 2.3), False),
+        (60, (0.0, 2.3), False),
+        (45, (1.7, 9.0), False),
+        (10, (0.0, 9.0), True),
+    ],
+)
+def test_where_range_or_mask_end_is_no_edge(
+    angle: float, limits: tuple[float, float], masked: bool
+) -> None:
+    """Assert that neither cuts an edge out of a board that fills the image."""
+    target = board(2.0, angle)
+    frames = np.repeat(target.depth[None], 40, axis=0)
+    frames += 0.004 * np.random.default_rng(1).standard_normal(frames.shape).astype(np.float32)
+    v, u = np.indices(target.depth.shape)
+    left_in = (u - 0.15 * v > 30) | (not masked)
+    frames[(frames < limits[0]) | (frames > limits[1]) | ~left_in] = np.nan
+    seen = 2 * np.isfinite(frames).sum(axis=0) > len(frames)
+    typical = np.where(seen, np.sort(frames, axis=0)[20], np.nan)
+    found = find_board(typical, 0.002, target.K)
+    assert not find_edges(found, typical, *limits, left_in)
+
+
 def test_invalid_pixels_at_an_edge_are_left_out() -> None:
     """Assert a missing flying pixel moves no edge: its neighbours' middle is taken."""
     depth = np.full((1, 20, 30), 1.0, np.float32)

@@ -13,6 +13,7 @@ import numpy as np
 _FEWEST_ROWS = 12
 _STEEPEST_TILT = math.tan(math.radians(20))  # from upright
 _STRAIGHT_PX = 1.5  # how far an outline may stray from a line, root mean square
+_BEYOND = 3  # pixels: where the board, if it went on behind its edge, would have depth, too
 _HALF_WINDOW = 14 / 224  # of the image's width: how far from the edge it is looked for
 _STILL_PX = 0.01
 _WHOLE_PIXEL = 1.0 / 12.0  # variance that rounding to whole pixels has by itself, px^2
@@ -85,7 +86,11 @@ class Edge:
 
 
 def find_edges(
-    board: Board, depth: np.ndarray, nearest: float = 0.0, farthest: float = math.inf
+    board: Board,
+    depth: np.ndarray,
+    nearest: float = 0.0,
+    farthest: float = math.inf,
+    left_in: np.ndarray | None = None,
 ) -> list[EdgeSite]:
     """
     Find the upright edges of a board, left and right.
@@ -98,6 +103,8 @@ def find_edges(
         (H, W) metres, NaN where invalid: the image it was found in.
     nearest, farthest : float
         Where the mode's range ends; a board that is cut off by it has no edge there.
+    left_in : numpy.ndarray, optional
+        (H, W) bool, False where a mask excludes the pixel: its border is no edge either.
 
     Returns
     -------
@@ -110,6 +117,8 @@ def find_edges(
     margin = max(SMALLEST_MARGIN, round(MARGIN_SHARE * width))
     rows = np.flatnonzero(board.mask.any(axis=1))
     extent = board.mask.sum(axis=1)
+    plane = board.plane.depth(*np.indices(depth.shape)[::-1])
+    possible = (plane > nearest) & (plane < farthest) & (True if left_in is None else left_in)
     sites = []
     for side in ('left', 'right'):
         outline = (
@@ -123,9 +132,11 @@ def find_edges(
         # The board's corners are no edges: stay away from its upper and lower end.
         low = line[0][0] + (margin if line[0][0] > 0 else 0)
         high = line[0][-1] - (margin if line[0][-1] < height - 1 else 0)
-        kept, columns, places, shift = (
-            part[(line[0] >= low) & (line[0] <= high)] for part in line
-        )
+        beyond = line[1] + (_BEYOND if side == 'right' else -_BEYOND)
+        chosen = (line[0] >= low) & (line[0] <= high)
+        for column in (line[1], beyond):
+            chosen &= possible[line[0], np.clip(column, 0, width - 1)]
+        kept, columns, places, shift = (part[chosen] for part in line)
         if len(kept) < _FEWEST_ROWS:
             continue
         inwards, outwards = int(min(half, extent[kept].min() // 2)), half
@@ -134,12 +145,7 @@ def find_edges(
             if side == 'left'
             else (columns - inwards, columns + outwards)
         )
-        place = board.plane.depth(columns, kept)
-        if (
-            columns.min() < margin
-            or columns.max() > width - 1 - margin
-            or not ((place > nearest) & (place < farthest)).all()
-        ):
+        if columns.min() < margin or columns.max() > width - 1 - margin:
             continue
         first, last = np.clip(first, 0, width - 1), np.clip(last, 0, width - 1)
         here, behind = _valid_shares(depth, side, kept, columns, first, last)

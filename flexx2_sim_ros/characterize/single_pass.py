@@ -127,7 +127,7 @@ def read_frames(
     seen: SinglePass | None = None
     for depth, left_in, part in masked_chunks(reader):
         if seen is None:
-            seen = _start(reader, depth, part, box, near, far)
+            seen = _start(reader, depth, left_in, part, box, near, far)
         seen.add(depth, left_in)
         if part.amplitude is not None:
             amplitude = np.broadcast_to(np.asarray(part.amplitude, np.float64), depth.shape)
@@ -171,6 +171,7 @@ def masked_chunks(reader: RecordingReader) -> Iterator[tuple[np.ndarray, np.ndar
 def _start(
     reader: RecordingReader,
     depth: np.ndarray,
+    left_in: np.ndarray,
     part: Recording,
     box: tuple[int, int, int, int] | None,
     near: float,
@@ -185,7 +186,7 @@ def _start(
     # In a single frame, the outline of valid pixels may only be where the image was cropped.
     sites = [
         site
-        for site in find_edges(board, first, near, far)
+        for site in find_edges(board, first, near, far, left_in.max(axis=0))
         if frames > 1 or site.method == 'gradient'
     ]
     plane = board.plane.depth(*np.indices(first.shape)[::-1])
