@@ -6,7 +6,7 @@ from typing import Any
 
 from boards import board
 from flexx2_sim_ros.camera import flexx2, Intrinsics
-from flexx2_sim_ros.characterize import characterize
+from flexx2_sim_ros.characterize import characterize, to_profile
 from flexx2_sim_ros.characterize.histogram import noise_histogram
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.profiles.files import read_profile
@@ -95,3 +95,26 @@ def test_a_mode_is_the_same_in_upper_and_lower_case(
     assert written.measured[name]['recordings'] == len(PLACES)
     page = (tmp_path / 'characterization' / 'report.html').read_text(encoding='utf-8')
     assert ('class="paper"' in page) == (name == 'Mode_9_30fps')
+
+
+@pytest.mark.parametrize('stamps', ['none', 'all the same'])
+def test_a_rate_that_stamps_do_not_tell_is_said_to_be_assumed(tmp_path: Path, stamps: str) -> None:
+    for number, (distance, angle) in enumerate(PLACES):
+        made = content(distance, angle) | {'usecase': 'tof', 'stamp': np.zeros(12)}
+        if stamps == 'none':
+            del made['stamp']
+        np.savez(tmp_path / f'{number}.npz', **made)
+    written = to_profile(characterize(tmp_path))
+    assert written.profile.mode('tof').rate_hz == 30.0
+    said = [note for note in written.provenance['notes'] if 'rate_hz' in note]
+    assert said == [
+        'tof: rate_hz: unknown, needs several frames with stamps that rise; assumed 30'
+    ]
+
+
+def test_boards_at_one_distance_give_a_range_that_noise_does_not_leave(tmp_path: Path) -> None:
+    for number in range(3):
+        np.savez(tmp_path / f'{number}.npz', **content(1.0, 0) | {'usecase': 'tof'})
+    mode = to_profile(characterize(tmp_path)).profile.mode('tof')
+    assert mode.range_min == pytest.approx(0.9, abs=0.01)
+    assert mode.range_max == pytest.approx(1.1, abs=0.01)

@@ -14,7 +14,7 @@ from flexx2_sim_ros.profiles.modes import Mode, NoiseModel, Profile
 from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
 
-_ASSUMED_RATE = 30.0  # Hz, where single frames say nothing
+_ASSUMED_RATE = 30.0  # Hz, where stamps say nothing
 
 
 def to_profile(result: Characterization, model: str | None = None) -> ProfileFile:
@@ -111,8 +111,9 @@ def _mode(mode: ModeResult, camera: Profile, notes: list[str]) -> Mode | None:
         surfaces=None if mode.surfaces is None else mode.surfaces.noise,
     )
     near, far = (_significant(distance) for distance in mode.axial.distances)
-    if near == far:
-        near, far = 0.9 * near, 1.1 * far
+    # Boards at one distance: depth varies with noise and effects, and must not leave the range.
+    middle = (near + far) / 2
+    near, far = (_significant(end) for end in (min(near, 0.9 * middle), max(far, 1.1 * middle)))
     try:
         known = camera.mode(mode.usecase)
     except InputError:
@@ -154,12 +155,13 @@ def _unknown(
     )
     if math.isnan(rate):
         notes.append(
-            f'{mode.usecase}: rate_hz: unknown from single frames; assumed {_ASSUMED_RATE:g}'
+            f'{mode.usecase}: rate_hz: unknown, needs several frames with stamps that rise; '
+            f'assumed {_ASSUMED_RATE:g}'
         )
         rate = _ASSUMED_RATE
     notes.append(
-        f'{mode.usecase}: range_m: the measured range; modulation, raw frames and '
-        'exposure are not known'
+        f'{mode.usecase}: range_m: the measured range, at least 10 % to either side of its '
+        'middle; modulation, raw frames and exposure are not known'
     )
     rate = _significant(rate)
     return Mode(

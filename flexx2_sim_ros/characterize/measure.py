@@ -49,7 +49,7 @@ class Measurement:
     distortion : tuple of float
         Distortion of the lens; zeros if the recording has none.
     rate_hz : float
-        Frames per second; NaN for a single frame.
+        Frames per second; NaN for a single frame, and without stamps that rise.
     distance, angle_deg : float
         Distance and angle of the plane, at the pixel of the region that is nearest to the optical
         axis.
@@ -299,6 +299,8 @@ def _window(board: Board) -> tuple[int, int, int, int]:
 
 
 def _rate(reader: RecordingReader) -> float:
+    if reader.assumed_stamps:
+        return math.nan
     steps = np.diff(reader.stamp)
     middle = float(np.median(steps)) if len(steps) else 0.0
     return 1.0 / middle if middle > 0 else math.nan
