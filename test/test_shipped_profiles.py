@@ -293,7 +293,7 @@ def test_noise_that_follows_exposure() -> None:
     assert (np.diff(far) > 0).all()
 
 
-@pytest.mark.parametrize('suffix', ['.npy', '.png'])
+@pytest.mark.parametrize('suffix', ['.npy', '.png', '.PNG'])
 def test_a_mask_says_which_pixels_have_depth(suffix: str, tmp_path: Path) -> None:
     """A ring: no polygon. It holds for a crop, and the profile that is saved has it."""
     camera = find_profile('kinect_v2')
@@ -305,7 +305,7 @@ def test_a_mask_says_which_pixels_have_depth(suffix: str, tmp_path: Path) -> Non
     if suffix == '.npy':
         np.save(tmp_path / 'ring.npy', valid)
     else:
-        imsave(tmp_path / 'ring.png', valid, cmap='gray')
+        imsave(tmp_path / f'ring{suffix}', valid, cmap='gray', format='png')
     text = path.read_text().replace('valid_mask: null', f'valid_mask: ring{suffix}')
     path.write_text(text)
     masked = load_profile(path)
@@ -319,7 +319,7 @@ def test_a_mask_says_which_pixels_have_depth(suffix: str, tmp_path: Path) -> Non
     save_profile(tmp_path / 'again.yaml', ProfileFile(masked))
     assert load_profile(tmp_path / 'again.yaml').sensor == masked.sensor
     np.save(tmp_path / 'ring.npy', valid[:-1])
-    path.write_text(text.replace('.png', '.npy'))
+    path.write_text(text.replace(suffix, '.npy'))
     with pytest.raises(InputError, match=r'sensor\.valid_mask: .*the size of the profile'):
         load_profile(path)
     (tmp_path / 'ring.npy').unlink()

@@ -94,7 +94,7 @@ def read_mask(path: Path, camera: Intrinsics) -> ValidMask:
 
     """
     name = shown_path(path)
-    if path.suffix not in SUFFIXES or not is_regular_file(path):
+    if path.suffix.lower() not in SUFFIXES or not is_regular_file(path):
         raise InputError(f'{name}: must be an existing {" or ".join(SUFFIXES)} file')
     if path.stat().st_size > _MOST_BYTES:
         raise InputError(f'{name}: must be at most {_MOST_BYTES} bytes long')
@@ -122,7 +122,7 @@ def write_mask(path: Path, mask: ValidMask) -> None:
 
 
 def _read_image(path: Path) -> np.ndarray:
-    if path.suffix == '.npy':
+    if path.suffix.lower() == '.npy':
         return np.asarray(np.load(path, allow_pickle=False))
     # Imported here: few profiles have a PNG, and all commands read a profile.
     from flexx2_sim_ros.png import read_mask_png
