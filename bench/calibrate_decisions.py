@@ -24,10 +24,12 @@ With ``--kept --anew``, the campaigns in which only some effects were named, and
 was measured, are diagnosed again, after a change that concerns these effects alone:
 
 python -m bench.calibrate_decisions --kept --anew heavy_tails,random_dropout --jobs 2 --write
+
+With ``--any`` besides, it is those in which any of them was named, alone or with others.
 """
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from concurrent.futures import ProcessPoolExecutor
 import datetime
 import math
@@ -106,7 +108,7 @@ def main() -> None:
         lines, chosen = entries(KEPT), kept_arguments()
         if arguments.anew:
             lines = _with_anew(lines, arguments)
-            anew = f'--kept --anew {",".join(arguments.anew)}'
+            anew = f'--kept --anew {",".join(arguments.anew)}' + ' --any' * arguments.any
             chosen = f'{chosen} --write; python -m bench.calibrate_decisions {anew}'
         report(lines, arguments.write, chosen)
         return
@@ -141,6 +143,9 @@ def _arguments() -> argparse.Namespace:
         type=lambda text: tuple(text.split(',')),
         default=(),
         help='with --kept: effects; campaigns in which no other was named are diagnosed again',
+    )
+    parser.add_argument(
+        '--any', action='store_true', help='with --anew: campaigns in which others were named, too'
     )
     parser.add_argument('--write', action='store_true', help='the rule and its picture')
     arguments = parser.parse_args()
@@ -197,20 +202,26 @@ def _lines(arguments: argparse.Namespace) -> list[dict[str, Any]]:
 def _with_anew(
     lines: Sequence[dict[str, Any]], arguments: argparse.Namespace
 ) -> list[dict[str, Any]]:
-    # The lines, with those of campaigns with only effects of `arguments.anew` diagnosed again.
+    # The lines, with those of campaigns with effects of `arguments.anew` diagnosed again.
     journal = Journal(
-        arguments.lines.with_suffix('.anew.jsonl'), names=arguments.anew, code=code()
+        arguments.lines.with_suffix('.anew.jsonl'),
+        names=arguments.anew,
+        any=arguments.any,
+        code=code(),
     )
-    wanted = [line['index'] for line in lines if _names_only(line, arguments.anew)]
+    wanted = [
+        line['index'] for line in lines if _is_named(line, set(arguments.anew), arguments.any)
+    ]
     _diagnose(journal, wanted[len(journal) :], arguments.jobs, math.inf)
     newer = {line['index']: line for line in journal}
     return [newer.get(line['index'], line) for line in lines]
 
 
-def _names_only(line: Mapping[str, Any], names: Sequence[str]) -> bool:
-    # Whether its reduction was measured, and no other effects were named.
+def _is_named(line: Mapping[str, Any], names: Set[str], or_other: bool) -> bool:
+    # Whether its reduction was measured, and these effects were named: no others, or any of them.
     named = {row['name'] for row in line['diagnosis']['effects']}
-    return (line['realised'] or {}).get('shrink') is not None and named <= set(names)
+    chosen = bool(named & names) if or_other else named <= names
+    return (line['realised'] or {}).get('shrink') is not None and chosen
 
 
 def _diagnose(journal: Journal, left: Sequence[int], jobs: int, ends: float) -> None:

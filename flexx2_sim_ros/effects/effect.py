@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched
 from flexx2_sim_ros.effects.picture import Picture
-from flexx2_sim_ros.effects.shapes import Shape
+from flexx2_sim_ros.effects.shapes import Scale, Shape
 from flexx2_sim_ros.effects.tables import PixelMap, Table
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -120,6 +120,8 @@ class Effect:
     shapes : tuple of Shape
         The parameters that a calibration fits, from simple to flexible: those of effects on
         geometry together with the poses, the others by simulation.
+    scale : Scale or None
+        The parameter that a calibration fits to the shift of surfaces, together with the poses.
     searched : Searched or None
         What of it a diagnosis finds from the recordings first, and the variants that follow.
     nuisances : tuple of str
@@ -173,6 +175,7 @@ class Effect:
         grid('strength', (0.5, 1.0, 2.0), 0.0, 4.0, few=False),
     )
     shapes: ClassVar[tuple[Shape, ...]] = ()
+    scale: ClassVar[Scale | None] = None
     searched: ClassVar[Searched | None] = None
     nuisances: ClassVar[tuple[str, ...]] = ()
     family: ClassVar[str] = ''

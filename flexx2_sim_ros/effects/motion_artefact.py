@@ -8,6 +8,7 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.passing import edge_reach, find_passing, is_edge, own_change
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.shapes import Scale
 from flexx2_sim_ros.effects.unwrapping import agree
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.phases import direction, shift_between
@@ -152,6 +153,12 @@ class MotionArtefact(Effect):
         # What the driver stamps: the last raw frame, or the first.
         grid('stretch', (0.5, 1.0, 2.0), 0.0, 3.0, f'stamp at {stamp:g}', stamp_at=stamp)
         for stamp in (1.0, 0.0)
+    )
+    scale: ClassVar[Scale | None] = Scale(
+        'duration of the raw frames, and the stamp',
+        'stretch',
+        3.0,
+        ({'stamp_at': 1.0}, {'stamp_at': 0.0}),
     )
     needs_motion: ClassVar[bool] = True
     needs_modulation: ClassVar[bool] = True

@@ -50,4 +50,34 @@ class Shape:
     quick: bool = False
 
 
+@dataclass(frozen=True)
+class Scale:
+    """
+    A parameter that the shift of surfaces is proportional to, where poses hide most of the shift.
+
+    It is fitted with the poses; the strength is 1.
+
+    Attributes
+    ----------
+    label : str
+        For people.
+    name : str
+        Of the parameter.
+    most : float
+        Its upper bound; the lower one is 0.
+    variants : tuple of mapping
+        Other parameters of the effect. The variant is taken that suits the recordings best.
+
+    """
+
+    label: str
+    name: str
+    most: float
+    variants: tuple[Mapping[str, float], ...]
+
+    def settings(self, value: float, variant: Mapping[str, float]) -> dict[str, float]:
+        """Return the effect's settings."""
+        return {'strength': 1.0, self.name: value, **variant}
+
+
 MHZ = Free('mhz', 12.0, 130.0, log=True)

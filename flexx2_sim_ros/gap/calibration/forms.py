@@ -59,6 +59,13 @@ class Forms:
         'step of a parameter on geometry for its slope, as a fraction of half its bounds',
     )
     rounds: int = constant(4, '', 'of parameters on geometry and poses, at most')
+    scales: int = constant(31, '', 'values of a scale that are tried, from 0 on', DEFINITION)
+    rigid: tuple[float, float] = constant(
+        (0.2, 0.0003),
+        'fraction, m',
+        'a shift that is less like that of a camera that moves is that of an edge',
+        'by hand, on development cases with a motion_artefact: without it, edges decided',
+    )
     least: float = constant(
         0.05, 'tolerances', 'a smaller gain in distance does not matter; see `physical.distance`'
     )

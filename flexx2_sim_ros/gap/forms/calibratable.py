@@ -14,7 +14,11 @@ PATTERN = 'fixed_pattern'
 
 def calibratable(effects: Settings) -> list[str]:
     """Return which effects have a form, in the order in which they are fitted."""
-    shaped = [name for name, kind in registry().items() if kind.shapes and name in effects]
+    shaped = [
+        name
+        for name, kind in registry().items()
+        if (kind.shapes or kind.scale) and name in effects
+    ]
     before = [name for name in shaped if registry()[name].stage <= Stage.PHASOR]
     after = [name for name in shaped if name not in before]
     places = *BIASES, PATTERN, noise.NAME, *dropout.KINDS

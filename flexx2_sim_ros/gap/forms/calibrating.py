@@ -22,6 +22,7 @@ from flexx2_sim_ros.gap.forms.geometry import (
 from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
 from flexx2_sim_ros.gap.forms.proposals import judged, Proposal, totals, variation, Verdict
 from flexx2_sim_ros.gap.forms.samples import Samples
+from flexx2_sim_ros.gap.forms.scale import Columns, fit_scale, scale_of, usual_poses
 from flexx2_sim_ros.gap.forms.search import Numbers, search
 from flexx2_sim_ros.gap.forms.work import Looked, Settings
 import numpy as np
@@ -65,6 +66,11 @@ class Explained:
             one.taken and is_fitted_with_poses(one.proposal.effect) for one in self.verdicts
         )
 
+    @property
+    def beside_poses(self) -> bool:
+        """Return whether a scale is taken that was fitted beside what poses hide."""
+        return any(one.taken and registry()[one.proposal.effect].scale for one in self.verdicts)
+
 
 Jobs = Sequence[tuple[Looked, Sequence[Settings]]]
 
@@ -82,6 +88,8 @@ class Work:
         `work.look_at_pixels` of several jobs.
     rests : callable
         `work.look_at_rest` of several jobs.
+    columns : callable
+        `work.look_at_scale` of several jobs.
     again : callable
         `work.look_again` of several recordings, each with settings of its own.
 
@@ -90,6 +98,7 @@ class Work:
     judge: Callable[[Jobs, int | None, bool], list[list[dict[str, float]]]]
     pixels: Callable[[list[tuple[Looked, Settings]]], list[PixelErrors]]
     rests: Callable[[list[tuple[Looked, Settings]]], list[Rest]]
+    columns: Callable[[list[tuple[Looked, str]]], list[Columns]]
     again: Callable[[Sequence[Looked], Sequence[Settings]], list[Looked]]
 
     def apart(self, looked: Sequence[Looked], now: Sequence[Settings]) -> list[dict[str, float]]:
@@ -140,6 +149,9 @@ def calibrate_effects(
             proposal = _geometry(name, looked, now, work)
         elif registry()[name].shapes:
             proposal = _searched(name, looked, now, work, quick)
+        elif registry()[name].scale:
+            proposal, looked = _scaled(name, looked, work)
+            before = work.apart(looked, now)
         elif name == PATTERN:
             proposal = _pattern(looked, now, work)
         elif name == noise.NAME:
@@ -238,6 +250,16 @@ def _searched(
 
     found = search(shapes_of(name, quick), now[0][name], evaluate, quick)
     return Proposal(name, found.shape.label, found.together, found.without)
+
+
+def _scaled(name: str, looked: Sequence[Looked], work: Work) -> tuple[Proposal, list[Looked]]:
+    # And the recordings with priors of their poses beside which the effect shows.
+    columns = work.columns([(one, name) for one in looked])
+    usual = usual_poses([one.samples for one in looked], columns)
+    looked = [replace(one, samples=own) for one, own in zip(looked, usual, strict=True)]
+    together, *without = fit_scale(name, [_less_others(one, (name,)) for one in looked], columns)
+    proposal = Proposal(name, scale_of(name).label, together, tuple(without), with_poses=True)
+    return proposal, looked
 
 
 def _biases(looked: Sequence[Looked], effects: Sequence[str]) -> dict[str, Proposal]:

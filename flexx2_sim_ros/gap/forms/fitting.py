@@ -169,11 +169,54 @@ def own_motion(samples: Samples, error: np.ndarray, registered: np.ndarray) -> n
     """
     own, target, _, ridge = _whitened(samples, error)
     start = np.linalg.pinv(samples.spread) @ (samples.motion - registered)
-    weight = np.ones(len(error))
+    step, _ = _robust_step(own, target, start, ridge)
+    return samples.motion + samples.spread @ step
+
+
+def usual_factor(samples: Sequence[Samples]) -> float:
+    """Return how wide the poses of recordings are, as a fraction of their prior; at most 1."""
+    squares = []
+    for one in samples:
+        own, target, start, ridge = _whitened(one, one.error)
+        _, weight = _robust_step(own, target, start, ridge)
+        squares.append(_own_squares(one, weight, np.zeros(len(target))))
+    every = np.concatenate(squares)
+    return min(float(np.sqrt(every.mean())), 1.0) if len(every) else 1.0
+
+
+def misfit(samples: Samples, error: np.ndarray) -> float:
+    """
+    Return how badly a recording's motion explains errors, at the motion that does it best.
+
+    Parameters
+    ----------
+    samples : Samples
+        The recording's.
+    error : numpy.ndarray
+        (N,) metres.
+
+    Returns
+    -------
+    float
+        Squares of the motion in standard deviations, and as many as the errors are worth.
+
+    """
+    own, target, start, ridge = _whitened(samples, error)
+    step, _ = _robust_step(own, target, start, ridge)
+    rest = (target - step @ own) / FORMS.robust
+    errors = FORMS.robust**2 * np.log1p(rest**2).sum() / ridge
+    return float(errors + ((start + step) ** 2).sum())
+
+
+def _robust_step(
+    own: np.ndarray, target: np.ndarray, start: np.ndarray, ridge: float
+) -> tuple[np.ndarray, np.ndarray]:
+    # What is to be added to a motion, in standard deviations, and the weights of the errors.
+    weight = np.ones(len(target))
     for _ in range(FORMS.iterations):
         step = _solve_own(own, target, weight, start, ridge)
         weight = _cauchy(target - step @ own)
-    return samples.motion + samples.spread @ step
+    return step, weight
 
 
 def _whitened(

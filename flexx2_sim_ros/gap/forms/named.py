@@ -19,6 +19,7 @@ from flexx2_sim_ros.gap.forms.work import (
     look_again,
     look_at_pixels,
     look_at_rest,
+    look_at_scale,
     Looked,
     Settings,
 )
@@ -76,6 +77,7 @@ class Simulator:
             judge_all,
             lambda jobs: self.run(look_at_pixels, jobs, _nothing),
             lambda jobs: self.run(look_at_rest, jobs, _nothing),
+            lambda jobs: self.run(look_at_scale, jobs, _nothing),
             again,
         )
 

@@ -102,7 +102,7 @@ def judged(
     away: their poses are fitted again, and make up for a wrong lens.
     """
     old, new = totals(before), totals(after)
-    nearer = float((old - new).mean()) > FORMS.least and is_surely_less(new, old)
+    nearer, farther = _matters(new, old), _matters(old, new)
     others = {
         unit: measured(
             np.array([[a[unit], b[unit], 0.0] for a, b in zip(before, after, strict=True)]), limit
@@ -111,9 +111,12 @@ def judged(
     }
     worse = tuple(unit for unit, one in others.items() if one['worse'])
     better = any(one['better'] for one in others.values())
-    farther = is_surely_less(old, new)
     taken = nearer or ((better or proposal.with_poses) and not worse and not farther)
     return Verdict(proposal, old, new, taken, worse)
+
+
+def _matters(near: np.ndarray, far: np.ndarray) -> bool:
+    return float((far - near).mean()) > FORMS.least and is_surely_less(near, far)
 
 
 def variation(values: np.ndarray, weights: np.ndarray | None = None) -> float:

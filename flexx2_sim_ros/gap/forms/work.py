@@ -28,6 +28,7 @@ from flexx2_sim_ros.gap.forms.geometry import slopes_of
 from flexx2_sim_ros.gap.forms.noise import Noise, noise_of
 from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_alike, shift_of, shifters
+from flexx2_sim_ros.gap.forms.scale import Columns, columns_of
 import numpy as np
 
 Settings = dict[str, dict[str, Any]]
@@ -153,6 +154,16 @@ def look_at_rest(
         _measured(scene, depth) for depth in (scene.recording.depth, scene.simulate(own, seed))
     )
     return Rest(samples, edges_of(scene.recording.axes), real, simulated)
+
+
+def look_at_scale(
+    job: tuple[Looked, str], profile: Profile | None, known: Table, seed: int
+) -> Columns:
+    """Return how the depth of a recording's samples changes with an effect's scale."""
+    del seed  # Nothing is simulated.
+    looked, effect = job
+    scene = PlacedScene.at(read(looked.found, profile, known), looked.samples.motion)
+    return columns_of(scene, looked.samples, effect)
 
 
 def judge(

@@ -8,7 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.effects import Effect, loadable, save_effects
-from flexx2_sim_ros.effects.tables import PixelMap
+from flexx2_sim_ros.effects.tables import Curve, PixelMap
 from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import covariate_of
 from flexx2_sim_ros.gap.forms.proposals import Proposal, Verdict
@@ -192,9 +192,10 @@ def _figure(proposal: Proposal, looked: Sequence[Looked], names: tuple[str, str]
             f'src="{picture(1000 * pattern.values, limit)}"><figcaption>{escape(text)}'
             '</figcaption></figure>'
         )
-    if proposal.label in {shape.label for shape in loadable()[proposal.effect].shapes}:
+    fields = [name for name, value in proposal.together.items() if isinstance(value, Curve)]
+    if not fields:
         return _numbers(proposal, names[1])
-    (field,) = (name for name in proposal.together if name != 'strength')
+    (field,) = fields
     over = loadable()[proposal.effect].tables()[field].over
     x, typical = _typical(proposal, field, looked)
     factor, unit = _UNITS.get(proposal.effect, (1000.0, 'along the ray, mm'))

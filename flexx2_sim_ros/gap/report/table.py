@@ -166,7 +166,8 @@ def calibrated_table(
         for row in table['effects']
         if row['name'] not in dropped
     ]
-    out['gap'] = _gap(model, decision, confirmed, motions, dropped)
+    hidden = calibrated.explained.beside_poses
+    out['gap'] = _gap(model, decision, confirmed, motions, dropped, hidden)
     taken = [row['name'] for row in verdicts if row['taken'] and row['name'] != PATTERN]
     parts = zip(out['recordings'], motions, calibrated.explained.now, strict=False)
     for row, motion, own in parts:  # Those used are first.
@@ -314,7 +315,9 @@ def _gap(
     confirmed: list[Outcome],
     motions: Sequence[np.ndarray],
     dropped: Collection[str] = (),
+    hidden: bool = False,
 ) -> dict[str, Any]:
+    # `hidden`: poses hide an effect that was fitted beside them, and the loss leaves poses free.
     held_out = len(confirmed) > 1
     measures = all_measured(model, [one.elsewhere for one in confirmed])
     fitted = all_measured(model, [one.apart for one in confirmed])['distance']
@@ -322,7 +325,7 @@ def _gap(
     shown = np.mean([one.elsewhere.gap for one in confirmed]) >= 1.0
     # An error of the poses is corrected and not simulated: if it is all, nothing is removed.
     posed = [one.kind.role == 'pose' for one in decision.accepted.candidates]
-    by_distance = bool(shown) or (bool(posed) and all(posed))
+    by_distance = bool(shown) or hidden or (bool(posed) and all(posed))
     loss = _loss(model, decision, confirmed, motions, dropped)
     headline = measures['distance'] if by_distance else loss
     out: dict[str, Any] = {

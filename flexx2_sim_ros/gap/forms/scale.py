@@ -1,0 +1,169 @@
+"""Fit how large an effect is that the poses of recordings hide, from how much they scatter."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.effects.shapes import Scale
+from flexx2_sim_ros.gap.calibration.forms import FORMS
+from flexx2_sim_ros.gap.data.prior import POSE
+from flexx2_sim_ros.gap.features.simulation import PlacedScene
+from flexx2_sim_ros.gap.forms.fitting import misfit, usual_factor
+from flexx2_sim_ros.gap.forms.samples import Samples, shift_of
+from flexx2_sim_ros.gap.forms.search import Numbers
+import numpy as np
+
+_DIGITS = 4  # after the decimal point
+_EQUAL = 1e-5  # metres; differences below this are none
+
+
+@dataclass(frozen=True)
+class Columns:
+    """
+    How the depth of one recording's samples changes with an effect's scale.
+
+    Attributes
+    ----------
+    shifts : tuple of numpy.ndarray
+        (N,) metres at a scale of 1, for each variant.
+    surfaces : numpy.ndarray
+        (N,) bool: whether the same surface is seen all the time. Where an edge passes, the shift
+        is not proportional to the scale.
+
+    """
+
+    shifts: tuple[np.ndarray, ...]
+    surfaces: np.ndarray
+
+    @property
+    def none(self) -> bool:
+        """Whether the effect changes nothing here, as in a still scene."""
+        return not any(shift.any() for shift in self.shifts)
+
+
+def columns_of(scene: PlacedScene, samples: Samples, effect: str) -> Columns:
+    """
+    Return how depth changes with the scale of an effect.
+
+    Parameters
+    ----------
+    scene : PlacedScene
+        Of the recording.
+    samples : Samples
+        Of the recording.
+    effect : str
+        One with a `Scale`.
+
+    """
+    if registry()[effect].needs_motion and not scene.moving:
+        nothing = np.zeros(len(samples.place))
+        return Columns(tuple(nothing for _ in scale_of(effect).variants), nothing == 0)
+    scale = scale_of(effect)
+    every = [shift_of(scene, {effect: scale.settings(1.0, one)}) for one in scale.variants]
+    given = shift_of(scene, {})
+    frame = samples.place // given[0].size
+    shifts = [(one - given).ravel()[samples.place].astype(np.float64) for one in every]
+    return Columns(
+        tuple(shifts), np.all([_is_rigid(one, samples.own[:POSE], frame) for one in shifts], 0)
+    )
+
+
+def _is_rigid(shift: np.ndarray, own: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    # Whether (N,) shifts are those of a rigid scene past which the camera moves: in each frame a
+    # sum of what the six parts of a pose change, (6, N).
+    fraction, least = FORMS.rigid
+    out = np.zeros(len(shift), bool)
+    for t in np.unique(frame):
+        there = frame == t
+        A, b = own[:, there], shift[there]  # noqa: N806
+        weight = np.ones(len(b))
+        for _ in range(FORMS.iterations):
+            fitted = np.linalg.lstsq((A * np.sqrt(weight)).T, np.sqrt(weight) * b)[0] @ A
+            off = np.abs(b - fitted)
+            usual = max(float(np.median(off)), _EQUAL)
+            weight = 1 / (1 + (off / usual) ** 2) ** 2
+        out[there] = off < np.maximum(fraction * np.abs(fitted), least)
+    return out
+
+
+def scale_of(effect: str) -> Scale:
+    """Return which parameter of an effect is fitted."""
+    scale = registry()[effect].scale
+    assert scale is not None
+    return scale
+
+
+def usual_poses(samples: Sequence[Samples], columns: Sequence[Columns]) -> list[Samples]:
+    """
+    Return samples with priors as wide as the poses are that an effect does not change.
+
+    A shift that all frames of a recording share looks like another pose. But then the poses of
+    the recordings that have it are farther off than those of the others. Where there are too few
+    others, the priors stay as they are.
+    """
+    still = [one for one, own in zip(samples, columns, strict=True) if own.none]
+    factor = usual_factor(still) if len(still) >= FORMS.fewest else 1.0
+    return [replace(one, spread=factor * one.spread) for one in samples]
+
+
+def fit_scale(
+    effect: str, samples: Sequence[Samples], columns: Sequence[Columns]
+) -> list[Numbers]:
+    """
+    Fit an effect's scale together with the poses, and choose its variant.
+
+    Parameters
+    ----------
+    effect : str
+        One with a `Scale`.
+    samples : sequence of Samples
+        One for each recording, with errors that other effects do not explain, as from
+        `usual_poses`.
+    columns : sequence of Columns
+        Likewise.
+
+    Returns
+    -------
+    list of dict
+        Settings fitted to all recordings, and to all but one.
+
+    """
+    scale = scale_of(effect)
+    values = np.linspace(0.0, scale.most, FORMS.scales)
+    losses = np.array(
+        [_losses(one, own, values) for one, own in zip(samples, columns, strict=True)]
+    )
+    total = losses.sum(axis=0)
+    out = []
+    for some in (total, *(total - losses)):
+        variant = int(some.min(axis=1).argmin())
+        value = round(_lowest(values, some[variant]), _DIGITS)
+        out.append(scale.settings(value, scale.variants[variant]))
+    return out
+
+
+def _losses(samples: Samples, columns: Columns, values: np.ndarray) -> np.ndarray:
+    # (V, K) of a recording, for each variant and value.
+    if columns.none:
+        return np.zeros((len(columns.shifts), len(values)))
+    some = columns.surfaces
+    kept = replace(
+        samples, error=samples.error[some], sigma=samples.sigma[some], own=samples.own[:, some]
+    )
+    return np.array(
+        [
+            [misfit(kept, kept.error - value * shift[some]) for value in values]
+            for shift in columns.shifts
+        ]
+    )
+
+
+def _lowest(values: np.ndarray, losses: np.ndarray) -> float:
+    # Between the values, by the parabola through the lowest and its neighbours.
+    k = int(losses.argmin())
+    if not 0 < k < len(values) - 1:
+        return float(values[k])
+    left, middle, right = losses[k - 1 : k + 2]
+    bend = left - 2 * middle + right
+    step = (left - right) / (2 * bend) if bend > 0 else 0.0
+    return float(values[k] + step * (values[1] - values[0]))

@@ -1,0 +1,97 @@
+"""The duration of raw frames is fitted beside the poses of moving recordings, which hide it."""
+
+from pathlib import Path
+
+from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.effects import load_effects
+from flexx2_sim_ros.gap import calibrate
+from flexx2_sim_ros.gap.forms.samples import Samples
+from flexx2_sim_ros.gap.forms.scale import Columns, fit_scale, usual_poses
+import numpy as np
+import pytest
+from test_gap_calibrate import write_diagnosis
+
+EFFECT = 'motion_artefact'
+COUNT = 400
+POSE, PRIOR = 0.002, 0.010  # metres: of the poses, and as a user says
+SHIFT = 0.008  # metres at a scale of 1
+
+
+def make_samples(rng: np.random.Generator, scale: float, moving: bool) -> Samples:
+    """Return samples of a camera that moved evenly, so that the effect is almost another pose."""
+    own = np.zeros((6, COUNT))
+    own[0] = 1.0
+    error = own[0] * POSE * rng.standard_normal() + 1e-4 * rng.standard_normal(COUNT)
+    x = np.linspace(-1, 1, COUNT)
+    return Samples(
+        np.zeros(6),
+        error + scale * SHIFT * moving,
+        np.full(COUNT, 1e-3),
+        own,
+        np.diag([PRIOR, 0, 0, 0, 0, 0]),
+        np.ones(COUNT),
+        2 + x,
+        x,
+        x,
+        x,
+        np.arange(COUNT),
+    )
+
+
+def make_columns(moving: bool, edges: int = 0) -> Columns:
+    """Return the shifts of the two variants, in opposite directions, some of them at edges."""
+    shift = np.full(COUNT, SHIFT * moving)
+    surfaces = np.arange(COUNT) >= edges
+    shift[:edges] = 0.3
+    return Columns((-shift, shift), surfaces)
+
+
+@pytest.mark.parametrize('edges', [0, 40])
+def test_recordings_whose_poses_are_farther_off_show_an_effect(edges: int) -> None:
+    """
+    Assert size and variant.
+
+    The poses of twelve moving recordings leave the scale uncertain by 0.002 / 0.008 / sqrt(12) =
+    0.07; it is 1. It is off by 0.5 with a probability below 1e-11.
+    """
+    rng = np.random.default_rng(11)
+    moving = [True] * 12 + [False] * 24
+    samples = [make_samples(rng, 1.0, one) for one in moving]
+    columns = [make_columns(one, edges * one) for one in moving]
+    usual = usual_poses(samples, columns)
+    # As wide as the still ones are, of which there are 24: off by half below 1e-6 (chi squared).
+    assert usual[0].spread[0, 0] == pytest.approx(POSE, rel=0.7)
+    together, *without = fit_scale(EFFECT, usual, columns)
+    assert len(without) == len(samples)
+    for one in (together, *without):
+        assert one['stamp_at'] == 0.0
+        assert one['stretch'] == pytest.approx(1.0, abs=0.5)
+    # Still recordings have no part in it.
+    assert without[-1] == together != without[0]
+
+
+def test_too_few_still_recordings_say_nothing_of_the_poses() -> None:
+    rng = np.random.default_rng(12)
+    samples = [make_samples(rng, 0.0, moving) for moving in (True, True, False, False)]
+    columns = [make_columns(moving) for moving in (True, True, False, False)]
+    assert usual_poses(samples, columns)[0].spread[0, 0] == PRIOR
+
+
+def test_the_stamp_of_raw_frames_is_found_from_a_diagnosis_with_the_other_one(
+    tmp_path: Path,
+) -> None:
+    """Assert that a calibration corrects it, and that its page shows the numbers."""
+    recordings, out = tmp_path / 'recordings', tmp_path / 'out'
+    camera = {EFFECT: {'stretch': 2.5, 'stamp_at': 0.0}}
+    size = {'recordings': 10, 'frames': 8, 'scale': 0.4, 'moving': 6}
+    write_campaign(recordings, seed=141, effects=camera, **size)
+    named = {EFFECT: {'stretch': 0.6, 'stamp_at': 1.0}}
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', named)
+    (row,) = calibrate(diagnosis, recordings, out=out)['effects']
+    assert row['taken']
+    (effect,) = (one for one in load_effects(out / 'effects.yaml') if one.name == EFFECT)
+    assert effect.stamp_at == 0.0
+    assert effect.stretch == pytest.approx(2.5, abs=0.8)
+    page = (out / 'calibration.html').read_text()
+    assert 'duration of the raw frames, and the stamp' in page
+    assert '<td>stamp_at</td>' in page
