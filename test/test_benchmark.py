@@ -333,6 +333,14 @@ def test_realised_shrinkage_is_measured_on_fresh_recordings(tmp_path: Path) -> N
     assert found['null_mm'] < 2
     right['effects'][0]['parameters'] = {'bias': -camera.effects[0].parameters['bias']}
     assert realised_gap(case, right, tmp_path, measure)['shrink'] < -0.5
+    # The level of the noise counts once: as a part of the effect that names it.
+    noisy = replace(case, effects={'excess_noise': 1.0}, seed=DEVELOPMENT.seed(1002))
+    camera = BlindCamera(noisy.case)
+    assert camera.sigma_factor < 0.9
+    level = said('identified', ('excess_noise',))
+    whole = camera.sigma_factor * camera.effects[0].parameters['factor']
+    level['effects'][0]['parameters'] = {'factor': whole}
+    assert realised_gap(noisy, level, tmp_path, measure)['shrink'] > 0.9
     # What is below the tolerance is measured as the diagnosis does it.
     weak = replace(case, effects={})
     assert realised_gap(weak, right, tmp_path, measure)['shrink'] == 0.5

@@ -37,7 +37,7 @@ def realised_gap(
     Record the same camera in other scenes and simulate it with the diagnosed effects.
 
     The scorer knows what a user does not: where the camera is, the reflectivity, and how much
-    noisier the camera is than the paper's.
+    noisier the camera is than the paper's. An effect on the level of the noise includes that.
 
     Parameters
     ----------
@@ -74,7 +74,8 @@ def realised_gap(
     key = replace(case.scenes, seed=seed, frames=_FRAMES, pose_mm=0.0)
     scenes = SceneSet(key, cache)
     camera = BlindCamera(replace(case, scenes=key, reflectivity_error=0.0), scenes)
-    profile = flexx2().noisier(camera.sigma_factor)
+    level = of_role('sigma').name in effects
+    profile = flexx2() if level else flexx2().noisier(camera.sigma_factor)
     with scratch_folder() as folder:
         camera.record(folder)
         null, before, after = distances(folder, effects, profile)
