@@ -26,6 +26,7 @@ KEYS = [
     'verdict',
     'effects',
     'alternatives',
+    'refused',
     'not_decidable',
     'unexplained',
     'where',

@@ -95,3 +95,13 @@ def test_the_stamp_of_raw_frames_is_found_from_a_diagnosis_with_the_other_one(
     page = (out / 'calibration.html').read_text()
     assert 'duration of the raw frames, and the stamp' in page
     assert '<td>stamp_at</td>' in page
+
+
+def test_still_recordings_leave_raw_frames_as_diagnosed(tmp_path: Path) -> None:
+    recordings = tmp_path / 'recordings'
+    size = {'recordings': 3, 'frames': 2, 'scale': 0.15, 'moving': 0}
+    write_campaign(recordings, seed=151, **size)
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {EFFECT: {'stretch': 0.6}})
+    table = calibrate(diagnosis, recordings)
+    assert table['effects'] == []
+    assert EFFECT in table['unchanged']

@@ -64,8 +64,10 @@ class Forms:
         (0.2, 0.0003),
         'fraction, m',
         'a shift that is less like that of a camera that moves is that of an edge',
-        'by hand, on development cases with a motion_artefact: without it, edges decided',
+        'python -m bench.benchmark_cases --effects motion_artefact --strengths 1; by hand: with '
+        'all pixels, edges decided',
     )
+    equal: float = constant(1e-5, 'm', 'shifts that differ less are the same', DEFINITION)
     least: float = constant(
         0.05, 'tolerances', 'a smaller gain in distance does not matter; see `physical.distance`'
     )

@@ -150,7 +150,10 @@ def calibrate_effects(
         elif registry()[name].shapes:
             proposal = _searched(name, looked, now, work, quick)
         elif registry()[name].scale:
-            proposal, looked = _scaled(name, looked, work)
+            columns = work.columns([(one, name) for one in looked])
+            if all(one.none for one in columns):  # As in still scenes.
+                continue
+            proposal, looked = _scaled(name, looked, columns)
             before = work.apart(looked, now)
         elif name == PATTERN:
             proposal = _pattern(looked, now, work)
@@ -252,9 +255,10 @@ def _searched(
     return Proposal(name, found.shape.label, found.together, found.without)
 
 
-def _scaled(name: str, looked: Sequence[Looked], work: Work) -> tuple[Proposal, list[Looked]]:
+def _scaled(
+    name: str, looked: Sequence[Looked], columns: Sequence[Columns]
+) -> tuple[Proposal, list[Looked]]:
     # And the recordings with priors of their poses beside which the effect shows.
-    columns = work.columns([(one, name) for one in looked])
     usual = usual_poses([one.samples for one in looked], columns)
     looked = [replace(one, samples=own) for one, own in zip(looked, usual, strict=True)]
     together, *without = fit_scale(name, [_less_others(one, (name,)) for one in looked], columns)

@@ -14,7 +14,6 @@ from flexx2_sim_ros.gap.forms.search import Numbers
 import numpy as np
 
 _DIGITS = 4  # after the decimal point
-_EQUAL = 1e-5  # metres; differences below this are none
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ def _is_rigid(shift: np.ndarray, own: np.ndarray, frame: np.ndarray) -> np.ndarr
         for _ in range(FORMS.iterations):
             fitted = np.linalg.lstsq((A * np.sqrt(weight)).T, np.sqrt(weight) * b)[0] @ A
             off = np.abs(b - fitted)
-            usual = max(float(np.median(off)), _EQUAL)
+            usual = max(float(np.median(off)), FORMS.equal)
             weight = 1 / (1 + (off / usual) ** 2) ** 2
         out[there] = off < np.maximum(fraction * np.abs(fitted), least)
     return out

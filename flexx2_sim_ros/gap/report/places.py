@@ -111,7 +111,7 @@ def _said(cell: dict[str, Any]) -> str | None:
     # What a group of pixels does, as the rest of a sentence; None where only its name says it.
     channel, size = cell['channel'], float(cell['size'])
     if channel == 'log_variance':
-        return f'have {short(math.exp(size / 2))} times the noise of the simulation'
+        return f'have {short(math.exp(size / 2), 3)} times the noise of the simulation'
     if channel not in _MORE_OR_LESS:
         return None
     percent = CHANNELS[channel].startswith('fraction')
@@ -183,7 +183,7 @@ def difference(cell: dict[str, Any]) -> str:
     """Return what differs in a row of `where`, real minus simulated, as text."""
     what, size = CHANNELS[cell['channel']], cell['size']
     if cell['channel'] == 'log_variance':
-        return f'noise {short(math.exp(size / 2))} times as large'
+        return f'noise {short(math.exp(size / 2), 3)} times as large'
     if cell['unit_size'] == 'mm':
         text = f'{size:+.2f} mm'
     elif cell['unit_size'] == 'fraction':
