@@ -303,6 +303,26 @@ def test_an_effect_with_a_frequency_of_its_own_is_drawn(tmp_path: Path) -> None:
         randomise(calibrated)
 
 
+def test_numbers_that_a_diagnosis_has_fitted_are_drawn(tmp_path: Path) -> None:
+    """Assert it of raw frames, whose stamp the form of the catalogue has at the other end."""
+    before, name = {'stretch': 0.6, 'stamp_at': 1.0}, 'motion_artefact'
+    folder = diagnosed(tmp_path / 'diagnosis', 8, {name: {'stretch': 1.1, 'stamp_at': 0.0}})
+    path = folder / 'diagnosis.json'
+    table = json.loads(path.read_text())
+    table['calibration'] = {'effects': [{'name': name, 'typical': before}]}
+    for k, row in enumerate(table['recordings']):
+        row['effects_without'][name] = {**before, 'stretch': 0.6 + 0.1 * (-1) ** k}
+        row['forms_without'] = {name: {'stretch': 1.1 + 0.02 * (-1) ** k, 'stamp_at': 0.0}}
+    path.write_text(json.dumps(table))
+    found = randomise(folder, tmp_path / 'r.yaml')
+    (one,) = (item for item in found.randomisation.distributions if item.effect == name)
+    assert (one.parameter, one.mean) == ('stretch', 1.1)
+    assert one.sd < 0.3
+    for drawn in load_randomisation(tmp_path / 'r.yaml').draw(3, 1):
+        (effect,) = (each for each in drawn if each.name == name)
+        assert effect.settings['stamp_at'] == 0.0
+
+
 def test_the_folder_of_a_calibration_is_named_as_such(tmp_path: Path) -> None:
     folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
     path = folder / 'diagnosis.json'

@@ -77,7 +77,12 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
         checked_target(out)
         check_map_files(Path(out).parent, maps_of_draws(out))
     before = read_diagnosis(Path(diagnosis))
-    named = tuple(effect for effect in before.typical_effects() if effect.role != 'pose')
+    # Numbers as they were fitted last; curves and maps have no distributions.
+    named = tuple(
+        typical if effect.forms else effect
+        for typical, effect in zip(before.typical_effects(), before.effects, strict=True)
+        if effect.role != 'pose'
+    )
     held_out = _held_out(before, named)
     _check_form(named, held_out)
     undecided = _undecided(before, {effect.name for effect in named})
@@ -182,9 +187,10 @@ def _held_out(before: Diagnosed, named: Sequence[Effect]) -> list[dict[str, Effe
     wanted = {effect.name for effect in named}
     found = []
     for row in before.table['recordings']:
-        own = row.get('effects_without')
-        if isinstance(own, dict):
+        own, forms = row.get('effects_without'), row.get('forms_without', {})
+        if isinstance(own, dict) and isinstance(forms, dict):
             effects = {effect.name: effect for effect in parse_effects(own)}
+            effects |= {one.name: one for one in parse_effects(forms) if not one.forms}
             if effects.keys() >= wanted:
                 found.append(effects)
     return found
