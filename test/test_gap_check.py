@@ -250,6 +250,9 @@ def test_a_given_delay_leaves_the_latency_to_be_found(tmp_path: Path) -> None:
     assert found['name'] == 'time_offset'
     assert found['parameters']['latency'] == pytest.approx(0.08, abs=0.01)
     assert 'time_offset' not in [row['name'] for row in table['not_considered']]
+    assert table['settings']['known'] == known | {
+        'time_offset': {'strength': 1.0, **known['time_offset']}
+    }
     write_campaign(tmp_path / 'fresh', seed=104, effects=camera, **moving)
     assert check(out, tmp_path / 'fresh', known=known)['holds']
 

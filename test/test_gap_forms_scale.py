@@ -1,12 +1,13 @@
 """The duration of raw frames is fitted beside the poses of moving recordings, which hide it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.gap import calibrate
 from flexx2_sim_ros.gap.forms.samples import Samples
-from flexx2_sim_ros.gap.forms.scale import Columns, fit_scale, usual_poses
+from flexx2_sim_ros.gap.forms.scale import Columns, fit_scale, pose_width
 import numpy as np
 import pytest
 from test_gap_calibrate import write_diagnosis
@@ -58,9 +59,10 @@ def test_recordings_whose_poses_are_farther_off_show_an_effect(edges: int) -> No
     moving = [True] * 12 + [False] * 24
     samples = [make_samples(rng, 1.0, one) for one in moving]
     columns = [make_columns(one, edges * one) for one in moving]
-    usual = usual_poses(samples, columns)
-    # As wide as the still ones are, of which there are 24: off by half below 1e-6 (chi squared).
-    assert usual[0].spread[0, 0] == pytest.approx(POSE, rel=0.7)
+    width = pose_width(samples, columns)
+    # As wide as the still ones are, of which there are 24: off by 0.7 below 1e-6 (chi squared).
+    assert PRIOR * width == pytest.approx(POSE, rel=0.7)
+    usual = [replace(one, spread=width * one.spread) for one in samples]
     together, *without = fit_scale(EFFECT, usual, columns)
     assert len(without) == len(samples)
     for one in (together, *without):
@@ -74,7 +76,7 @@ def test_too_few_still_recordings_say_nothing_of_the_poses() -> None:
     rng = np.random.default_rng(12)
     samples = [make_samples(rng, 0.0, moving) for moving in (True, True, False, False)]
     columns = [make_columns(moving) for moving in (True, True, False, False)]
-    assert usual_poses(samples, columns)[0].spread[0, 0] == PRIOR
+    assert pose_width(samples, columns) == 1.0
 
 
 def test_the_stamp_of_raw_frames_is_found_from_a_diagnosis_with_the_other_one(
@@ -105,3 +107,12 @@ def test_still_recordings_leave_raw_frames_as_diagnosed(tmp_path: Path) -> None:
     table = calibrate(diagnosis, recordings)
     assert table['effects'] == []
     assert EFFECT in table['unchanged']
+
+
+def test_directions_that_still_scenes_leave_open_do_not_widen_the_poses() -> None:
+    """Assert it of walls that say nothing of five of six parts of a pose."""
+    rng = np.random.default_rng(13)
+    samples = [
+        replace(make_samples(rng, 0.0, False), spread=np.diag([PRIOR] * 6)) for _ in range(24)
+    ]
+    assert PRIOR * pose_width(samples, [make_columns(False)] * 24) < 0.5 * PRIOR

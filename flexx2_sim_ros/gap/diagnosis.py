@@ -10,7 +10,7 @@ from typing import Any
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.effects import Effect, of_role, registry
+from flexx2_sim_ros.effects import Effect, of_role, parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.registry import check_map_files
 from flexx2_sim_ros.effects.tables import plain
@@ -175,6 +175,7 @@ def diagnose(
     """
     began = time.monotonic()
     _check(without, seed, jobs, pose_prior)
+    told = table_of(parse_effects(known or {}, 'known'))
     known = table_of(given_effects(known or {}))
     whole = progress or (lambda text, fraction: None)
     progress = portion(whole, 0.0, _BEFORE_COST) if cost else whole
@@ -211,7 +212,7 @@ def diagnose(
             named = _simulate_named(model, decision, used, simulator, calibrate, still)
             table = named.table(model, used, left_out)
         effects = named.effects
-        table['settings'] = _settings(found[0], seed, pose_prior, known)
+        table['settings'] = _settings(found[0], seed, pose_prior, told)
         posed = bool(model.own.posed.any())
         table['not_considered'] = _not_considered(without, known, no_phases, posed, hidden)
         if decision.verdict == 'unknown' and ResidualPatch.name not in known:

@@ -22,7 +22,7 @@ from flexx2_sim_ros.gap.forms.geometry import (
 from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
 from flexx2_sim_ros.gap.forms.proposals import judged, Proposal, totals, variation, Verdict
 from flexx2_sim_ros.gap.forms.samples import Samples
-from flexx2_sim_ros.gap.forms.scale import Columns, fit_scale, scale_of, usual_poses
+from flexx2_sim_ros.gap.forms.scale import Columns, fit_scale, pose_width, scale_of
 from flexx2_sim_ros.gap.forms.search import Numbers, search
 from flexx2_sim_ros.gap.forms.work import Looked, Settings
 import numpy as np
@@ -150,10 +150,12 @@ def calibrate_effects(
         elif registry()[name].shapes:
             proposal = _searched(name, looked, now, work, quick)
         elif registry()[name].scale:
-            columns = work.columns([(one, name) for one in looked])
-            if all(one.none for one in columns):  # As in still scenes.
+            if verdicts:
+                looked = work.again(looked, now)
+            scaled = _scaled(name, looked, work)
+            if scaled is None:
                 continue
-            proposal, looked = _scaled(name, looked, columns)
+            wide, (proposal, looked) = (looked, before), scaled
             before = work.apart(looked, now)
         elif name == PATTERN:
             proposal = _pattern(looked, now, work)
@@ -178,6 +180,8 @@ def calibrate_effects(
         if verdict.taken:
             now, before = changed, after
             together = _with_form(together, name, proposal.together)
+        elif registry()[name].scale:
+            looked, before = wide
     return Explained(looked, together, verdicts, now, before)
 
 
@@ -186,10 +190,13 @@ def best_of(explained: Sequence[Explained]) -> int:
     Return which explanation is nearest: the first, or an alternative that surely is.
 
     An alternative needs a form that left-out recordings pay for. Without one, its effects were
-    fitted to the recordings that it is compared on.
+    fitted to the recordings that it is compared on. One that was fitted beside the poses cannot be
+    compared with one that was not.
     """
     chosen = 0
     for place, one in enumerate(explained):
+        if one.beside_poses != explained[chosen].beside_poses:
+            continue  # Poses that are free make up for an effect, those of the other are not.
         held_out = any(verdict.taken for verdict in one.verdicts)
         new, old = totals(one.apart), totals(explained[chosen].apart)
         if held_out and float((old - new).mean()) > FORMS.least and is_surely_less(new, old):
@@ -256,14 +263,21 @@ def _searched(
 
 
 def _scaled(
-    name: str, looked: Sequence[Looked], columns: Sequence[Columns]
-) -> tuple[Proposal, list[Looked]]:
-    # And the recordings with priors of their poses beside which the effect shows.
-    usual = usual_poses([one.samples for one in looked], columns)
-    looked = [replace(one, samples=own) for one, own in zip(looked, usual, strict=True)]
+    name: str, looked: Sequence[Looked], work: Work
+) -> tuple[Proposal, list[Looked]] | None:
+    # And the recordings with priors of their poses beside which the effect shows. None where no
+    # recording shows it.
+    columns = work.columns([(one, name) for one in looked])
+    width = pose_width([_less_others(one, (name,)) for one in looked], columns)
+    looked = [
+        replace(one, samples=replace(one.samples, spread=width * one.samples.spread))
+        for one in looked
+    ]
     together, *without = fit_scale(name, [_less_others(one, (name,)) for one in looked], columns)
-    proposal = Proposal(name, scale_of(name).label, together, tuple(without), with_poses=True)
-    return proposal, looked
+    scale = scale_of(name)
+    if all(one.none for one in columns) or not together[scale.name]:
+        return None
+    return Proposal(name, scale.label, together, tuple(without), with_poses=True), looked
 
 
 def _biases(looked: Sequence[Looked], effects: Sequence[str]) -> dict[str, Proposal]:

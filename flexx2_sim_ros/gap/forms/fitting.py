@@ -174,14 +174,25 @@ def own_motion(samples: Samples, error: np.ndarray, registered: np.ndarray) -> n
 
 
 def usual_factor(samples: Sequence[Samples]) -> float:
-    """Return how wide the poses of recordings are, as a fraction of their prior; at most 1."""
-    squares = []
-    for one in samples:
-        own, target, start, ridge = _whitened(one, one.error)
-        _, weight = _robust_step(own, target, start, ridge)
-        squares.append(_own_squares(one, weight, np.zeros(len(target))))
-    every = np.concatenate(squares)
-    return min(float(np.sqrt(every.mean())), 1.0) if len(every) else 1.0
+    """
+    Return how wide the poses of recordings are, as a fraction of their prior; at most 1.
+
+    Each part of a motion counts as far as the recording tells it (MacKay 1992, Bayesian
+    interpolation): walls leave some open.
+    """
+    factor = 1.0
+    for _ in range(FORMS.iterations):
+        squares = told = 0.0
+        for one in samples:
+            narrow = replace(one, spread=factor * one.spread)
+            own, target, start, ridge = _whitened(narrow, one.error)
+            step, weight = _robust_step(own, target, start, ridge)
+            normal = (own * weight) @ own.T + ridge * np.eye(len(own))
+            squares += float(((start + step) ** 2).sum())
+            told += float((1 - ridge * np.diag(np.linalg.inv(normal))).sum())
+        if told > 0:
+            factor = min(factor * float(np.sqrt(squares / told)), 1.0)
+    return factor
 
 
 def misfit(samples: Samples, error: np.ndarray) -> float:

@@ -36,8 +36,9 @@ class Columns:
 
     @property
     def none(self) -> bool:
-        """Whether the effect changes nothing here, as in a still scene."""
-        return not any(shift.any() for shift in self.shifts)
+        """Whether the effect shifts no surface here, as in a still scene."""
+        shifts = (shift[self.surfaces] for shift in self.shifts)
+        return not any((np.abs(shift) > FORMS.equal).any() for shift in shifts)
 
 
 def columns_of(scene: PlacedScene, samples: Samples, effect: str) -> Columns:
@@ -77,7 +78,8 @@ def _is_rigid(shift: np.ndarray, own: np.ndarray, frame: np.ndarray) -> np.ndarr
         A, b = own[:, there], shift[there]  # noqa: N806
         weight = np.ones(len(b))
         for _ in range(FORMS.iterations):
-            fitted = np.linalg.lstsq((A * np.sqrt(weight)).T, np.sqrt(weight) * b)[0] @ A
+            root = np.sqrt(weight)
+            fitted = np.linalg.lstsq((A * root).T, b * root, rcond=None)[0] @ A
             off = np.abs(b - fitted)
             usual = max(float(np.median(off)), FORMS.equal)
             weight = 1 / (1 + (off / usual) ** 2) ** 2
@@ -92,17 +94,24 @@ def scale_of(effect: str) -> Scale:
     return scale
 
 
-def usual_poses(samples: Sequence[Samples], columns: Sequence[Columns]) -> list[Samples]:
+def pose_width(samples: Sequence[Samples], columns: Sequence[Columns]) -> float:
     """
-    Return samples with priors as wide as the poses are that an effect does not change.
+    Return how wide the poses are that an effect does not change, as a fraction of their prior.
 
     A shift that all frames of a recording share looks like another pose. But then the poses of
-    the recordings that have it are farther off than those of the others. Where there are too few
-    others, the priors stay as they are.
+    the recordings that have it are farther off than those of the others. 1 where there are too
+    few others.
+
+    Parameters
+    ----------
+    samples : sequence of Samples
+        One for each recording, with errors that other effects do not explain.
+    columns : sequence of Columns
+        Likewise.
+
     """
     still = [one for one, own in zip(samples, columns, strict=True) if own.none]
-    factor = usual_factor(still) if len(still) >= FORMS.fewest else 1.0
-    return [replace(one, spread=factor * one.spread) for one in samples]
+    return usual_factor(still) if len(still) >= FORMS.fewest else 1.0
 
 
 def fit_scale(
@@ -116,15 +125,15 @@ def fit_scale(
     effect : str
         One with a `Scale`.
     samples : sequence of Samples
-        One for each recording, with errors that other effects do not explain, as from
-        `usual_poses`.
+        One for each recording, with errors that other effects do not explain, and priors of the
+        poses as wide as these usually are.
     columns : sequence of Columns
         Likewise.
 
     Returns
     -------
     list of dict
-        Settings fitted to all recordings, and to all but one.
+        Settings fitted to all recordings, and to all but one, in the variant that suits all best.
 
     """
     scale = scale_of(effect)
@@ -133,12 +142,11 @@ def fit_scale(
         [_losses(one, own, values) for one, own in zip(samples, columns, strict=True)]
     )
     total = losses.sum(axis=0)
-    out = []
-    for some in (total, *(total - losses)):
-        variant = int(some.min(axis=1).argmin())
-        value = round(_lowest(values, some[variant]), _DIGITS)
-        out.append(scale.settings(value, scale.variants[variant]))
-    return out
+    variant = int(total.min(axis=1).argmin())
+    return [
+        scale.settings(round(_lowest(values, some[variant]), _DIGITS), scale.variants[variant])
+        for some in (total, *(total - losses))
+    ]
 
 
 def _losses(samples: Samples, columns: Columns, values: np.ndarray) -> np.ndarray:

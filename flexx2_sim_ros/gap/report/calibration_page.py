@@ -98,7 +98,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         verb = 'replaces the diagnosed form' if row['taken'] else 'is not taken'
         out.append(f'{spaced(row["name"])}: {row["form"]} {verb}: {_change(row, count)}.')
     out += [
-        f'{spaced(name)}: stays as it was diagnosed; it has no form to fit.'
+        f'{spaced(name)}: stays as it was diagnosed; it has no form that these recordings show.'
         for name in table['unchanged']
     ]
     out += map(why_dropped, table['dropped'])

@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from flexx2_sim_ros.effects import Effect, of_role, parse_effects
+from flexx2_sim_ros.effects import Effect, loadable, of_role, parse_effects
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.gap.calibration.decisions import calibrated
@@ -112,7 +112,11 @@ def verdict_of(table: dict[str, Any]) -> str:
 def makes_larger(table: dict[str, Any]) -> bool:
     """Return whether the named effects of the camera make the gap larger when simulated."""
     measured = bool(camera_effects(table)) and table['gap']['measured_by'] == 'distance'
-    return measured and _closes(table) < -THRESHOLDS.larger
+    larger = measured and _closes(table) < -THRESHOLDS.larger
+    # Beside poses the gap may be small, and a fraction of it says little.
+    rows = (table.get('calibration') or {}).get('effects', [])
+    beside = any(row['taken'] and loadable()[row['name']].scale for row in rows)
+    return larger and (not beside or bool(table['gap']['distance']['worse']))
 
 
 def _closes(table: dict[str, Any]) -> float:

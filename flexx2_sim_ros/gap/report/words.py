@@ -219,10 +219,12 @@ def _calibrated(table: dict[str, Any]) -> list[str]:
     if not taken:
         return same
     forms = ', '.join(f'{spaced(row["name"])} ({row["form"]})' for row in taken)
-    removed = moved(table['calibration']['typical_gap']['shrink'], 'the gap', '')
+    typical = table['calibration']['typical_gap']
+    removed = moved(typical['shrink'], 'the gap', '')
+    alike = typical['measured_by'] == table['gap']['measured_by']
+    other = f' In the form of the catalogue, the effects would {removed}.' if alike else ''
     return [
-        f'Calibrated: {forms}, fitted to these recordings. In the form of the catalogue, the '
-        f'effects would {removed}.',
+        f'Calibrated: {forms}, fitted to these recordings.{other}',
         *map(why_dropped, table['calibration']['dropped']),
         *same,
     ]
