@@ -408,3 +408,13 @@ def test_a_curve_repeats_with_its_period() -> None:
     curve = Curve((0.0, 0.5), (0.0, 1.0), 1.0)
     assert curve.at([0.25, 1.25, 0.75]).tolist() == [0.5, 0.5, 0.5]
     assert Curve((0.0, 0.5), (0.0, 1.0)).at([-1.0, 0.25, 9.0]).tolist() == [0.0, 0.5, 1.0]
+
+
+def test_a_correction_that_is_taken_as_given_is_not_fitted_again(
+    campaign: Path, tmp_path: Path
+) -> None:
+    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {'excess_noise': {'factor': 1.1}})
+    path = diagnosis / 'diagnosis.json'
+    settings = {'known': {'residual_patch': {'bias_0': 0.01}}}
+    path.write_text(json.dumps({**json.loads(path.read_text()), 'settings': settings}))
+    assert calibrate(diagnosis, campaign)['empirical'] is None

@@ -117,7 +117,8 @@ def calibrate(
             _check_sizes(looked, settings)
             explained.append(calibrate_effects(looked, settings, work))
         chosen = explained[best_of(explained)]
-        empirical = None if NAME in chosen.effects else correct(chosen, work)
+        given = NAME in chosen.effects or NAME in before.known
+        empirical = None if given else correct(chosen, work)
         effects, now = dict(chosen.effects), chosen.now
         if empirical is not None and empirical.taken:
             form = empirical.proposal
