@@ -4,8 +4,11 @@ Single development cases of `flexx2 gap benchmark`, with predicted and realised 
 The whole development run takes hours; this runs the cases of some effects and strengths alone. It
 prints what the diagnosis said, whether the first row of `where` is of the effect's physics, which
 reduction it predicts, which one happens on fresh scenes, and the time on one core. Cases that the
-same code has answered in ``--out`` are not run again. With ``--alike``, scenes are those of 400 in
-which the errors of the poses are most alike, by chance.
+same code has answered in ``--out`` are not run again.
+
+With ``--scenes``, as many cases have scenes and cameras of their own, in place of those of the
+design. With ``--alike``, scenes are those of 400 in which the errors of the poses are most alike,
+by chance.
 
 python -m bench.benchmark_cases --effects intrinsics_error,wiggling --strengths 1 --jobs 2
 """
@@ -39,6 +42,9 @@ def main() -> None:
     parser.add_argument('--groups', default='single,none')
     parser.add_argument('--pose-mm', type=float, default=2.0)
     parser.add_argument('--alike', action='store_true', help='poses that err alike')
+    parser.add_argument(
+        '--scenes', type=int, default=0, help='so many other scenes and cameras, one case each'
+    )
     parser.add_argument('--jobs', type=int, default=2)
     parser.add_argument('--out', default='build/benchmark_cases')
     arguments = parser.parse_args()
@@ -62,24 +68,34 @@ def main() -> None:
         print(_line(name, planned, json.loads((results / f'{name}.json').read_text())))
 
 
+def _elsewhere(cases: list[Planned], count: int) -> Iterator[Planned]:
+    # The cases in turn, each with scenes and a camera that no case of the benchmark has.
+    for i, scene_seed in enumerate(_SCENES[: count if cases else 0]):
+        planned = cases[i % len(cases)]
+        yield replace(planned, seed=planned.seed + i, scene_seed=scene_seed)
+
+
 def _chosen(arguments: argparse.Namespace) -> Iterator[tuple[str, Planned]]:
     names = set(arguments.effects.split(','))
     strengths = {float(one) for one in arguments.strengths.split(',')}
     groups = set(arguments.groups.split(','))
     alike = _alike(arguments.pose_mm) if arguments.alike else []
-    for planned in make_design(DEVELOPMENT, quick=False):
-        if planned.group not in groups or planned.pose_mm != arguments.pose_mm:
-            continue
-        if planned.effects and planned.strength not in strengths:
-            continue
-        if names & (set(planned.effects) or {'none'}):
-            if arguments.alike:
-                seed = alike[planned.seed % len(alike)]
-                planned = replace(planned, scene_seed=seed)
-            told = '+'.join(planned.effects) or 'none'
-            scene = f'{planned.seed}-{planned.scene_seed}'
-            name = f'{planned.group}-{told}-{planned.strength:g}-{scene}'
-            yield name, replace(planned, realise=bool(planned.effects) and not planned.without)
+    chosen = [
+        planned
+        for planned in make_design(DEVELOPMENT, quick=False)
+        if planned.group in groups
+        and planned.pose_mm == arguments.pose_mm
+        and (not planned.effects or planned.strength in strengths)
+        and names & (set(planned.effects) or {'none'})
+    ]
+    for planned in _elsewhere(chosen, arguments.scenes) if arguments.scenes else chosen:
+        if arguments.alike:
+            seed = alike[planned.seed % len(alike)]
+            planned = replace(planned, scene_seed=seed)
+        told = '+'.join(planned.effects) or 'none'
+        scene = f'{planned.seed}-{planned.scene_seed}'
+        name = f'{planned.group}-{told}-{planned.strength:g}-{scene}'
+        yield name, replace(planned, realise=bool(planned.effects) and not planned.without)
 
 
 def _alike(pose_mm: float) -> list[int]:

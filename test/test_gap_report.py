@@ -348,6 +348,33 @@ def test_an_unknown_cause_has_a_reason_and_its_nearest_explanations(
     assert sentences(table) == ['Nearest explanations: offset and amplitude bias.']
 
 
+def _identified(*names: str, **gap: Any) -> dict[str, Any]:
+    # What the words of a report need of a diagnosis with these effects.
+    size = {'before': 5.0, 'after': 2.0, 'null': 1.0, 'tolerance': 1.0}
+    usual = {
+        'shrink': 0.6,
+        'interval': [0.4, 0.8],
+        'noise_factor': 1.0,
+        'measured_by': 'distance',
+        'held_out': False,
+        'worse': [],
+        'wasserstein_mm': size,
+        'invalid_rate': size,
+    }
+    return {
+        'verdict': 'identified',
+        'effects': [{'name': name, 'confidence': 0.9} for name in names],
+        'gap': usual | gap,
+        'calibration': None,
+        'alternatives': [],
+        'unexplained': [],
+        'not_decidable': [],
+        'where': [],
+        'recordings': [],
+        'age': {'latency': 0.0, 'delay': None},
+    }
+
+
 @pytest.mark.parametrize(
     ('share', 'said'),
     [
@@ -357,31 +384,11 @@ def test_an_unknown_cause_has_a_reason_and_its_nearest_explanations(
     ],
 )
 def test_a_gap_that_grows_is_not_said_to_be_taken_away(share: float, said: str) -> None:
-    size = {'before': 5.0, 'after': 2.0, 'null': 1.0, 'tolerance': 1.0}
-    gap: dict[str, Any] = {
-        'shrink': share,
-        'interval': [share, 0.9],
-        'at_fitted_poses': {'shrink': share},
-        'noise_factor': 1.0,
-        'measured_by': 'distance',
-        'held_out': False,
-        'worse': [],
-        'wasserstein_mm': size,
-        'invalid_rate': size,
-    }
+    shown = {'shrink': share, 'interval': [share, 0.9]}
+    table = _identified('offset', 'pose_error', at_fitted_poses={'shrink': share}, **shown)
     form = {'name': 'offset', 'form': 'curve', 'taken': True}
-    table = {
-        'verdict': 'identified',
-        'effects': [{'name': name, 'confidence': 0.9} for name in ('offset', 'pose_error')],
-        'gap': gap,
-        'calibration': {'effects': [form], 'dropped': [], 'typical_gap': gap},
-        'alternatives': [],
-        'unexplained': [],
-        'not_decidable': [],
-        'where': [],
-        'recordings': [],
-        'age': {'latency': 0.0, 'delay': None},
-    }
+    gap = table['gap']
+    table['calibration'] = {'effects': [form], 'dropped': [], 'typical_gap': gap}
     assert f'Once the poses are corrected, it {said.format("s", "what is left")}.' in headline(
         table
     )
@@ -398,28 +405,7 @@ def test_a_gap_that_grows_is_not_said_to_be_taken_away(share: float, said: str) 
     ('factor', 'said'), [(1.01, ''), (1.05, '5 % above the model'), (0.96, '4 % below the model')]
 )
 def test_a_noise_level_of_its_own_is_said(factor: float, said: str) -> None:
-    size = {'before': 5.0, 'after': 2.0, 'null': 1.0, 'tolerance': 1.0}
-    table = {
-        'verdict': 'identified',
-        'effects': [{'name': 'offset', 'confidence': 0.9}],
-        'gap': {
-            'shrink': 0.6,
-            'interval': [0.4, 0.8],
-            'noise_factor': factor,
-            'measured_by': 'distance',
-            'held_out': False,
-            'worse': [],
-            'wasserstein_mm': size,
-            'invalid_rate': size,
-        },
-        'calibration': None,
-        'alternatives': [],
-        'unexplained': [],
-        'not_decidable': [],
-        'where': [],
-        'recordings': [],
-        'age': {'latency': 0.0, 'delay': None},
-    }
+    table = _identified('offset', noise_factor=factor)
     text = ' '.join(sentences(table))
     assert said in text
     assert ('noise of this camera' in text) == bool(said)

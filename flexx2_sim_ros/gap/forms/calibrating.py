@@ -268,6 +268,8 @@ def _scaled(
     # And the recordings with priors of their poses beside which the effect shows. None where no
     # recording shows it.
     columns = work.columns([(one, name) for one in looked])
+    if all(one.none for one in columns):
+        return None
     width = pose_width([_less_others(one, (name,)) for one in looked], columns)
     looked = [
         replace(one, samples=replace(one.samples, spread=width * one.samples.spread))
@@ -275,7 +277,7 @@ def _scaled(
     ]
     together, *without = fit_scale(name, [_less_others(one, (name,)) for one in looked], columns)
     scale = scale_of(name)
-    if all(one.none for one in columns) or not together[scale.name]:
+    if not together[scale.name]:
         return None
     return Proposal(name, scale.label, together, tuple(without), with_poses=True), looked
 
