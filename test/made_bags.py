@@ -121,8 +121,10 @@ def driver_cloud(topic: str, stamp: int, z: np.ndarray) -> Entry:
     )
 
 
-def usecase(node: str, received: int, value: str, changed: bool = False) -> Entry:
-    """Return the event of a node's mode."""
+def usecase(
+    node: str, received: int, value: str, changed: bool = False, name: str = 'usecase'
+) -> Entry:
+    """Return the event of a node's mode, or of another text parameter."""
     content = make(
         'rcl_interfaces/msg/ParameterValue',
         4,
@@ -136,7 +138,7 @@ def usecase(node: str, received: int, value: str, changed: bool = False) -> Entr
         np.zeros(0),
         [],
     )
-    parameters = [make('rcl_interfaces/msg/Parameter', 'usecase', content)]
+    parameters = [make('rcl_interfaces/msg/Parameter', name, content)]
     time = make('builtin_interfaces/msg/Time', *divmod(received, SECOND))
     return (
         '/parameter_events',

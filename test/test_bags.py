@@ -331,11 +331,50 @@ def test_doubtful_contents_are_reported(tmp_path: Path) -> None:
     assert len(recording.notes) == 4
 
 
-def test_clean_depth_of_another_view_is_left_out(tmp_path: Path) -> None:
-    bag = write(tmp_path / 'bag', camera_entries('left', depths(2, 5, 4), depths(2, 6, 8)))
-    recording = load_recording(bag)
+def test_clean_depth_of_an_unknown_view_is_left_out(tmp_path: Path) -> None:
+    entries = camera_entries('left', depths(2, 5, 4), depths(2, 6, 8))
+    silent = [one for one in entries if not one[0].endswith('clean/camera_info')]
+    recording = load_recording(write(tmp_path / 'bag', silent))
     assert recording.clean_depth is None
     assert any('clean_depth: left out: 8 x 6' in note for note in recording.notes)
+
+
+@pytest.mark.parametrize('radial', [False, True])
+@pytest.mark.parametrize('size', [(43, 56), (60, 80)])
+def test_clean_depth_of_another_view_is_that_of_the_cameras_pixels(
+    size: tuple[int, int], radial: bool, tmp_path: Path
+) -> None:
+    """Assert it of a slanted wall, whose depth is known at every pixel."""
+    matrix = np.array([[50.0, 0, 28.0], [0, 50.5, 21.5], [0, 0, 1]])
+    wider = np.array([[47.0, 0, size[1] / 2], [0, 48.0, size[0] / 2], [0, 0, 1]])
+
+    def wall(K: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:  # noqa: N803
+        v, u = np.indices(shape)
+        x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
+        return 1.5 / (1 + 0.4 * x - 0.2 * y), np.sqrt(1 + x**2 + y**2)
+
+    expected, _ = wall(matrix, (43, 56))
+    clean, ray = wall(wider, size)
+    given = (clean * ray if radial else clean).astype('f4')
+    node = '/left/flexx2_camera'
+    entries = [usecase(node, SECOND, 'radial' if radial else 'planar', name='input_depth')]
+    for stamp in (SECOND, 2 * SECOND):
+        entries += [
+            image('/left/clean/depth_image', stamp, given),
+            image('/left/clean/reflectivity', stamp, np.full(size, 0.5, 'f4')),
+            info('/left/clean/camera_info', stamp, size, wider, np.zeros(5)),
+            image(f'{node}/depth_image_0', stamp, expected.astype('f4')),
+            info(f'{node}/camera_info', stamp, (43, 56), matrix, np.zeros(5)),
+        ]
+    recording = load_recording(write(tmp_path / 'bag', entries))
+    seen = np.isfinite(recording.clean_depth)
+    assert seen.mean() > 0.95
+    np.testing.assert_allclose(
+        recording.clean_depth[seen], np.broadcast_to(expected, seen.shape)[seen], rtol=1e-5
+    )
+    assert (recording.reflectivity[seen] == 0.5).all()
+    (note,) = (note for note in recording.notes if 'looked up' in note)
+    assert ('along the ray' in note) == radial
 
 
 def test_a_simulation_that_was_reset(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from made_bags import (
     Entry,
     image,
     info,
+    make,
     MATRIX,
     same,
     SECOND,
@@ -55,7 +56,8 @@ def test_a_remapped_camera_is_found_in_a_bag(tmp_path: Path) -> None:
     assert recording_cameras(bag) == ['front_left/flexx2']
     recording = load_recording(bag)
     assert same(recording.depth, CLOUDLESS)
-    assert same(recording.clean_depth, CLOUDLESS + 1)
+    # Seen by a camera of twice the focal length: its first pixels are every second one.
+    np.testing.assert_allclose(recording.clean_depth[:, 0, 0], CLOUDLESS[:, 0, 0] + 1, rtol=1e-6)
     assert same(recording.amplitude, CLOUDLESS.astype('u1'))
     assert same(recording.K, MATRIX)
     assert recording.usecase == 'Mode_9_30fps'
@@ -77,6 +79,33 @@ def test_two_remapped_cameras_and_one_of_usual_names(tmp_path: Path) -> None:
     assert same(load_recording(bag, 'left').clean_depth, CLOUDLESS)
     with pytest.raises(InputError, match='--camera.*got several cameras'):
         load_recording(bag)
+
+
+def test_a_topic_selects_the_camera_of_a_bag_that_becomes_a_bag(tmp_path: Path) -> None:
+    entries = renamed(CLOUDLESS) + renamed(CLOUDLESS + 1, '/front_left/filtered')
+    bag, out = write(tmp_path / 'bag', entries), tmp_path / 'out'
+    assert main(['convert', str(bag), str(out), '--camera', '/front_left/filtered']) == 0
+    assert recording_cameras(out) == ['front_left/filtered']
+    assert same(load_recording(out).depth, CLOUDLESS + 1)
+
+
+def test_a_topic_called_recording_belongs_to_somebody_else(tmp_path: Path) -> None:
+    entries = renamed(CLOUDLESS)
+    text = make('std_msgs/msg/String', 'on')
+    entries.append(('/front_left/recording', 'std_msgs/msg/String', 2 * SECOND, text))
+    assert same(load_recording(write(tmp_path / 'bag', entries)).depth, CLOUDLESS)
+
+
+def test_images_that_are_not_clear_are_named_beside_a_camera(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entries = renamed(CLOUDLESS) + renamed(CLOUDLESS + 1, '/front_left/filtered')
+    usual = camera_entries('left', CLOUDLESS, CLOUDLESS)
+    usual += camera_entries('right', CLOUDLESS, CLOUDLESS)
+    bag = write(tmp_path / 'bag', entries + usual)
+    assert main(['convert', str(bag), str(tmp_path / 'out.npz')]) == 0
+    said = ' '.join(capsys.readouterr().err.split())
+    assert '/front_left/flexx2, /front_left/filtered: not read' in said
 
 
 def test_two_candidates_for_depth_need_a_choice(tmp_path: Path) -> None:

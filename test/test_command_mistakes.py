@@ -182,6 +182,7 @@ def test_the_output_is_the_input(
     [
         (['gap', 'nosuch'], 'COMMAND: must be one of diagnose, plan, target, calibrate, check, c'),
         (['export', 'nosuch'], "isaac_lab, mujoco_playground, all, got 'nosuch' (see flexx2 exp"),
+        (['simulate', 'in.npz', 'out.mcap'], 'OUT.npz: must end in .npz, got out.mcap'),
         (['simulate', 'dir', 'out.npz'], 'dir: must be an .npz archive, got a folder'),
         (['simulate', 'nan.npz', 'out.npz'], 'nan.npz: stamp: must be finite, got NaN or infin'),
         (['simulate', 'in.npz', 'out.npz', '--effects', 'x'], 'x: must be a file, a preset such'),
@@ -203,6 +204,10 @@ def test_the_output_is_the_input(
         (
             ['gap', 'truth', 'campaign', '--board', 'list.yaml', '--out', 'out'],
             'list.yaml: target: must be a table that is not empty, got None',
+        ),
+        (
+            ['gap', 'truth', 'campaign', '--scan', '', '--out', 'out'],
+            "--scan: must not be empty, got ''",
         ),
         (
             ['gap', 'truth', 'campaign', '--scene', 'empty.xml', '--out', 'out', '--jobs', '1'],

@@ -18,6 +18,7 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 from recorders import finish, flexx2, open_source, PATIENCE, rows, SECOND, Source, STEP, until
+from rosgraph_msgs.msg import Clock
 import streams
 from streams import image_message
 
@@ -227,6 +228,29 @@ def test_a_camera_of_any_name_is_found_by_an_info_that_was_sent_once(
     assert set(recording.stamp_ns.tolist()) <= set(sent)
     np.testing.assert_array_equal(recording.depth[0], frame)
     np.testing.assert_array_equal(recording.K, streams.FLEXX2.matrix)
+
+
+def test_what_was_asked_for_is_kept_without_a_camera(
+    child_env: dict[str, str], tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    listener = streams.Listener()
+    clock = listener.node.create_publisher(Clock, '/clock', 100)
+
+    def recorded() -> bool:
+        clock.publish(Clock())
+        try:
+            return bag.exists() and len(list(Bag(bag).messages({'/clock'}))) > 5
+        except InputError:  # Nothing is in the bag yet.
+            return False
+
+    try:
+        with flexx2(child_env, 'record', bag, '--also', '/clock', '--cameras', 'none') as process:
+            listener.spin_until(recorded, 'messages')
+            finish(process, signal.SIGINT)
+    finally:
+        listener.close()
+    assert len(list(Bag(bag).messages({'/clock'}))) > 5
 
 
 def test_one_camera_is_recorded_for_some_time(

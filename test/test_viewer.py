@@ -13,6 +13,7 @@ import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener, Parameter
 
 
@@ -119,6 +120,33 @@ def test_a_late_image_is_shown_with_the_clean_depth_of_its_stamp(watched: Watche
 
         watched.user.spin_until(arrived, 'clean depth')
     assert watched.show(1000, clean=False).clean is not None
+
+
+def test_a_camera_info_that_was_sent_once_is_known(watched: Watched) -> None:
+    user, topic = watched.user, '/view_parts/left/clean/camera_info'
+    user.node.destroy_publisher(watched.send['clean/camera_info'])
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    watched.send['clean/camera_info'] = user.node.create_publisher(CameraInfo, topic, latched)
+    wide = FLEXX2.from_field_of_view(80, 60, 100.0, 80.0)
+    watched.send['clean/camera_info'].publish(info_message(wide, 0))
+    user.spin_until(
+        lambda: (
+            [
+                one.qos_profile.durability
+                for one in watched.viewer.get_publishers_info_by_topic(topic)
+            ]
+            == [DurabilityPolicy.TRANSIENT_LOCAL]
+        ),
+        'the publisher',
+    )
+    watched.watch()
+    clean = np.full((60, 80), 1.5, np.float32)
+    for stamp in range(1, 200):
+        watched.send['clean/depth_image'].publish(image_message(clean, stamp))
+        shot = watched.show(stamp, clean=False)
+        if shot.clean is not None:
+            break
+    np.testing.assert_allclose(shot.clean, 1.5, rtol=1e-5)
 
 
 def test_clean_depth_follows_the_parameter_input_depth(watched: Watched) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 import zlib
 
@@ -12,7 +13,7 @@ from flexx2_sim_ros.cli.common import add_profile, MOST_SEED
 from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.effects.time_offset import time_offset_of
-from flexx2_sim_ros.errors import InputError, printable
+from flexx2_sim_ros.errors import InputError, printable, shown_path
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
 from flexx2_sim_ros.recording import load_scene, RecordingWriter, Scene
@@ -100,6 +101,8 @@ def run(arguments: argparse.Namespace) -> int:
         if source:
             check_distinct(source, arguments.output)
     checked_target(arguments.output)
+    if Path(arguments.output).suffix != '.npz':
+        raise InputError(f'OUT.npz: must end in .npz, got {shown_path(arguments.output)}')
     scene = load_scene(arguments.input)
     camera, effects = _make_camera(arguments, scene)
     stamps = _stamps(

@@ -77,7 +77,7 @@ class Player(Node):
         for topic, kind in bag.topics.items():
             if (
                 topic in _LEFT_OUT
-                or topic.endswith(CARRIED)
+                or (topic.endswith(CARRIED) and kind == messages.BYTES)
                 or (patterns and not any(fnmatchcase(topic, pattern) for pattern in patterns))
             ):
                 continue

@@ -246,7 +246,8 @@ class Recorder(Node):
             info['publication_sequence_number'],
             lambda: topic != EVENTS and self.count_publishers(topic) <= 1,
         )
-        if topic not in _BESIDE and self.started is None:
+        asked = topic not in _BESIDE or any(fnmatchcase(topic, name) for name in self._also)
+        if asked and self.started is None:
             self.started = time.monotonic()
         if not statistics.messages + statistics.refused:
             statistics.first = self.seconds
@@ -266,7 +267,8 @@ class Recorder(Node):
             statistics.refused += 1
 
     def _ask(self, node: str) -> None:
-        # No message gives the present mode: ask for it once and record it as a message.
+        # No message gives the present mode, nor whether clean depth is along the ray: ask for them
+        # once and record them as messages.
         if not node:
             return
         client = self._questions.get(node)
@@ -275,19 +277,17 @@ class Recorder(Node):
             self._questions[node] = client
         if node not in self._asked and client.service_is_ready():
             self._asked.add(node)
-            future = client.call_async(GetParameters.Request(names=['usecase']))
-            future.add_done_callback(partial(self._on_usecase, node))
+            # One request each: the real driver has no input_depth, and would return no values.
+            for name in ('usecase', 'input_depth'):
+                future = client.call_async(GetParameters.Request(names=[name]))
+                future.add_done_callback(partial(self._on_parameter, node, name))
 
-    def _on_usecase(self, node: str, future: Any) -> None:
+    def _on_parameter(self, node: str, name: str, future: Any) -> None:
         response = future.result()
         if response is None or not response.values or not response.values[0].string_value:
             return
-        self._put(
-            EVENTS,
-            messages.encode_usecase(
-                self.get_clock().now().nanoseconds, node, response.values[0].string_value
-            ),
-        )
+        text, now = response.values[0].string_value, self.get_clock().now().nanoseconds
+        self._put(EVENTS, messages.encode_text_parameter(now, node, name, text))
 
 
 def _offered(profile: QoSProfile) -> Qos:

@@ -10,6 +10,7 @@ from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.decoding import decode_camera_info, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes.gating import RateMeter
+from flexx2_sim_ros.nodes.subscriptions import matching
 from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics
@@ -18,7 +19,7 @@ import numpy as np
 from rcl_interfaces.msg import ParameterType, ParameterValue
 from rclpy.node import Node
 from rclpy.parameter_client import AsyncParameterClient
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 
 _STALE_SECONDS = 1.0
@@ -48,6 +49,8 @@ class ViewedCamera:
         self.shot: ViewedFrame | None = None
         self._node, self._show = node, show
         self._radial = False
+        # Kept while no page is open: a simulator may send it once.
+        self._clean_info: CameraInfo | None = None
         self._listening: list[Any] = []
         self.forget()
 
@@ -59,7 +62,6 @@ class ViewedCamera:
         self._last_clean = self._last = 0
         self._problem = ''
         self._info: CameraInfo | None = None
-        self._clean_info: CameraInfo | None = None
         self._view: Reprojection | None = None
 
     def listen(self, wanted: bool) -> None:
@@ -73,7 +75,7 @@ class ViewedCamera:
         if wanted:
             topics = self.topics
             self._listening = [
-                self._node.create_subscription(kind, topic, callback, qos_profile_sensor_data)
+                self._node.create_subscription(kind, topic, callback, self._quality(topic))
                 for kind, topic, callback in (
                     (CameraInfo, topics.info, self._on_info),
                     (CameraInfo, topics.clean_info, self._on_clean_info),
@@ -81,6 +83,14 @@ class ViewedCamera:
                     (Image, topics.depth, self._on_depth),
                 )
             ]
+
+    def _quality(self, topic: str) -> QoSProfile:
+        # What was sent before the page was open comes only to a reliable, latched subscription.
+        offers = self._node.get_publishers_info_by_topic(topic)
+        reliability, durability = matching([offer.qos_profile for offer in offers])
+        if durability != DurabilityPolicy.TRANSIENT_LOCAL:
+            return qos_profile_sensor_data
+        return QoSProfile(depth=1, reliability=reliability, durability=durability)
 
     def ask(self) -> None:
         """Ask the camera's node for its mode, until it has answered."""
@@ -165,6 +175,8 @@ class ViewedCamera:
             sequence = 0 if self.shot is None else self.shot.sequence + 1
             self.shot = ViewedFrame(sequence, stamp, depth, self._cleaned(clean, camera), camera)
             self._problem = ''
+            if clean is not None and self._clean_info is None:
+                raise InputError(f'{self.topics.clean_info}: must come with {self.topics.clean}')
         except InputError as error:
             self._problem = str(error)
         self._show()

@@ -145,33 +145,34 @@ def encode_camera_info(
     )
 
 
-def encode_usecase(stamp: int, node: str, usecase: str) -> bytes:
-    """Return the ``rcl_interfaces/ParameterEvent`` of a node that starts in a mode."""
+def encode_text_parameter(stamp: int, node: str, name: str, text: str) -> bytes:
+    """Return the ``rcl_interfaces/ParameterEvent`` of a node that starts with a text."""
     value = _make(
         'rcl_interfaces/msg/ParameterValue',
         _STRING_PARAMETER,
         False,
         0,
         0.0,
-        usecase,
+        text,
         np.zeros(0, np.uint8),
         np.zeros(0, bool),
         np.zeros(0, np.int64),
         np.zeros(0),
         [],
     )
-    parameter = _make('rcl_interfaces/msg/Parameter', 'usecase', value)
+    parameter = _make('rcl_interfaces/msg/Parameter', name, value)
     return encode(PARAMETER_EVENT, _make(PARAMETER_EVENT, _time(stamp), node, [parameter], [], []))
 
 
-def decode_usecase(data: bytes, where: str) -> tuple[str, str, bool] | None:
-    """Return a ``ParameterEvent``'s node, ``usecase`` and whether it is a change, or None."""
+def decode_text_parameters(data: bytes, where: str) -> tuple[str, dict[str, tuple[str, bool]]]:
+    """Return a ``ParameterEvent``'s node, and its texts by name: each, and if it is a change."""
     event = decode(PARAMETER_EVENT, data, where)
+    found: dict[str, tuple[str, bool]] = {}
     for changed, parameters in ((False, event.new_parameters), (True, event.changed_parameters)):
         for parameter in parameters:
-            if parameter.name == 'usecase' and parameter.value.type == _STRING_PARAMETER:
-                return event.node, parameter.value.string_value, changed
-    return None
+            if parameter.value.type == _STRING_PARAMETER:
+                found.setdefault(parameter.name, (parameter.value.string_value, changed))
+    return event.node, found
 
 
 def encode_bytes(label: str, content: bytes) -> bytes:

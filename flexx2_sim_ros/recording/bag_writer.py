@@ -270,7 +270,7 @@ def _messages(
             EVENTS,
             messages.PARAMETER_EVENT,
             start,
-            messages.encode_usecase(start, where.node, reader.usecase),
+            messages.encode_text_parameter(start, where.node, 'usecase', reader.usecase),
         )
     given = reader.arrays.get('frame_id')
     frame_id = f'{where.name}_optical_frame' if given is None else str(given)

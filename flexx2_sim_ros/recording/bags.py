@@ -12,8 +12,9 @@ from flexx2_sim_ros.messages.decoding import decode_distortion, decode_image, im
 from flexx2_sim_ros.npz_arrays import decode_npy
 from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording import bag_messages as messages
-from flexx2_sim_ros.recording.bag_cameras import choose_camera, DEPTH_ENCODINGS, EVENTS
+from flexx2_sim_ros.recording.bag_cameras import choose_camera, DEPTH_ENCODINGS, EVENTS, survey
 from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.clean_view import looked_up, view_of
 from flexx2_sim_ros.recording.matching import ABSENT, match, Topic
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
@@ -69,6 +70,7 @@ class BagRecording(RecordingReader):
         self._stacks: dict[str, _Stack] = {}
         self._usecases: list[tuple[int, str, str, bool]] = []
         self._infos: list[tuple[int, Any]] = []
+        self._input_depths: dict[str, str] = {}  # by node
         self._index()
         super().__init__(path, self._where.name, self._content(path), profile)
 
@@ -85,9 +87,12 @@ class BagRecording(RecordingReader):
             where.info,
         }
         last_info = b''
-        for topic, _, time, data in self._bag.messages({*stamped, where.carried, EVENTS}):
+        # Another program's topic may have this name.
+        ours = self._bag.topics.get(where.carried) == messages.BYTES
+        carried = {where.carried} if ours else set()
+        for topic, _, time, data in self._bag.messages({*stamped, *carried, EVENTS}):
             label = f'{self._bag.path}: {topic}'
-            if topic == where.carried:
+            if topic in carried:
                 key, content = messages.decode_bytes(data, label)
                 self._carried[key] = (
                     decode_npy(content, f'{label}: {unquoted(key)}') if content else None
@@ -104,13 +109,16 @@ class BagRecording(RecordingReader):
 
     def _take_event(self, time: int, data: bytes, label: str) -> None:
         try:
-            usecase = messages.decode_usecase(data, label)
+            node, texts = messages.decode_text_parameters(data, label)
         except InputError as error:  # Frames are useful without it.
             if str(error) not in self._bag.notes:
                 self._bag.notes.append(str(error))
             return
-        if usecase is not None and self._where.node in ('', usecase[0]):
-            self._usecases.append((time, *usecase))
+        if self._where.node in ('', node):
+            if 'usecase' in texts:
+                self._usecases.append((time, node, *texts['usecase']))
+            if 'input_depth' in texts:
+                self._input_depths[node], _ = texts['input_depth']
 
     def _content(self, path: Path) -> Content:
         where = self._where
@@ -127,6 +135,12 @@ class BagRecording(RecordingReader):
                 f'{path}: depth: must be the images of {self._source}, got an array on '
                 f'{where.carried}'
             )
+        for topics in survey(self._bag.topics, self._bag.samples).unclear:
+            if where.depth not in topics:
+                self._bag.notes.append(
+                    f'{path}: {", ".join(topics)}: not read: they have the same camera info, so '
+                    'it is not clear which one is the depth of a camera; --camera TOPIC reads one'
+                )
         content = Content({}, {}, self._bag.notes, frames=len(self._found[self._source].stamps))
         first = self._infos[0][1]
         self._size = int(first.height), int(first.width)
@@ -136,15 +150,7 @@ class BagRecording(RecordingReader):
         self._add_stack(content, 'depth', self._source, depth)
         self._check_size(*content.layouts['depth'].shape)
         own = not self._carried
-        if own or 'clean_depth' in self._carried:
-            self._add_stack(content, 'clean_depth', where.clean, self._clean)
-        if own or 'reflectivity' in self._carried:
-            self._add_stack(
-                content,
-                'reflectivity',
-                where.reflectivity,
-                partial(self._image, where.reflectivity, ('32FC1',)),
-            )
+        self._add_clean_stacks(content)
         if own or 'amplitude' in self._carried:
             self._add_stack(
                 content, 'amplitude', where.gray, partial(self._image, where.gray, _GRAYS)
@@ -189,6 +195,31 @@ class BagRecording(RecordingReader):
             )
         content.layouts[key] = Layout(image.dtype, (image.shape[0], image.shape[1]))
         self._stacks[key] = _Stack(topic, decoder, numbers)
+
+    def _add_clean_stacks(self, content: Content) -> None:
+        where = self._where
+        clean: Decoder = self._clean
+        reflectivity: Decoder = partial(self._image, where.reflectivity, ('32FC1',))
+        own, view = not self._carried, None
+        if own and where.clean_info in self._found:
+            label = f'{self._bag.path}: {where.clean_info}'
+            data = self._found[where.clean_info].first
+            source = messages.decode(messages.CAMERA_INFO, data, label)
+            radial = set(self._input_depths.values()) == {'radial'}
+            view = view_of(self._infos[0][1], source, radial)
+        if view is not None:
+            clean = looked_up(clean, view, depth=True)
+            reflectivity = looked_up(reflectivity, view, depth=False)
+        if own or 'clean_depth' in self._carried:
+            self._add_stack(content, 'clean_depth', where.clean, clean)
+        if own or 'reflectivity' in self._carried:
+            self._add_stack(content, 'reflectivity', where.reflectivity, reflectivity)
+        if view is not None and 'clean_depth' in content.layouts:
+            content.notes.append(
+                f'{self._bag.path}: clean_depth: looked up at the pixels of {self._source}: '
+                f'{where.clean_info} has another view'
+                + (', and distances along the ray' if view.radial else '')
+            )
 
     def _add_own_arrays(self, content: Content) -> None:
         first = self._infos[0][1]

@@ -86,7 +86,10 @@ def convert(
     if target.suffix == '.npz':
         write_npz(reader, target, written)
     else:
-        write_bag(reader, target, storage, camera, written)
+        # In a bag it selects a camera, also by a topic; a name has no slash at its start.
+        from_bag = not images and source.suffix != '.npz'
+        name = camera.strip('/') if camera and from_bag else camera
+        write_bag(reader, target, storage, name, written)
     return [(reader, target)]
 
 

@@ -204,9 +204,8 @@ class RecordedCamera:
                 image = next(reader.frames(key), None)
             seen = [] if image is None else image[np.isfinite(image) & (image > 0)]
             if len(seen) and (middle := float(np.median(seen))) > _TOO_FAR:
-                self.notes.append(
-                    f'{key}: must be metres, got a median of {middle:.4g} (flexx2 convert --unit)'
-                )
+                how = ' (flexx2 convert --unit)' if key == 'depth' else ''  # scales depth alone
+                self.notes.append(f'{key}: must be metres, got a median of {middle:.4g}{how}')
 
     def _clean(self, number: int) -> np.ndarray:
         clean = self._image('clean_depth', number)
