@@ -268,6 +268,20 @@ def test_no_depth_outside_the_valid_region() -> None:
     np.testing.assert_array_equal(frames[False], frames[True])
 
 
+def test_a_batch_filters_nothing_outside_the_valid_region() -> None:
+    camera = find_profile('azure_kinect_nfov')
+    matrix = camera.intrinsics.matrix * [[0.25], [0.25], [1]]
+    scene = np.full((144, 160), 1.5, np.float32)
+    effects = {'spatial_filter': None}
+    alone = Camera(camera.default_usecase, profile=camera, effects=effects, seed=3)
+    batch = BatchCamera(
+        1, profile=camera, usecase=camera.default_usecase, effects=effects, seed=3, K=matrix
+    )
+    np.testing.assert_allclose(
+        batch(scene[None].copy())[0], alone.capture(scene, matrix, 0).depth, rtol=0, atol=2e-5
+    )
+
+
 def test_noise_that_follows_exposure() -> None:
     """Predictions for the unmeasured modes from the measured pair; the rest is the Flexx2's."""
     by_exposure, nearest = find_profile('flexx2_exposure'), flexx2()

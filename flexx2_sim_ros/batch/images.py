@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+import math
 from typing import Any
 
 from flexx2_sim_ros.batch import edge_kernels, kernels, region_kernels
@@ -335,9 +336,16 @@ class Images:
 
     def blank_outside(self, out: wp.array) -> None:
         """Blank all environments' (N * H * W,) float32 frames outside of the valid region."""
+        self._blank(self._shape[0], self.lens.invalid, out)
+
+    def blank_measured(self, count: int, measured: wp.array) -> None:
+        """Do so with the measured depth of `count` environments, before filters mix neighbours."""
+        self._blank(count, math.nan, measured)
+
+    def _blank(self, count: int, invalid: float, out: wp.array) -> None:
         if self._outside is not None:
-            threads = (self._shape[0], self._outside.size)
-            launch(region_kernels.blank_outside, threads, self._outside, self.lens.invalid, out)
+            threads = (count, self._outside.size)
+            launch(region_kernels.blank_outside, threads, self._outside, invalid, out)
 
 
 def launch(kernel: Any, threads: Any, *values: Any) -> None:

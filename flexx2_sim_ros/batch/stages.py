@@ -231,6 +231,7 @@ class BatchStages:
         part = self.images.lens, first, chunk
         filtered = seen.measured
         if 'spatial_filter' in self._names:
+            self.images.blank_measured(count, filtered)
             launch(effect_kernels.filter_neighbours, grid, *part, self._rows.effects, seen)
             filtered = seen.filtered
         if 'temporal_filter' in self._names:
