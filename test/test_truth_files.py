@@ -86,6 +86,17 @@ def test_no_recording_is_overwritten_by_the_bag_beside_it(
     assert there.read_bytes() == before
 
 
+def test_a_recording_without_truth_in_the_folder_is_not_replaced(
+    tmp_path: Path, wall_yaml: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = small_wall(tmp_path / 'in' / 'wall.npz', 1.2)
+    raw = small_wall(tmp_path / 'out' / 'wall.npz', 1.4)
+    before = raw.read_bytes()
+    error = refused(capsys, path, '--planes', wall_yaml, '--out', tmp_path / 'out')
+    assert 'wall.npz there has no clean_depth and would be replaced' in error
+    assert raw.read_bytes() == before
+
+
 def test_the_file_of_the_planes_is_not_overwritten(
     tmp_path: Path, wall_yaml: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

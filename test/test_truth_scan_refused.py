@@ -4,7 +4,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording import open_recording
+from flexx2_sim_ros.recording import load_recording, open_recording
 from flexx2_sim_ros.truth import Request
 from flexx2_sim_ros.truth.campaign import check_room
 from flexx2_sim_ros.truth.clean import render
@@ -12,6 +12,7 @@ from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Registered
+from flexx2_sim_ros.truth.search import _orientations
 from flexx2_sim_ros.truth.verdict import Verdict
 from flexx2_sim_ros.validation.blind.meshes import write_mesh
 from flexx2_sim_ros.validation.blind.scanned import ScannedCamera
@@ -59,6 +60,16 @@ def test_colours_of_the_mesh_become_reflectivity(tmp_path: Path) -> None:
         assert hits.depth[0] == pytest.approx(2.0, abs=1e-6)
         assert hits.reflectivity is not None
         assert hits.reflectivity[0] == pytest.approx(128 / 255, abs=0.01)
+
+
+def test_a_material_of_one_colour_says_nothing_of_reflectivity(tmp_path: Path) -> None:
+    plain = trimesh.visual.material.PBRMaterial(baseColorFactor=[200, 200, 200, 255])
+    box = trimesh.creation.box((4, 4, 4))
+    box.visual = trimesh.visual.TextureVisuals(material=plain)
+    box.export(tmp_path / 'room.glb')
+    hits = load_room(tmp_path / 'room.glb').cast(Pose(np.eye(3), np.zeros(3)), np.zeros((1, 2)))
+    assert hits.depth[0] == pytest.approx(2.0, abs=1e-6)
+    assert hits.reflectivity is None
 
 
 def mirrored(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
@@ -170,9 +181,15 @@ def test_a_moving_recording_that_does_not_fit_is_refused_and_the_others_go_on(
     assert not out.exists()
     seen = depth + rng.normal(0, 0.002, (2, *depth.shape)).astype(np.float32)
     np.savez(tmp_path / 'in' / 'room.npz', depth=seen, K=SMALL_K, stamp=stamp)
+    # Somebody stands in front in the second of three frames.
+    both = np.stack([seen[0], leaves[0], seen[1]])
+    np.savez(tmp_path / 'in' / 'seen.npz', depth=both, K=SMALL_K, stamp=np.arange(3) / 30)
     assert main(words) == 0
+    known = load_recording(out / 'seen.npz').extra['known'].mean(axis=(1, 2))
+    assert (known > 0.5).tolist() == [True, False, True]
+    assert known[1] == 0
     rows = yaml.safe_load((out / 'truth.yaml').read_text())['recordings']
-    assert [row['verdict'] == 'refused' for row in rows] == [True, False]
+    assert [row['verdict'] == 'refused' for row in rows] == [True, False, False]
     assert rows[0]['reasons'] == [
         'the camera is lost: none of the frames that were tried fits the room'
     ]
@@ -212,3 +229,10 @@ def test_a_pose_that_is_none_is_refused(pose: str, capsys: pytest.CaptureFixture
     words = ['gap', 'truth', 'x.npz', '--scan', 'room.ply', '--out', 'out', f'--pose={pose}']
     assert main(words) == 2
     assert '--pose: must be' in capsys.readouterr().err
+
+
+def test_a_third_of_the_poses_that_are_tried_are_level() -> None:
+    """Assert it at every heading and pitch: most cameras on robots are not rolled."""
+    up = np.array([0.0, 0.0, 1.0])
+    across = _orientations(up)[:, :, 0] @ up
+    assert np.isclose(across, 0, atol=1e-6).mean() == pytest.approx(1 / 3, abs=0.01)

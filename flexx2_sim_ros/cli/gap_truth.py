@@ -212,6 +212,9 @@ _Maker = Callable[[Callable[[str, float], None]], dict[str, Any]]
 
 
 def _maker(arguments: argparse.Namespace) -> _Maker:
+    for name in ('scan', 'scene', 'board', 'planes', 'trajectory', 'odometry', 'tf'):
+        if getattr(arguments, name) == '':
+            raise InputError(f"--{name}: must not be empty, got ''")
     if arguments.board:
         return _board_maker(arguments)
     return _plane_maker(arguments) if arguments.planes else _room_maker(arguments)

@@ -90,6 +90,12 @@ def opened(
             if path in given:
                 raise
             readers.append(None)
+    for name, reader in zip(names_of(paths), readers, strict=True):
+        if reader is not None and (out / name).exists() and not has_truth(out / name):
+            raise InputError(
+                f'--out: must be a folder without other recordings, got {shown_path(out)}: {name} '
+                'there has no clean_depth and would be replaced'
+            )
     return readers
 
 

@@ -126,8 +126,13 @@ def _check_size(name: str, triangles: np.ndarray) -> None:
 def _luminance(mesh: trimesh.Trimesh, faces: np.ndarray) -> np.ndarray | None:
     # (F, 3) reflectivity at the corners of each triangle; None without colours.
     visual: Any = mesh.visual
+    given = getattr(visual, 'vertex_attributes', {}).get('color')  # Of a .glb with a material.
+    if given is not None and np.ndim(given) == 2 and len(given) == len(mesh.vertices):
+        return _gray(given)[faces]
     if visual.kind == 'texture':
         visual = visual.to_color()
+        if np.ndim(visual.vertex_colors) != 2:  # A material of one colour.
+            return None
     if visual.kind == 'face':
         light = _gray(visual.face_colors)
         return np.repeat(light[:, None], 3, axis=1) if len(light) == len(faces) else None

@@ -32,7 +32,7 @@ import numpy as np
 _KEY_FRAMES = 6  # frames of a moving recording in the joint fit
 _PIXELS, _TRACKED = 5000, 2000
 # Cost above which a frame is searched again around the previous pose.
-_LOST = 0.6
+LOST = 0.6
 # Cost above which the mirror image of the room is tried as well.
 _SUSPECT = 0.12
 _PLAIN = 0.5  # reflectivity where it is unknown
@@ -192,7 +192,7 @@ def _clock(
     if source.fixed:
         return ClockOffset(reason='the given poses do not move')
     numbers = np.array([pose.numbers() for pose, _ in fits])
-    lost = np.array([cost for _, cost in fits]) > _LOST
+    lost = np.array([cost for _, cost in fits]) > LOST
     fitted = Trajectory('', stamp_ns[~lost], numbers[~lost])
     if len(fitted.stamp_ns) < 2:
         return ClockOffset(reason='the camera is lost in most frames')
@@ -236,7 +236,7 @@ def _search(
     for number in (0, count // 2, count - 1) if footage.moving and guess is None else (first,):
         image = frame(footage, number) if footage.moving else footage.still
         tried.append((find(room, image, guess, panoramas, up), number))
-        if tried[-1][0].fit.cost < 0.5 * min(tried[-1][0].rival, _LOST):
+        if tried[-1][0].fit.cost < 0.5 * min(tried[-1][0].rival, LOST):
             break
     best, number = min(tried, key=lambda one: one[0].fit.cost)
     mirrored = float('inf')
@@ -277,7 +277,7 @@ def _track(
 def follow(room: Room, image: Observation, start: Pose) -> tuple[Pose, float]:
     """Return the pose of a frame and its cost, starting from the expected pose."""
     fit = align(room, choose(image, _TRACKED), start, 6)
-    if fit.cost > _LOST:
+    if fit.cost > LOST:
         again = find(room, image, start, None, '+z').fit
         if again.cost < fit.cost:
             fit = again
@@ -309,7 +309,7 @@ def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[View
         pictures = {
             number: footage.observe(image)
             for number, image in enumerate(footage.frames())
-            if number in images and where.costs[number] < _LOST
+            if number in images and where.costs[number] < LOST
         }
     else:
         pictures = {0: footage.still}

@@ -229,7 +229,7 @@ def _orientations(up: np.ndarray) -> np.ndarray:
     ahead = np.cross(up, across)
     base = np.stack([np.cross(ahead, up), -up, ahead], axis=1)  # right, down, forward
     turns = [
-        base @ Rotation.from_euler('yxz', [yaw, pitch, roll]).as_matrix()
+        base @ Rotation.from_euler('YXZ', [yaw, pitch, roll]).as_matrix()
         for yaw in np.arange(_YAWS) * 2 * np.pi / _YAWS
         for pitch in _PITCHES
         for roll in _ROLLS

@@ -20,7 +20,7 @@ from flexx2_sim_ros.truth.reflectivity import (
     GrayScale,
     with_reflectivity,
 )
-from flexx2_sim_ros.truth.registration import bounced, Job, Registered
+from flexx2_sim_ros.truth.registration import bounced, Job, LOST, Registered
 from flexx2_sim_ros.truth.rooms import Room
 from flexx2_sim_ros.truth.trajectory import Trajectory
 import numpy as np
@@ -230,24 +230,36 @@ def picture_of(truth: Clean, first: Observation, known: float) -> Picture:
 
 def _of_frames(room: Room, what: Writing, footage: Footage) -> list[Clean]:
     # Of a moving camera. Where images are late, from where the camera was at the stamp: that is
-    # where later images were taken. The last frames have no later ones and are unknown.
+    # where later images were taken. The last frames have no later ones and are unknown, as are
+    # those beside a frame whose pose was lost.
     frames = [footage.observe(image) for image in footage.frames()]
     poses = [_pose_of(room, what, footage, frame, i) for i, frame in enumerate(frames)]
     seen = [render(room, pose, footage.still.rays, what.room_error) for pose in poses]
-    truths = [without_strangers(*pair) for pair in zip(seen, frames, strict=True)]
+    lost = np.array(what.registered.costs) > LOST
+    truths = [
+        _unknown(truth) if gone else without_strangers(truth, frame)
+        for truth, frame, gone in zip(seen, frames, lost, strict=True)
+    ]
     if not what.latency:
         return truths
     stamp_ns = footage.reader.stamp_ns
     path = Trajectory('', stamp_ns, np.array([pose.numbers() for pose in poses]))
+    late = stamp_ns + round(what.latency * 1e9)
+    after = np.searchsorted(stamp_ns, late)
+    beside = np.clip([after - 1, after], 0, len(lost) - 1)
     out = []
-    for numbers, truth in zip(path.at(stamp_ns + round(what.latency * 1e9)), truths, strict=True):
-        if np.isfinite(numbers).all():
+    for numbers, truth, gone in zip(path.at(late), truths, lost[beside].any(axis=0), strict=True):
+        if np.isfinite(numbers).all() and not gone:
             placed = Pose.from_numbers(numbers)
             there = render(room, placed, footage.still.rays, what.room_error)
             out.append(replace(there, known=there.known & truth.known))
         else:
-            out.append(replace(truth, known=np.zeros_like(truth.known)))
+            out.append(_unknown(truth))
     return out
+
+
+def _unknown(truth: Clean) -> Clean:
+    return replace(truth, known=np.zeros_like(truth.known))
 
 
 def _pose_of(room: Room, what: Writing, footage: Footage, frame: Observation, number: int) -> Pose:
