@@ -129,11 +129,14 @@ def test_a_capture_replaces_what_another_one_recorded(tmp_path: Path, camera: An
         assert named in said[0]
 
 
-def test_a_capture_overwrites_no_real_recording(tmp_path: Path, camera: Any) -> None:
+@pytest.mark.parametrize('lost', [('seed',), ('seed', 'K')])
+def test_a_capture_overwrites_no_real_recording(
+    lost: tuple[str, ...], tmp_path: Path, camera: Any
+) -> None:
     wanted = conditions(camera, ['Mode_5_30fps'], [0.5], [0])
     path = next(capture(tmp_path, wanted, camera, frames=3))[0]
     with np.load(path) as arrays:
-        np.savez(path, **{key: arrays[key] for key in arrays if key != 'seed'})
+        np.savez(path, **{key: arrays[key] for key in arrays if key not in lost})
     before = path.read_bytes()
     with pytest.raises(InputError, match='not overwritten'):
         list(capture(tmp_path, wanted, camera, frames=3))

@@ -76,6 +76,7 @@ WRONG = {
         'must be Mode_9_30fps, as the name says, got Mode_5_30fps',
     ),
     'other K': ({'K': OTHER_K}, 'got 80 x 60 pixels, fx 190'),
+    'other lens': ({'distortion': np.array([0.1, 0, 0, 0, 0])}, 'distortion 0.1, 0, 0, 0, 0'),
     'other size': (content(1.0, 15, size=(50, 70)), 'must be 80 x 60 pixels'),
     'one frame': (
         {key: content()[key][:1] for key in ('depth', 'stamp')},
@@ -394,8 +395,25 @@ def test_a_box_says_where_the_board_is(tmp_path: Path) -> None:
     m = result.modes[0].measurements[0]
     assert m.pixels.count == 34 * 24
     assert m.distance == pytest.approx(1.0, rel=0.05)
+    # The board goes on behind the sides of a box: they are no edges.
+    np.savez(tmp_path / 'one.npz', **near)
+    inner = characterize(tmp_path, box=(20, 5, 60, 55)).modes[0].measurements[0]
+    assert inner.edges == ()
     with pytest.raises(InputError, match='box: must be x0 y0 x1 y1 within 80 x 60, got'):
         characterize(tmp_path, box=(2, 2, 90, 26))
+
+
+def test_single_frames_beside_one_with_several_are_named(tmp_path: Path) -> None:
+    whole, *others = good(tmp_path)
+    for path in others:
+        with np.load(path) as arrays:
+            frame = {key: arrays[key][:1] for key in ('depth', 'stamp')}
+            np.savez(path, **{**arrays, **frame})
+    result = characterize(tmp_path)
+    assert [m.path for m in result.modes[0].measurements] == [whole]
+    reasons = zip(sorted(others), result.left_out, strict=True)
+    assert all(path.name in reason for path, reason in reasons)
+    assert all('another recording of its mode has, got 1' in text for text in result.left_out)
 
 
 def test_the_recordings_of_these_tests_have_two_matrices() -> None:

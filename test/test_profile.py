@@ -104,6 +104,21 @@ def test_an_unknown_number_of_raw_frames_is_four_for_each_frequency(path: Path) 
     assert not np.array_equal(moving(path, raw_frames=4, **given), stated)
 
 
+@pytest.mark.parametrize('exposure', [[1, 2200], None])
+@pytest.mark.parametrize('raw_frames', [8, None])
+def test_an_exposure_is_kept_whether_raw_frames_are_known_or_not(
+    raw_frames: int | None, exposure: list[int] | None, path: Path
+) -> None:
+    table = yaml.safe_load(path.read_text())
+    table['modes']['Wide.1+'] |= {'raw_frames': raw_frames, 'exposure_us': exposure}
+    path.write_text(yaml.safe_dump(table))
+    content = read_profile(path)
+    save_profile(path.with_name('again.yaml'), content)
+    written = yaml.safe_load(path.with_name('again.yaml').read_text())['modes']['Wide.1+']
+    assert (written['raw_frames'], written['exposure_us']) == (raw_frames, exposure)
+    assert read_profile(path.with_name('again.yaml')).profile == content.profile
+
+
 def missing(*keys: str) -> Callable[[dict[str, Any]], None]:
     def change(table: dict[str, Any]) -> None:
         for key in keys[:-1]:

@@ -256,6 +256,9 @@ def _agreeing(measured: list[Measurement], left_out: list[str]) -> list[Measurem
     single = sum(m.spatial for m in measured) > len(measured) / 2
     common = _common(measured)
     number = sum(_view(m)[: len(common)] == common for m in measured)
+    with_frames = {
+        m.usecase for m in measured if not m.spatial and _view(m)[: len(common)] == common
+    }
     kept = []
     for m in measured:
         if _view(m)[: len(common)] != common:
@@ -263,10 +266,9 @@ def _agreeing(measured: list[Measurement], left_out: list[str]) -> list[Measurem
                 f'{m.path}: K: must be {_describe(common)}, as {number} of the '
                 f'{len(measured)} recordings have, got {_describe(_view(m))}'
             )
-        elif m.spatial and not single:
-            left_out.append(
-                f'{m.path}: depth: must have several frames, as most recordings have, got 1'
-            )
+        elif m.spatial and (not single or m.usecase in with_frames):
+            who = 'another recording of its mode has' if single else 'most recordings have'
+            left_out.append(f'{m.path}: depth: must have several frames, as {who}, got 1')
         else:
             kept.append(m)
     return kept
@@ -285,13 +287,15 @@ def _common(measured: list[Measurement]) -> tuple[float, ...]:
 
 def _view(measurement: Measurement) -> tuple[float, ...]:
     (fx, _, cx), (_, fy, cy), _ = measurement.K.round(3).tolist()
-    return fx, fy, *measurement.size, cx, cy
+    lens = np.round(measurement.distortion, 6).tolist()
+    return fx, fy, *measurement.size, cx, cy, *lens
 
 
 def _describe(view: tuple[float, ...]) -> str:
     if len(view) == 2:
         return 'fx {:g}, fy {:g}'.format(*view)
-    return '{2:g} x {3:g} pixels, fx {0:g}, fy {1:g}, cx {4:g}, cy {5:g}'.format(*view)
+    lens = f', distortion {", ".join(f"{one:g}" for one in view[6:])}' if any(view[6:]) else ''
+    return '{2:g} x {3:g} pixels, fx {0:g}, fy {1:g}, cx {4:g}, cy {5:g}'.format(*view) + lens
 
 
 def evaluate(usecase: str, measurements: list[Measurement]) -> ModeResult:

@@ -9,6 +9,7 @@ from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.characterize.conditions import Condition, LEAST_PERCENT
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.physics.geometry import centred, Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode, Profile
@@ -248,13 +249,15 @@ def _why_not_recorded(task: _Task) -> str | None:
     if not task.path.exists():
         return ''
     try:
-        reader = open_recording(task.path)
-        if 'seed' not in reader.arrays:
+        # The keys of a file that is whole, also of one that is no recording.
+        with open_npz(task.path) as archive:
+            ours = 'seed' in archive.headers
+        if not ours:
             raise _NotOursError(
                 f'{task.path}: seed: not in the file: it is no recording of the simulated camera '
                 'and is not overwritten; choose another folder'
             )
-        return _difference(reader, task)
+        return _difference(open_recording(task.path), task)
     except _NotOursError:
         raise
     except InputError as error:

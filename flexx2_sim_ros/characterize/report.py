@@ -295,7 +295,7 @@ def _detail(cell: Cell) -> Row:
             _number(1e3 * m.bias, '+z.2f'),
             f'{m.pixels.invalid:.2%}',
             f'{1e3 * cell.sigma:.2f}',
-            f'{cell.sigma / cell.modelled:.3f}',
+            _number(cell.sigma / cell.modelled if cell.modelled else math.nan, 'z.3f'),
             f'{cell.axial.raw:.4f} ({cell.axial.debiased:+z.4f})',
             *(
                 _number(value, '+z.3f')

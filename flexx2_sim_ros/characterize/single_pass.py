@@ -183,10 +183,17 @@ def _start(
     # One frame has no jumping edges yet.
     margin = boards.SMALLEST_MARGIN if frames == 1 else None
     board = find_board(first, noise, reader.K, box, margin, reader.distortion)
+    # Where the box ends, the board may go on.
+    inside = left_in.max(axis=0)
+    if box is not None:
+        x0, y0, x1, y1 = box
+        window = np.zeros_like(inside)
+        window[y0:y1, x0:x1] = True
+        inside = inside & window
     # In a single frame, the outline of valid pixels may only be where the image was cropped.
     sites = [
         site
-        for site in find_edges(board, first, near, far, left_in.max(axis=0))
+        for site in find_edges(board, first, near, far, inside)
         if frames > 1 or site.method == 'gradient'
     ]
     plane = board.plane.depth(*np.indices(first.shape)[::-1])

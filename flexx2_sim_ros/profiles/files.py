@@ -268,7 +268,9 @@ def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:
         'range_m': [mode.range_min, mode.range_max],
         'modulation_hz': list(mode.modulation_hz) or None,
         'raw_frames': mode.raw_frames or None,
-        'exposure_us': list(mode.exposure_us) if mode.raw_frames else None,
+        'exposure_us': None
+        if mode.exposure_us == _unknown_exposure(mode.rate_hz)
+        else list(mode.exposure_us),
         'noise': {name: getattr(mode.noise, name) for name in COEFFICIENTS},
         'standard_errors': {name: errors.get(name) for name in COEFFICIENTS},
         'noise_from': mode.noise_from,
@@ -279,6 +281,11 @@ def _mode_row(mode: Mode, content: ProfileFile) -> dict[str, Any]:
             'standard_errors': {name: errors.get(name) for name in SURFACE_SHARES}
         }
     return row
+
+
+def _unknown_exposure(rate_hz: float) -> tuple[int, int]:
+    # Microseconds: no longer than a frame.
+    return 1, int(max(1.0, 1e6 / rate_hz))
 
 
 def _read_standard_errors(mode: 'Section') -> dict[str, float | None]:
@@ -313,8 +320,7 @@ def _read_mode(
     exposure = row.numbers('exposure_us', (2,), 1, _LARGEST['exposure_us'], optional=True)
     if exposure and not (exposure[0] <= exposure[1] and all(e == int(e) for e in exposure)):
         raise row.wrong('exposure_us', 'two whole numbers, the shorter one first')
-    # Not known: no longer than a frame.
-    shortest, longest = exposure or (1.0, max(1.0, 1e6 / rate))
+    shortest, longest = exposure or _unknown_exposure(rate)
     noise = row.section('noise', COEFFICIENTS)
     values = {
         key: noise.number(key, 0.0 if key in ('d', 'sigma_x') else -_LARGEST[key], _LARGEST[key])
