@@ -119,7 +119,7 @@ def _two_scenes(axis: Any, view: EffectView) -> None:
         Camera('Mode_9_30fps', effects=effects, seed=1)
         .capture(wall, flexx2().intrinsics.matrix, 0)
         .depth
-        for effects in ({view.kind.name: None}, ())
+        for effects in ((view.effect,), ())
     )
     axis.plot(
         columns,
@@ -208,7 +208,8 @@ def _edge_positions(axis: Any, view: EffectView) -> None:
 
 def _warming_up(axis: Any, view: EffectView) -> None:
     axis.plot(view.seconds / 60, [np.nanmean(one) for one in view.change], '.-')
-    axis.set(xlabel='minutes since power-on', ylabel='with minus without, mm', ylim=(0, None))
+    axis.set(xlabel='minutes since power-on', ylabel='with minus without, mm')
+    axis.axhline(0, color=GRAY, linewidth=0.5)
 
 
 def _moving(axis: Any, view: EffectView) -> None:
@@ -269,7 +270,7 @@ def _wrapped(axis: Any, view: EffectView) -> None:
     x = np.broadcast_to(view.clean, view.frame.depth.shape)[-1][calm]
     axis.plot(x, view.frame.depth[-1][calm], '.', markersize=2, label=view.kind.picture.usecase)
     far = (
-        Camera('Mode_9_30fps', effects={view.kind.name: None}, seed=1)
+        Camera('Mode_9_30fps', effects=(view.effect,), seed=1)
         .capture(view.scene.depth, flexx2().intrinsics.matrix, 0)
         .depth
     )

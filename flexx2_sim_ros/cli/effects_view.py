@@ -19,7 +19,7 @@ class EffectView:
 
     Attributes
     ----------
-    kind : type of Effect
+    effect : Effect
         The effect.
     scene : Room
         The scene, from the start of a moving camera.
@@ -34,13 +34,18 @@ class EffectView:
 
     """
 
-    kind: type[Effect]
+    effect: Effect
     scene: Room
     clean: np.ndarray
     surface: Surface
     seconds: np.ndarray
     frame: Frame
     rest: Frame
+
+    @property
+    def kind(self) -> type[Effect]:
+        """Return the class of the effect."""
+        return type(self.effect)
 
     @property
     def change(self) -> np.ndarray:
@@ -76,7 +81,7 @@ def look(effect: Effect) -> EffectView:
     )
     surface = analyse(scene.depth.astype(np.float32), camera.intrinsics, camera.sensor)
     return EffectView(
-        kind, scene, np.broadcast_to(clean, frame.depth.shape), surface, seconds, frame, rest
+        effect, scene, np.broadcast_to(clean, frame.depth.shape), surface, seconds, frame, rest
     )
 
 

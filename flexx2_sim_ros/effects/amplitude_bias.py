@@ -67,7 +67,9 @@ class AmplitudeBias(Effect):
     batched: ClassVar[tuple[str, ...] | None] = ()
 
     intercept: float = parameter(0.0, -0.1, 0.1, 'm', 'added to every depth')
-    slope: float = parameter(-0.003, -0.1, 0.1, 'm', 'bias at a factor of e below the knee')
+    slope: float = parameter(
+        -0.003, -0.1, 0.1, 'm', 'change per factor of e in amplitude, below the knee'
+    )
     knee: float = parameter(1.0, 1e-3, 100.0, '1/m^2', 'amplitude above which there is no bias')
     span: float = parameter(3.0, 0.1, 10.0, '', 'constant bias from this many factors of e on')
 
