@@ -1,6 +1,8 @@
-"""Limits: memory that a file may expand to when it is decompressed, and time of a consumer."""
+"""Limits: memory that a file may take when it is decompressed, time of a consumer, numbers."""
 
 import os
+import sys
+from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown
 
@@ -36,3 +38,9 @@ def limit_bytes(variable: str, default_mb: int) -> int:
 def file_limit_bytes(variable: str, default_mb: int, packed: int) -> int:
     """Return `limit_bytes`, or 20 times the `packed` bytes of a whole file if that is more."""
     return max(limit_bytes(variable, default_mb), _EXPANSION * packed)
+
+
+def is_finite(value: Any) -> bool:
+    """Say whether a value is a number, no bool, that a float can hold and that is not infinite."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and -sys.float_info.max <= value <= sys.float_info.max  # never true of NaN

@@ -51,6 +51,9 @@ def test_height_grid_of_a_slope() -> None:
 
 def test_walking_robots_see_the_stairs_they_walk_on() -> None:
     model = build_model(scene='stairs', intrinsics=SMALL)
+    assert not np.array_equal(
+        walk(model, CAMERAS, 1, 1, 0.25, seed=-1).qpos, walk(model, CAMERAS, 1, 1, 0.25).qpos
+    )
     walks = walk(model, CAMERAS, 6, 6, 0.25, seed=3)
     renderer = open_batch_renderer(model, CAMERAS, SMALL, 6, wp.get_device('cpu'), 'ray')
     assert renderer.backend == 'ray'

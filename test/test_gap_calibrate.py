@@ -1,5 +1,6 @@
 """Diagnosed effects get the form that recordings show, from files to files."""
 
+from dataclasses import replace
 import json
 from pathlib import Path
 
@@ -126,7 +127,7 @@ def test_a_calibration_in_a_folder_of_its_own_can_be_checked(tmp_path: Path) -> 
 @pytest.mark.parametrize('mix', [0.4, 1.0])
 @pytest.mark.parametrize('out', ['diagnosis', 'out'])
 def test_effects_without_a_recording_are_dropped_with_a_new_form(
-    out: str, mix: float, tmp_path: Path
+    out: str, mix: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Assert it also of the diagnosis's own folder: a cost would be that of the old effects."""
     filtered = {'spatial_filter': {'mix': mix}}
@@ -134,13 +135,24 @@ def test_effects_without_a_recording_are_dropped_with_a_new_form(
     typical = {'spatial_filter': {'mix': 0.4}}
     diagnosis = write_diagnosis(tmp_path / 'diagnosis', typical)
     file = diagnosis / 'diagnosis.json'
-    row = {'name': 'a.npz', 'used': True, 'checksum': '1', 'effects_without': typical}
-    file.write_text(json.dumps({**json.loads(file.read_text()), 'recordings': [row]}))
+    rows = [
+        {'name': f'{one}.npz', 'used': True, 'checksum': one, 'effects_without': typical}
+        for one in '12'
+    ]
+    file.write_text(json.dumps({**json.loads(file.read_text()), 'recordings': rows}))
     table = calibrate(diagnosis, tmp_path / 'recordings', out=tmp_path / out)
     assert table['effects'][0]['taken'] == (mix != 0.4)
     after = read_diagnosis(tmp_path / out)
-    assert list(after.checksums) == ['1']
-    assert known_of(after).without.keys() == ({'1'} if mix == 0.4 else set())
+    assert {'1', '2'} <= after.checksums.keys()
+    assert len(after.checksums) == (2 if mix == 0.4 else 2 + TINY['recordings'])
+    if mix != 0.4:  # no check may use what the form was fitted to
+        arguments = ['gap', 'check', str(tmp_path / out), str(tmp_path / 'recordings')]
+        assert main(arguments) == 2
+        assert 'must be recordings that the diagnosis has not seen' in capsys.readouterr().err
+    assert known_of(after).without.keys() == ({'1', '2'} if mix == 0.4 else set())
+    # The effects of a single recording were fitted to it.
+    alone = {**after.table, 'recordings': rows[:1]}
+    assert known_of(replace(after, table=alone)).without == {}
 
 
 def test_a_diagnosis_has_the_form_of_the_camera(tmp_path: Path) -> None:
@@ -259,6 +271,12 @@ def test_a_map_needs_images_of_one_size(campaign: Path, tmp_path: Path) -> None:
         (mixed / f'large_{path.name}').symlink_to(path)
     with pytest.raises(InputError, match='images of one size, .* got 56 x 43 and 112 x 86'):
         calibrate(diagnosis, mixed)
+    # As an alternative it is not tried.
+    diagnosis = write_diagnosis(
+        tmp_path / 'other', {'quantisation': {'step': 0.001}}, {'fixed_pattern': {}}
+    )
+    table = calibrate(diagnosis, mixed)
+    assert [row['effects'] for row in table['explanations']] == [['quantisation']]
 
 
 TINY = {'recordings': 4, 'frames': 6, 'scale': 0.25, 'moving': 0}

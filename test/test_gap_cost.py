@@ -365,6 +365,7 @@ def test_effects_that_recordings_cannot_order_are_said() -> None:
         **compared(results, ['weak', 'second', 'first']),
         'recordings': [{'used': True, 'effects_from': ''}] * 8,
         'damaged_packages': [],
+        'settings': {'delay': 0.0},
     }
     first, second, weak = table['ranking']
     assert (first['effect'], second['effect'], weak['effect']) == ('first', 'second', 'weak')
@@ -373,7 +374,7 @@ def test_effects_that_recordings_cannot_order_are_said() -> None:
     assert 'Modelling first takes away' in headline(table)
     assert headline(table).endswith('These recordings cannot order first and second.')
     assert 'These recordings cannot order second and weak.' in sentences(table)
-    late = {**table, 'effects': {'time_offset': {'strength': 1.0, 'delay': 0.071}}}
+    late = {**table, 'settings': {'delay': 0.071}}
     assert any('delay of the images, 71 ms, is not in the cost' in one for one in sentences(late))
     clear = compared(results, ['weak', 'first'])['ranking']
     assert 'cannot order' not in headline({**table, 'ranking': clear})

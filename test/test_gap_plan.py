@@ -12,6 +12,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.planning.drawing import drawing
 from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
 from flexx2_sim_ros.gap.planning.power import planned_columns, power
 from flexx2_sim_ros.gap.planning.table import compute, PRIOR, read_table, Request, shipped_table
@@ -114,10 +115,17 @@ def test_shipped_table_says_what_made_it() -> None:
     assert not table['effects']['offset']['exact']['open']
 
 
+def test_a_card_that_is_not_in_view_yet_is_drawn(two: Path) -> None:
+    two.write_text(TWO.replace('walls: [[1.0, 40, 0.8]]', 'cards: [[1.0, -0.8, 0.2, 0.5, 0.4]]'))
+    assert drawing(read_plan(two).recordings[0], flexx2().intrinsics).startswith(b'\x89PNG')
+
+
 @pytest.mark.parametrize(
     ('before', 'after', 'says'),
     [
         ('for: [offset]', 'for: [offsets]', 'recording 1: for: must be among'),
+        ('for: [offset]', 'for: [[offset]]', 'recording 1: for: must be among'),
+        ('seconds: 5, for: [offset]', f'seconds: {10**400}, for: [offset]', 'seconds: must be'),
         ('name: near', 'name: ../near', 'recording 1: name: must be letters'),
         ('name: near', 'name: far', 'name: must be unique'),
         ('[[1.0, 40, 0.8]]', '[[1.0, 40]]', 'walls: must be \\[distance, tilt, reflectivity\\]'),

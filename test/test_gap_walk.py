@@ -7,6 +7,7 @@ from pathlib import Path
 from bench.gap_walk import HiddenCamera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import parse_effects, save_effects
+from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.robots.trot import Gait
@@ -164,7 +165,7 @@ def write_diagnosis(folder: Path, effects: dict[str, dict[str, float]]) -> None:
 def test_the_command_writes_the_figure(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}})
     command = ['gap', 'walk', str(tmp_path / 'diagnosis'), '--out', str(tmp_path / 'out')]
-    command += ['--walks', '2', '--steps', '0.06', '--jobs', '2', '--json']
+    command += ['--walks', '2', '--steps', '0.06', '0.06', '--jobs', '2', '--json']
     assert main(command) == 0
     table = json.loads(capfd.readouterr().out)
     assert (tmp_path / 'out' / 'walk.png').read_bytes()[:8] == b'\x89PNG\r\n\x1a\n'
@@ -173,6 +174,20 @@ def test_the_command_writes_the_figure(tmp_path: Path, capfd: pytest.CaptureFixt
     assert failed['stairs', 'perfect depth'] == failed['stairs', 'noise model'] == 0
     assert failed['stairs', 'with diagnosed effects'] == 2
     assert len(failed) == 9
+
+
+def test_legs_that_the_model_does_not_have_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}})
+    text = (config_dir() / 'robots' / 'go1.yaml').read_text()
+    assert 'FL_hip_joint' in text
+    text = text.replace('../models', str(config_dir() / 'models')).replace('FL_hip_joint', 'FL_no')
+    (tmp_path / 'mine.yaml').write_text(text)
+    command = ['gap', 'walk', str(tmp_path / 'diagnosis'), '--out', str(tmp_path / 'out')]
+    command += ['--walks', '1', '--steps', '0.06', '--robot', str(tmp_path / 'mine.yaml')]
+    assert main(command) == 2
+    assert 'robot: must have the legs of its file' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

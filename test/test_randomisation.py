@@ -28,9 +28,10 @@ import yaml
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'randomisation.md'
 CLEAN = np.linspace(1.0, 1.6, 48 * 64, dtype=np.float32).reshape(48, 64)
+NORMAL = {'mean': 0.01, 'sd': 0.002, 'low': -0.2, 'high': 0.2}
 DRAWN: dict[str, Any] = {
     'effects': {
-        'offset': {'parameters': {'bias': {'mean': 0.01, 'sd': 0.002, 'low': -0.2, 'high': 0.2}}},
+        'offset': {'parameters': {'bias': NORMAL}},
         'heavy_tails': {'probability': 0.4, 'parameters': {'share': 0.02}},
         'excess_noise': {
             'parameters': {'factor': {'mean': 1.2, 'sd': 0.05, 'low': 0.5, 'high': 4.0}}
@@ -82,6 +83,10 @@ def test_draws_have_the_distributions_of_the_file(tmp_path: Path) -> None:
         (
             {'effects': {'offset': {'parameters': {'bias': {'low': 0.0, 'high': 99.0}}}}},
             'offset.bias: must be a number',
+        ),
+        (
+            {'effects': {'offset': {'parameters': {'bias': {**NORMAL, 'sd': 10**400}}}}},
+            'sd: must be a number',
         ),
         ({'effects': {'offset': {'parameters': {'gain': 1}}}}, 'gain: must be one of'),
         ({**DRAWN, 'correlations': [['a', 'b', 0.1]]}, 'correlations: must be two parameters'),
@@ -211,6 +216,29 @@ def test_cameras_are_as_late_as_the_frames_were(tmp_path: Path) -> None:
     latencies = np.array([one.latency_ns for one in late]) / 1e9
     assert np.abs(latencies).max() <= 0.04
     assert latencies.std() > 0.02
+
+
+@pytest.mark.parametrize('decided', [True, False])
+def test_a_delay_that_is_taken_as_given_stays_beside_a_latency(
+    decided: bool, tmp_path: Path
+) -> None:
+    named = {'time_offset': {'latency': 0.05}}
+    folder = diagnosed(tmp_path / 'diagnosis', 8, named if decided else FITTED)
+    path = folder / 'diagnosis.json'
+    table = json.loads(path.read_text())
+    table['settings']['known'] = {'time_offset': {'latency': 0.0, 'delay': 0.04}}
+    for k, row in enumerate(table['recordings']):
+        row['effects_without'] |= {'time_offset': {'latency': 0.05 + 0.001 * k}}
+    table['not_decidable'] = [] if decided else [{'name': 'time_offset', 'absorbed': 0.9}]
+    path.write_text(json.dumps(table))
+    found = randomise(folder)
+    assert ('time_offset' in found.named, 'time_offset' in found.undecided) == (
+        decided,
+        not decided,
+    )
+    late = [time_offset_of(own) for own in found.randomisation.draw(200, 1)]
+    assert {one.delay_ns for one in late} == {40_000_000}
+    assert np.std([one.latency_ns for one in late]) > 1e6
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,7 @@ def walk(
     mujoco.mj_forward(model, data)
     ids = [mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_CAMERA, name) for name in cameras]
     walker = _Walker(model, data, parts, SceneGround(model, data, parts.geoms), ids)
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(seed % 2**64)
     walks = []
     for env in range(num_envs):
         back = env % 2  # Half of them walk the other way.

@@ -7,6 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.errors import InputError, shown, unquoted
+from flexx2_sim_ros.limits import is_finite
 import numpy as np
 from scipy.special import ndtr, ndtri
 
@@ -237,8 +238,7 @@ def _distribution(effect: str, name: str, table: Mapping[Any, Any], where: str) 
 
 
 def _number(value: Any, where: str, low: float, high: float = math.inf) -> float:
-    good = isinstance(value, int | float) and not isinstance(value, bool)
-    if not good or not (low <= value <= high and math.isfinite(value)):
+    if not (is_finite(value) and low <= value <= high):
         raise InputError(f'{where}: must be a number from {low:g} to {high:g}, got {shown(value)}')
     return float(value)
 

@@ -25,7 +25,7 @@ from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured
 from flexx2_sim_ros.gap.report.age import with_delay
 from flexx2_sim_ros.gap.report.calibration_page import FILES, write_calibration
-from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
+from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis, SEEN
 from flexx2_sim_ros.gap.work import find, noisier, Progress, stepper
 from flexx2_sim_ros.jobs import workers
 import numpy as np
@@ -114,6 +114,8 @@ def calibrate(
                 looked, gone = _usable(again, simulator.look(begun, lambda: None))
                 _check_number(looked)
                 left_out = [*left_out, *gone]
+            if place and PATTERN in settings and len(_sizes(looked)) > 1:
+                continue  # An alternative that cannot be fitted is none.
             _check_sizes(looked, settings)
             explained.append(calibrate_effects(looked, settings, work))
         chosen = explained[best_of(explained)]
@@ -143,7 +145,7 @@ def calibrate(
             calibrated,
             chosen.verdicts,
             chosen.looked,
-            before.table if same else _less_left_out(before.table),
+            before.table if same else _of_calibration(before.table, chosen.looked),
         )
     progress('done', 1.0)
     return table
@@ -183,12 +185,16 @@ def _check_number(looked: Sequence[Looked]) -> None:
 
 def _check_sizes(looked: Sequence[Looked], settings: Settings) -> None:
     # A map has one number for each pixel.
-    sizes = sorted({one.shape for one in looked})
+    sizes = _sizes(looked)
     if PATTERN in settings and len(sizes) > 1:
         raise InputError(
             f'CAMPAIGN: must have images of one size, because {PATTERN} gets a map of the image, '
             f'got {" and ".join(f"{width} x {height}" for height, width in sizes)}'
         )
+
+
+def _sizes(looked: Sequence[Looked]) -> list[tuple[int, ...]]:
+    return sorted({one.shape for one in looked})
 
 
 def _table(
@@ -216,13 +222,18 @@ def _table(
     }
 
 
-def _less_left_out(diagnosis: dict[str, Any]) -> dict[str, Any]:
+def _of_calibration(diagnosis: dict[str, Any], looked: Sequence[Looked]) -> dict[str, Any]:
     # diagnosis.json, less the effects as fitted to the other recordings: they have other forms.
+    # With the recordings that the forms were fitted to: no check may use them.
     rows = [
         {key: value for key, value in row.items() if key not in _LEFT_OUT}
         for row in diagnosis['recordings']
     ]
-    return {**diagnosis, 'recordings': rows}
+    seen = {row['checksum']: row for row in diagnosis.get(SEEN, [])}
+    seen |= {
+        one.checksum: {'name': one.found.path.name, 'checksum': one.checksum} for one in looked
+    }
+    return {**diagnosis, 'recordings': rows, SEEN: list(seen.values())}
 
 
 def _gap(outcomes: Sequence[dict[str, list[float]]]) -> dict[str, Any]:

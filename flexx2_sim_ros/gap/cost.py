@@ -16,6 +16,7 @@ from flexx2_sim_ros.consumers.loading import Source, sources
 from flexx2_sim_ros.consumers.running import Result, run
 from flexx2_sim_ros.effects import Effect, parse_effects
 from flexx2_sim_ros.effects.registry import for_reports
+from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
 from flexx2_sim_ros.gap.inference.effects import table_of
@@ -229,6 +230,7 @@ def measure_cost(
             'seed': request.seed,
             'mounting': None if mounting is None else list(mounting),
             'limit': request.limit,
+            'delay': known.delay,
         },
     }
     return table, results
@@ -329,7 +331,8 @@ def known_of(before: Diagnosed) -> Known:
     table = table_of(effects)
     metres, degrees = before.pose_prior
     without = {}
-    for row in before.table['recordings']:
+    used = [row for row in before.table['recordings'] if row.get('used')]
+    for row in used if len(used) > 1 else []:  # A single recording cannot be left out.
         own, forms = row.get('effects_without'), row.get('forms_without', {})
         parts = isinstance(own, dict) and isinstance(forms, dict)
         if not parts or not isinstance(row.get('checksum'), str):
@@ -338,8 +341,19 @@ def known_of(before: Diagnosed) -> Known:
         if _forms(left) == _forms(effects):  # Maps have none.
             without[row['checksum']] = table_of(left)
     return Known(
-        table, before.known, (metres,) * 3 + (degrees,) * 3, frozenset(before.checksums), without
+        table,
+        before.known,
+        (metres,) * 3 + (degrees,) * 3,
+        frozenset(before.checksums),
+        without,
+        _delay(before),
     )
+
+
+def _delay(before: Diagnosed) -> float:
+    if before.arrival is not None:
+        return before.arrival.median
+    return time_offset_of(parse_effects(before.known)).delay_ns / 1e9
 
 
 def _forms(effects: Iterable[Effect]) -> dict[str, set[str]]:

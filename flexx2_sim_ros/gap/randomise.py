@@ -1,7 +1,7 @@
 """Randomise a simulation by what a diagnosis knows of its camera, and by what it does not know."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from flexx2_sim_ros.effects.time_offset import TimeOffset
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.arrival import Arrival
+from flexx2_sim_ros.gap.data.given import given_effects
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 import numpy as np
 from scipy import stats
@@ -85,19 +86,22 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
     )
     held_out = _held_out(before, named)
     _check_form(named, held_out)
-    undecided = _undecided(before, {effect.name for effect in named})
+    given = parse_effects(before.known)
+    delay = _told_delay(given)
+    named = _delayed(named, delay)
+    undecided = _delayed(_undecided(before, {effect.name for effect in named}), delay)
     late = [] if before.arrival is None else [TimeOffset(latency=0.0)]
     if not (named or undecided or late):
         raise InputError('DIAGNOSIS: must have effects to randomise, got none')
     distributions, correlation = _fitted(named, held_out)
-    prior = _priors(undecided, before.arrival)
+    prior = _priors(undecided, before.arrival, delay)
     size = len(distributions)
     matrix = np.eye(size + len(prior))
     matrix[:size, :size] = correlation
-    given = parse_effects(before.known)
     chances = {effect.name: 1.0 for effect in (*given, *named)}
     chances |= {effect.name: _UNDECIDED for effect in undecided}
-    chances |= {effect.name: 1.0 for effect in late}
+    if late or delay:
+        chances[TimeOffset.name] = 1.0  # each camera is late
     by_name = {effect.name: effect for effect in (*late, *given, *named, *undecided)}
     randomisation = Randomisation(
         tuple(by_name[name] for name in loadable() if name in by_name),
@@ -159,16 +163,34 @@ def overall(narrower: Mapping[str, float]) -> float:
 def _undecided(before: Diagnosed, taken: set[str]) -> tuple[Effect, ...]:
     rows = before.table.get('not_decidable', [])
     names = {row.get('name') for row in rows if isinstance(row, dict)}
+    settled = {*taken, *(effect.name for effect in given_effects(before.known))}
     return tuple(
         kind()
         for name, kind in registry().items()
-        if name in names and name not in {*taken, *before.known} and kind.role != 'pose'
+        if name in names and name not in settled and kind.role != 'pose'
     )
 
 
-def _priors(undecided: Sequence[Effect], arrival: Arrival | None) -> list[Distribution]:
+def _told_delay(given: Sequence[Effect]) -> float:
+    # Seconds. What only delays images is taken as given, and says nothing of their latency.
+    only = (one for one in given if isinstance(one, TimeOffset) and not one.latency_ns)
+    return sum(one.strength * one.delay for one in only)
+
+
+def _delayed(effects: Sequence[Effect], delay: float) -> tuple[Effect, ...]:
+    return tuple(
+        replace(one, delay=delay / one.strength)
+        if delay and isinstance(one, TimeOffset) and one.strength
+        else one
+        for one in effects
+    )
+
+
+def _priors(
+    undecided: Sequence[Effect], arrival: Arrival | None, delay: float
+) -> list[Distribution]:
     # Strength would scale the delay of images, too, which is known.
-    free = {} if arrival is None else {TimeOffset.name: 'latency'}
+    free = {TimeOffset.name: 'latency'} if delay or arrival is not None else {}
     parameters = [free.get(effect.name, 'strength') for effect in undecided]
     found = [
         catalogue_prior(type(effect), name)

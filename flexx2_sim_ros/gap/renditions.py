@@ -39,6 +39,8 @@ class Known:
         Checksums of the recordings that the effects were fitted to.
     without : dict
         By checksum: the effects as fitted without this recording.
+    delay : float
+        How late images arrive, seconds; 0 if that is not known.
 
     """
 
@@ -47,6 +49,7 @@ class Known:
     prior: tuple[float, ...]
     fitted: frozenset[str]
     without: dict[str, Settings]
+    delay: float = 0.0
 
 
 @dataclass(frozen=True)

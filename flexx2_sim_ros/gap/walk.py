@@ -23,6 +23,7 @@ from flexx2_sim_ros.walking import ExactCamera, SimulatedCamera
 from flexx2_sim_ros.walking.cameras import WalkingCamera
 from flexx2_sim_ros.walking.figure import draw_walks
 from flexx2_sim_ros.walking.series import batches, rows, STEPS, walk_all
+from flexx2_sim_ros.walking.walks import legs_of
 
 SCHEMA = 1
 FILES = 'walk.json', 'walk.png'
@@ -165,3 +166,4 @@ def _check(robot: str, walks: int, steps: Sequence[float], seed: int, jobs: int)
         raise InputError(f'steps: must be metres from 0 to {_HIGHEST:g}, got {shown(steps)}')
     if load_robot(robot).legs is None:
         raise InputError(f'robot: must have legs, got {shown(robot)}')
+    legs_of(robot)

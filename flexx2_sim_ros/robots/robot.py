@@ -7,6 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.config_file import is_regular_file, read_config, read_section
 from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.limits import is_finite
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.robots.kinematics import rotation
 import numpy as np
@@ -42,9 +43,7 @@ class CameraMount:
             raise InputError(f'camera name: must be a non-empty string, got {shown(self.name)}')
         for field in ('position', 'rpy'):
             value = getattr(self, field)
-            if len(value) != 3 or not all(
-                isinstance(v, (int, float)) and math.isfinite(v) for v in value
-            ):
+            if len(value) != 3 or not all(map(is_finite, value)):
                 raise InputError(
                     f'camera {self.name}: {field}: must be three finite numbers, got '
                     f'{shown(value)}'
@@ -206,7 +205,7 @@ def _mount(entry: Any, where: str) -> CameraMount:
         x, y, z = entry['position']
         roll, pitch, yaw = map(math.radians, entry['rpy_deg'])
         return CameraMount(entry['name'], (x, y, z), (roll, pitch, yaw))
-    except (TypeError, ValueError) as error:
+    except (OverflowError, TypeError, ValueError) as error:
         raise InputError(
             f'{where}: must be a name and two triples of numbers, got {shown(entry)}: {error}'
         ) from error
@@ -247,6 +246,6 @@ def _legs(found: Any, where: str) -> LegJoints:
 
 def _numbers(value: Any, count: int, where: str) -> tuple[float, ...]:
     is_list = isinstance(value, list) and len(value) == count
-    if not (is_list and all(type(v) in (int, float) and math.isfinite(v) for v in value)):
+    if not (is_list and all(map(is_finite, value))):
         raise InputError(f'{where}: must be {count} finite numbers, got {shown(value)}')
     return tuple(map(float, value))

@@ -30,7 +30,7 @@ def batches(walks: int, steps: Sequence[float] = STEPS) -> list[Point]:
     return [
         Point(kind, step, first, min(_TOGETHER, walks - first))
         for kind in KINDS
-        for step in steps
+        for step in dict.fromkeys(steps)
         for first in range(0, walks, _TOGETHER)
     ]
 

@@ -11,6 +11,7 @@ from functools import lru_cache
 
 from flexx2_sim_ros.batch.height_grid import HeightGrid
 from flexx2_sim_ros.consumers.height_grid import LEAST
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.formulas import on_images, surfaces
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -102,7 +103,7 @@ def walk(
         By camera: (N,) int, index in `REASONS` of why the walk failed, -1 where it did not.
 
     """
-    legs, gait = _legs(robot), Gait()
+    legs, gait = legs_of(robot), Gait()
     terrain = draw_terrain(point.terrain, point.step, seed, point.first, point.count)
     steps = footsteps(_SPEED, _FROM, _TO, gait, legs)
     views = _views(point, terrain, steps, lens, load_robot(robot), gait, legs)
@@ -113,10 +114,20 @@ def walk(
 
 
 @lru_cache(maxsize=4)
-def _legs(robot: str) -> LegGeometry:
+def legs_of(robot: str) -> LegGeometry:
+    """
+    Return the legs of a robot's model.
+
+    Raises
+    ------
+    InputError
+        When the model does not have those of the robot's file.
+
+    """
     kind = load_robot(robot)
     legs = find_parts(build_model(intrinsics=flexx2().intrinsics, robot=kind), kind).legs
-    assert legs is not None
+    if legs is None:
+        raise InputError(f'robot: must have the legs of its file in its model, got {robot}')
     return legs
 
 

@@ -63,7 +63,7 @@ def hidden_effects(folder: str | Path) -> list[Hidden]:
 
 def _hidden(path: Path, row: dict[str, Any]) -> Hidden:
     name, absorbed = row.get('effect'), row['absorbed']
-    if name not in registry():
+    if not isinstance(name, str) or name not in registry():
         raise InputError(f'{shown_path(path)}: effect: must be an effect, got {shown(name)}')
     if (
         isinstance(absorbed, bool)

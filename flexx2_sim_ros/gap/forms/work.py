@@ -43,6 +43,8 @@ class Looked:
     ----------
     found : Found
         Where it is.
+    checksum : str
+        Of its measured depth; see `RecordingData`.
     registered : numpy.ndarray
         (6 + 3 P,) its pose and planes before anything is known of its effects.
     samples : Samples
@@ -63,6 +65,7 @@ class Looked:
     """
 
     found: Found
+    checksum: str
     registered: np.ndarray
     samples: Samples
     counts: Counts
@@ -106,6 +109,7 @@ def look(
     measured, expected = (_measured(scene, one.depth) for one in (recording, simulated))
     return Looked(
         found,
+        recording.checksum,
         begin,
         samples,
         counts_of(scene),

@@ -66,9 +66,11 @@ def _from_above(
     z, panel = depth[row].astype(float), shown[row]
     x = (np.arange(lens.width) - lens.cx) / lens.fx * z
     # For a view along a wall, a scale that includes its far end would be too small for the rest.
-    z = np.where(z <= _FARTHEST * np.nanmedian(z), z, np.nan)
-    x = np.where(np.isfinite(z), x, np.nan)
-    top, half = float(np.nanmax(z)), float(np.nanmax(np.abs(x)))
+    top = half = 1.0
+    if np.isfinite(z).any():  # Else what moves is not in view yet.
+        z = np.where(z <= _FARTHEST * np.nanmedian(z), z, np.nan)
+        x = np.where(np.isfinite(z), x, np.nan)
+        top, half = float(np.nanmax(z)), float(np.nanmax(np.abs(x)))
     for side in (0, -1):
         if np.isfinite(z[side]):
             ax.plot([0, x[side]], [0, z[side]], color=_INK, lw=0.6, ls=':')

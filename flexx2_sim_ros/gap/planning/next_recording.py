@@ -151,7 +151,8 @@ def suggest(
                 raise InputError(f'--scene: {one.name}: cannot be used: {outcome}')
         rows = [one for one in outcomes if isinstance(one, _Row)]
         if not any(not one.possible.repeat for one in rows):
-            raise InputError(f'DIAGNOSIS: no recording of the plan can be used: {outcomes[0]}')
+            why = next((one for one in outcomes if isinstance(one, str)), 'none suits the truth')
+            raise InputError(f'--plan: must have a recording that can be used, got none: {why}')
         rows.sort(key=lambda row: (-row.expected.right, row.expected.wrong, -row.outlook.bits))
         new = [row for row in rows if not row.possible.repeat]
         best, expected = _suggestion(new, setting.known, mapped, progress)

@@ -1,7 +1,6 @@
 """The plan of a measuring session: what to record, from a YAML file."""
 
 from dataclasses import dataclass
-import math
 from pathlib import Path
 import re
 from typing import Any
@@ -10,6 +9,7 @@ from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.gap.planning.scenes import card, Panel, Scene, wall
+from flexx2_sim_ros.limits import is_finite
 from flexx2_sim_ros.paths import config_dir
 
 _NAME = re.compile(r'[A-Za-z0-9][A-Za-z0-9_-]{0,60}')
@@ -154,7 +154,7 @@ def _recording(row: Any) -> PlannedRecording:
     if not isinstance(effects, list) or not effects:
         raise InputError(f'for: must be a list of effects, got {shown(effects)}')
     for effect in effects:
-        if effect not in registry():
+        if not isinstance(effect, str) or effect not in registry():
             raise InputError(f'for: must be among {", ".join(registry())}, got {shown(effect)}')
     panels = [*_walls(row), *_cards(row)]
     if not panels:
@@ -192,8 +192,7 @@ def _lists(
 
 
 def _number(name: str, value: Any, low: float, high: float) -> float:
-    good = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (good and math.isfinite(value) and low <= value <= high):
+    if not (is_finite(value) and low <= value <= high):
         raise InputError(f'{name}: must be {low:g} to {high:g}, got {shown(value)}')
     return float(value)
 

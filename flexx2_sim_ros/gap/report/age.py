@@ -60,7 +60,7 @@ def arrival_of(age: Any) -> Arrival | None:
     try:
         delay = None if age is None else age['delay']
         found = None if delay is None else Arrival(*(float(delay[key]) for key in _KEYS))
-    except (LookupError, TypeError, ValueError) as error:
+    except (LookupError, OverflowError, TypeError, ValueError) as error:
         raise InputError(f'age: must have delay: {", ".join(_KEYS)}, got {shown(age)}') from error
     most = READING.longest_delay
     if found is not None and not 0 <= found.low <= found.median <= found.high <= most:

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 from flexx2_sim_ros.atomic import output_folder, whole_files
 from flexx2_sim_ros.consumers.comparison import FEWEST
 from flexx2_sim_ros.consumers.running import Result
-from flexx2_sim_ros.effects.time_offset import TimeOffset
 from flexx2_sim_ros.gap.report.style import STYLE
 from flexx2_sim_ros.gap.report.text import listed, moved, percent, spaced
 from flexx2_sim_ros.html_drawing import bar, picture
@@ -137,8 +136,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     for place, row in enumerate(table['ranking'][1:], start=1):  # the first: in the headline
         tied = _tied(table, place)
         out += [_undecided([row['effect'], *tied])] if tied else []
-    offset = table['effects'].get(TimeOffset.name, {})
-    delay = offset.get('strength', 0.0) * offset.get('delay', 0.0)
+    delay = table['settings']['delay']
     if delay:
         out.append(
             f'The delay of the images, {1e3 * delay:.0f} ms, is not in the cost: each image is '

@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,9 @@ from flexx2_sim_ros.gap.data.arrival import Arrival
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED
 from flexx2_sim_ros.gap.report.age import arrival_of
+from flexx2_sim_ros.limits import is_finite
 
+SEEN = 'calibrated_on'  # the recordings that a calibration was fitted to
 _SCHEMAS = 1, 2  # the keys that are read are the same
 _LARGEST = 50_000_000  # bytes of a diagnosis.json
 _POSE_PRIOR = 0.010, 0.5
@@ -55,7 +56,8 @@ class Diagnosed:
     full_scale : float or None
         The floating-point amplitude that was taken for the camera's full scale, if any.
     checksums : dict of str to str
-        Names of the recordings that were used, by checksum.
+        Names of the recordings that the effects were fitted to, by checksum: by the diagnosis, and
+        by a calibration.
     unsummed : frozenset of str
         Names of recordings without a checksum (diagnoses of older versions).
     arrival : Arrival or None
@@ -185,6 +187,14 @@ def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
         isinstance(row, dict) and isinstance(row.get('name'), str) for row in rows
     ):
         raise InputError('recordings: must be a list of tables with a name')
+    more = table.get(SEEN, [])
+    if not isinstance(more, list) or not all(
+        isinstance(row, dict)
+        and isinstance(row.get('name'), str)
+        and isinstance(row.get('checksum'), str)
+        for row in more
+    ):
+        raise InputError(f'{SEEN}: must be a list of tables with a name and a checksum')
     used = [row for row in rows if row.get('used')]
     settings = table.get('settings', {})
     if not isinstance(settings, dict):
@@ -200,7 +210,9 @@ def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
         known=known,
         pose_prior=_pose_prior(settings.get('pose_prior', _POSE_PRIOR)),
         full_scale=_full_scale(settings.get('full_scale')),
-        checksums={str(row['checksum']): row['name'] for row in used if 'checksum' in row},
+        checksums={
+            str(row['checksum']): row['name'] for row in [*more, *used] if 'checksum' in row
+        },
         unsummed=frozenset(row['name'] for row in used if 'checksum' not in row),
         arrival=arrival_of(table.get('age')),
         noise_factor=_noise_factor(table.get('gap')),
@@ -226,7 +238,7 @@ def _pose_prior(value: Any) -> tuple[float, float]:
     good = (
         isinstance(value, list | tuple)
         and len(value) == 2
-        and all(type(one) in (int, float) and math.isfinite(one) and one > 0 for one in value)
+        and all(is_finite(one) and one > 0 for one in value)
     )
     if not good:
         raise InputError(
@@ -238,7 +250,7 @@ def _pose_prior(value: Any) -> tuple[float, float]:
 def _full_scale(value: Any) -> float | None:
     if value is None:
         return None
-    if type(value) not in (int, float) or not 0 < value < math.inf:
+    if not (is_finite(value) and value > 0):
         raise InputError(
             f'settings: full_scale: must be a number above 0 or null, got {shown(value)}'
         )
@@ -248,6 +260,6 @@ def _full_scale(value: Any) -> float | None:
 def _noise_factor(gap: Any) -> float:
     # Older versions did not write it.
     value = gap.get('noise_factor', 1.0) if isinstance(gap, dict) else 1.0
-    if type(value) not in (int, float) or not 0 < value < math.inf:
+    if not (is_finite(value) and value > 0):
         raise InputError(f'gap: noise_factor: must be a number above 0, got {shown(value)}')
     return float(value)
