@@ -320,6 +320,7 @@ def test_one_recording_is_not_judged() -> None:
         **compared(results, ['a']),
         'recordings': [{'name': 'x', 'used': True, 'reason': '', 'effects_from': ''}],
         'damaged_packages': [],
+        'settings': {'delay': 0.0},
         'version': '0',
         'seconds': 1.0,
     }
