@@ -59,7 +59,7 @@ class ViewedCamera:
         self.clean_rate, self.rate = RateMeter(), RateMeter()
         self._latencies: deque[int] = deque(maxlen=120)
         self._clean: dict[int, tuple[int, Image]] = {}
-        self._last_clean = self._last = 0
+        self._last_clean = self._last = self._first_clean = 0
         self._problem = ''
         self._info: CameraInfo | None = None
         self._view: Reprojection | None = None
@@ -148,6 +148,7 @@ class ViewedCamera:
     def _on_clean(self, message: Image) -> None:
         now = time.monotonic_ns()
         self._last_clean = _meter(self.clean_rate, self._last_clean, now)
+        self._first_clean = self._first_clean or now
         self._clean[stamp_nanoseconds(message.header.stamp)] = now, message
         size = sum(len(image.data) for _, image in self._clean.values())
         for stamp, (came, image) in list(self._clean.items()):
@@ -175,7 +176,8 @@ class ViewedCamera:
             sequence = 0 if self.shot is None else self.shot.sequence + 1
             self.shot = ViewedFrame(sequence, stamp, depth, self._cleaned(clean, camera), camera)
             self._problem = ''
-            if clean is not None and self._clean_info is None:
+            waited = now - self._first_clean > _STALE_SECONDS * 1e9
+            if clean is not None and self._clean_info is None and waited:
                 raise InputError(f'{self.topics.clean_info}: must come with {self.topics.clean}')
         except InputError as error:
             self._problem = str(error)
