@@ -16,7 +16,7 @@ from flexx2_sim_ros.effects import (
     save_randomisation,
 )
 from flexx2_sim_ros.effects.registry import check_map_files, maps_of_draws
-from flexx2_sim_ros.effects.time_offset import TimeOffset
+from flexx2_sim_ros.effects.time_offset import time_offset_of, TimeOffset
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.arrival import Arrival
@@ -87,7 +87,7 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
     held_out = _held_out(before, named)
     _check_form(named, held_out)
     given = parse_effects(before.known)
-    delay = _told_delay(given)
+    delay = time_offset_of(given).delay_ns / 1e9
     named = _delayed(named, delay)
     undecided = _delayed(_undecided(before, {effect.name for effect in named}), delay)
     late = [] if before.arrival is None else [TimeOffset(latency=0.0)]
@@ -169,12 +169,6 @@ def _undecided(before: Diagnosed, taken: set[str]) -> tuple[Effect, ...]:
         for name, kind in registry().items()
         if name in names and name not in settled and kind.role != 'pose'
     )
-
-
-def _told_delay(given: Sequence[Effect]) -> float:
-    # Seconds. What only delays images is taken as given, and says nothing of their latency.
-    only = (one for one in given if isinstance(one, TimeOffset) and not one.latency_ns)
-    return sum(one.strength * one.delay for one in only)
 
 
 def _delayed(effects: Sequence[Effect], delay: float) -> tuple[Effect, ...]:

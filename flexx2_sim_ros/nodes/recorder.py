@@ -246,8 +246,9 @@ class Recorder(Node):
             info['publication_sequence_number'],
             lambda: topic != EVENTS and self.count_publishers(topic) <= 1,
         )
-        asked = topic not in _BESIDE or any(fnmatchcase(topic, name) for name in self._also)
-        if asked and self.started is None:
+        if self.started is None and (
+            topic not in _BESIDE or any(fnmatchcase(topic, name) for name in self._also)
+        ):
             self.started = time.monotonic()
         if not statistics.messages + statistics.refused:
             statistics.first = self.seconds

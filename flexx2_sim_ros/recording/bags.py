@@ -215,10 +215,10 @@ class BagRecording(RecordingReader):
         if own or 'reflectivity' in self._carried:
             self._add_stack(content, 'reflectivity', where.reflectivity, reflectivity)
         if view is not None and 'clean_depth' in content.layouts:
+            what = 'distances along the ray' if view.radial else 'another lens or size'
             content.notes.append(
                 f'{self._bag.path}: clean_depth: looked up at the pixels of {self._source}: '
-                f'{where.clean_info} has another view'
-                + (', and distances along the ray' if view.radial else '')
+                f'{where.clean} has {what}'
             )
 
     def _add_own_arrays(self, content: Content) -> None:

@@ -31,7 +31,8 @@ import numpy as np
 
 _KEY_FRAMES = 6  # frames of a moving recording in the joint fit
 _PIXELS, _TRACKED = 5000, 2000
-# Cost above which a frame is searched again around the previous pose.
+# Cost above which a frame is searched again around the previous pose. If it stays above, the
+# camera is lost in this frame.
 LOST = 0.6
 # Cost above which the mirror image of the room is tried as well.
 _SUSPECT = 0.12
