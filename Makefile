@@ -18,9 +18,10 @@ shell: $(STAMP)
 	@VIRTUAL_ENV='$(abspath .venv)' PATH='$(abspath $(BIN))':"$$PATH" $${SHELL:-/bin/sh}
 
 # Two at a time: much of it waits for messages. A file stays with one of them, so that what its
-# tests share is made once.
+# tests share is made once. A test that hangs for 15 minutes fails, and says where it hangs.
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 \
+		-o faulthandler_timeout=900 -o faulthandler_exit_on_timeout=true
 
 # Clean environments in build/matrix, also beside mjlab, mujoco_playground and torch; needs uv.
 # FLEXX2_MATRIX is set for the tests that otherwise skip.

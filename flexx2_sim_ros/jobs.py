@@ -1,8 +1,9 @@
 """Map a function over items: here, in local processes or on a Dask cluster."""
 
+import asyncio
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future, wait
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import partial
 from queue import SimpleQueue
@@ -117,13 +118,27 @@ def _dask(address: str) -> Iterator[Map]:
         raise InputError(
             '--scheduler: needs Dask, which is not installed: pip install flexx2_sim_ros[cluster]'
         ) from error
+
+    async def ask() -> None:
+        security = distributed.Security().get_connection_args('client')
+        async with (
+            asyncio.timeout(_CONNECT_SECONDS),
+            distributed.rpc(address, connection_args=security) as scheduler,
+        ):
+            kind = (await scheduler.identity())['type']
+        if kind != 'Scheduler':
+            raise ValueError(f'this is a {kind}')
+
     try:
+        # A Client that finds no scheduler is left half made. When it is collected, it waits for a
+        # lock that the next Client may hold: for ever. So ask first, in an event loop of its own.
+        with ThreadPoolExecutor(1) as thread:
+            thread.submit(asyncio.run, ask()).result()
         client = distributed.Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
-    # distributed's LoopRunner.start asserts that the event loop runs. The assertion can fail while
-    # an earlier client, which found no scheduler, still stops the loop that both share.
-    except (OSError, ValueError, TypeError, OverflowError, AssertionError) as error:
+    except (OSError, ValueError, TypeError, OverflowError) as error:
         raise InputError(
-            f'--scheduler: must be the address of a running scheduler, got {address!r}: {error}'
+            f'--scheduler: must be the address of a running scheduler, got {address!r}: '
+            f'{str(error) or "it does not answer"}'
         ) from error
     try:
         client.wait_for_workers(1, timeout=_PATIENCE)

@@ -6,6 +6,7 @@ import json
 import os
 from pathlib import Path
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -130,6 +131,9 @@ def test_what_a_cluster_lacks_or_loses(
         with worker(tmp_path) as doomed, worker(tmp_path):
             with distributed.Client(address, set_as_default=False) as client:
                 client.wait_for_workers(2, timeout=60)
+                another = next(iter(client.scheduler_info()['workers']))
+            with pytest.raises(InputError, match='--scheduler: .* this is a Worker'):
+                diagnose(campaign.name, scheduler=another)
             spread = diagnose(campaign.name, scheduler=address, progress=lose(doomed))
             assert lost[0] < 0.72  # while recordings were still being simulated
             checked_there = check(tmp_path / 'diagnosis', fresh.name, scheduler=address)
@@ -154,3 +158,12 @@ def test_a_missing_scheduler_is_reported(
     monkeypatch.setattr(jobs, '_CONNECT_SECONDS', 0.5)
     with pytest.raises(InputError, match='--scheduler: must be the address of a running'):
         diagnose(campaign, scheduler=address)
+
+
+def test_what_never_answers_is_reported(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs, '_CONNECT_SECONDS', 0.5)
+    with (
+        socket.create_server(('127.0.0.1', 0)) as silent,
+        pytest.raises(InputError, match='--scheduler: .* it does not answer'),
+    ):
+        diagnose(campaign, scheduler=f'127.0.0.1:{silent.getsockname()[1]}')
