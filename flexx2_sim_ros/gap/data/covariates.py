@@ -18,6 +18,7 @@ from flexx2_sim_ros.gap.data.pixel_kernels import (
 )
 from flexx2_sim_ros.gap.data.unknown import away, judged
 from flexx2_sim_ros.physics.axial import sigma_image
+from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.surface import analyse, Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -40,6 +41,8 @@ class PixelCovariates:
         (H + 1,) int32, index of the first run of each row.
     sigma : numpy.ndarray
         (H, W) float32, the base model's sigma_z, metres.
+    trusted : float
+        Largest sigma_z, metres, that says how depth errors are distributed: see `trusted_sigma`.
     clean : numpy.ndarray
         (H, W) float32, NaN where the mode measures nothing.
     inside : numpy.ndarray
@@ -59,6 +62,7 @@ class PixelCovariates:
     runs: np.ndarray
     first: np.ndarray
     sigma: np.ndarray
+    trusted: float
     clean: np.ndarray
     inside: np.ndarray
     ray: np.ndarray
@@ -150,6 +154,7 @@ def look_at(
         runs,
         first,
         sigma_image(surface, mode.noise, reflectivity),
+        trusted_sigma(mode),
         compared_depth,
         inside,
         _rays(*(float(v) for v in K[:2].ravel()), height, width),
@@ -157,6 +162,17 @@ def look_at(
         at_jump,
         surfaces_at(compared_depth, at_jump),
     )
+
+
+def trusted_sigma(mode: Mode) -> float:
+    """
+    Return up to which sigma_z, metres, the noise of the phase is in proportion the noise of depth.
+
+    With more noise, depths of several frequencies get whole wavelengths wrong, and depths of one
+    wrap. sigma_z is then no measure of their errors. Infinite for a camera without frequencies.
+    """
+    wavenumbers = [4 * math.pi * f / SPEED_OF_LIGHT for f in mode.modulation_hz]
+    return BINNING.phase_noise / math.hypot(*wavenumbers) if wavenumbers else math.inf
 
 
 class _Bins:

@@ -134,9 +134,11 @@ def _sum_frames(
     # A still scene is summed at once, with all its frames.
     for part in [slice(None)] if still else [slice(t, t + 1) for t in range(count)]:
         scene = scenes[0] if still else scenes[part.start]
+        # Of noisier pixels only their validity is summed.
+        sigma = np.where(scene.sigma <= scene.trusted, scene.sigma, np.float32(np.nan))
         gather_rows(
             depth[part],
-            Surfaces(scene.clean, scene.sigma, scene.inside, scene.first, scene.runs),
+            Surfaces(scene.clean, sigma, scene.inside, scene.first, scene.runs),
             FrameTimes(*(one[part] for one in frames)),
             FrameSums(*(one[part] for one in frame_sums)),
             pixel_sums,
