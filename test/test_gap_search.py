@@ -6,6 +6,7 @@ from typing import Any
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.gap.calibration.search import SEARCH
 from flexx2_sim_ros.gap.data.campaign import read
 from flexx2_sim_ros.gap.data.clues import Clues, clues_of, light_edges
 from flexx2_sim_ros.gap.features.catalogue import catalogue
@@ -19,6 +20,7 @@ import pytest
 MODE = 'Mode_9_30fps'
 KEY = SceneKey(MODE, 31, 2.0, 80, 62, 8, 12)
 SCENES = SceneSet(KEY)
+LIGHT = 2, len(light_edges()) - 1, len(SEARCH.incidences) - 1  # shape of `Clues.light`
 
 
 def found_in(
@@ -77,12 +79,23 @@ def test_the_amplitude_below_which_pixels_are_lost_is_found(tmp_path: Path) -> N
     found, clues = found_in(tmp_path, {'low_signal_dropout': 1.0}, {'light_scale': 8.0})
     # In this mode the camera drops pixels below 0.015 / m^2.
     assert found['darkness'][0] == pytest.approx(8 * 0.015, rel=0.5)
-    assert all(one.light.shape == (2, len(light_edges()) - 1) for one in clues)
+    assert all(one.light.shape == LIGHT for one in clues)
+
+
+def test_the_light_that_saturates_a_camera_head_on_is_found(tmp_path: Path) -> None:
+    found, _ = found_in(tmp_path, {'saturation': 1.0}, {})
+    half, _, gloss, lobe = found['glare']
+    # The camera adds twice the light where a glossy surface faces it, in a lobe of 5.7 degrees,
+    # and is full at half of 5.2 / m^2.
+    assert half == pytest.approx(2.6, rel=0.5)
+    assert gloss in (1.0, 2.0, 4.0)
+    assert lobe in (4.0, 6.0, 9.0)
 
 
 def test_what_is_found_becomes_variants_of_effects() -> None:
     plain = {candidate.label for candidate in catalogue()[1]}
     found = {'wave': (0.8,), 'fold': (2.49,), 'latency': (0.115,), 'darkness': (0.002, 3.0)}
+    found['glare'] = 6.0, 12.0, 2.0, 6.0
     columns, candidates = catalogue((), True, found)
     new = [one for one in candidates if one.label not in plain]
     assert {one.effect for one in new} == {
@@ -90,6 +103,7 @@ def test_what_is_found_becomes_variants_of_effects() -> None:
         'range_wrap',
         'time_offset',
         'low_signal_dropout',
+        'saturation',
     }
     names = {column.name for column in columns}
     assert all(node[1] in names for one in new for term in one.terms for node in term.nodes)
@@ -110,7 +124,7 @@ def test_recordings_of_nothing_find_nothing() -> None:
         own=np.zeros((0, 9)),
         length=np.zeros(0),
         distance=np.zeros(0),
-        light=np.zeros((2, len(light_edges()) - 1)),
+        light=np.zeros(LIGHT),
         folds=np.zeros((2, 0)),
         beyond=0,
         looked=0,

@@ -67,3 +67,10 @@ def lost_as_found(found: tuple[float, ...]) -> tuple[Hypothesis, ...]:
     """Return the variant with the amplitude and the slope that a search has found."""
     half, slope = found
     return (lost_by(f'half {half:.2g}, slope {slope:g}', half=half, slope=slope),)
+
+
+def glare_as_found(found: tuple[float, ...]) -> tuple[Hypothesis, ...]:
+    """Return the variant with the amplitude, slope, gloss and lobe that a search has found."""
+    half, slope, gloss, lobe = found
+    label = f'half {half:.2g}, slope {slope:g}, gloss {gloss:g}, lobe {lobe:g}'
+    return (lost_by(label, half=half, slope=slope, gloss=gloss, lobe_deg=lobe),)

@@ -7,7 +7,7 @@ from typing import ClassVar
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Searched
 from flexx2_sim_ros.effects.light import log_amplitude
-from flexx2_sim_ros.effects.losing import kept_by, lose, lost_as_found, lost_beyond, survival
+from flexx2_sim_ros.effects.losing import glare_as_found, kept_by, lose, lost_beyond, survival
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import arccos, exp, log, log_from_zero
 from flexx2_sim_ros.formulas.scalars import f32
@@ -48,7 +48,7 @@ class Saturation(Effect):
         "board at 0.5-0.6 m; the paper's anomaly at 0 degrees"
     )
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = lost_beyond(1.0, 2.0, 3.5, 6.0)
-    searched: ClassVar[Searched | None] = Searched('glare', lost_as_found)
+    searched: ClassVar[Searched | None] = Searched('glare', glare_as_found)
     smooth: ClassVar[bool] = True
     brightness: ClassVar[float] = 0.8
     nuisances: ClassVar[tuple[str, ...]] = ('reflectivity',)

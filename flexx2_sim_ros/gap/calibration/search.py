@@ -45,6 +45,11 @@ class Search:
     light: tuple[float, float, float] = constant(
         (-10.0, 6.0, 0.25), 'ln 1/m^2', 'bins of the amplitude', DEFINITION
     )
+    incidences: tuple[float, ...] = constant(
+        (0.0, 2.0, 4.0, 6.0, 8.0, 11.0, 16.0, 24.0, 90.0), 'deg', 'edges of bins', DEFINITION
+    )
+    glosses: tuple[float, ...] = constant((0.0, 0.5, 1.0, 2.0, 4.0, 8.0), '', 'that are tried')
+    lobes: tuple[float, ...] = constant((2.0, 4.0, 6.0, 9.0), 'deg', 'that are tried')
     halves: tuple[float, float, int] = constant((1e-4, 30.0, 64), '1/m^2', 'that are tried')
     slopes: tuple[float, ...] = constant((1.5, 3.0, 6.0, 12.0), '', 'that are tried')
     usual_share: float = constant(

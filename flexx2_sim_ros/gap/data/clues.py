@@ -30,7 +30,8 @@ class Clues:
     distance : numpy.ndarray
         (N,) metres along the ray.
     light : numpy.ndarray
-        (2, B) expected and lost depths, by the logarithm of the amplitude; see `light_edges`.
+        (2, B, A) expected and lost depths, by the logarithm of the amplitude, see `light_edges`,
+        and the angle of incidence, see `SEARCH.incidences`.
     folds : numpy.ndarray
         (2, F) metres along the ray, true and measured, of pixels whose depth is too short by more
         than a decimetre.
@@ -159,7 +160,8 @@ def _samples(
 def _light(
     recording: RecordingData, frames: list[int], covers: list[PixelCovariates]
 ) -> np.ndarray:
-    edges, out = light_edges(), np.zeros((2, len(light_edges()) - 1))
+    edges = light_edges(), np.array(SEARCH.incidences)
+    out = np.zeros((2, *(len(one) - 1 for one in edges)))
     for t, cover in zip(frames, covers, strict=True):
         clean = _clean(recording, t)
         lens = Intrinsics.from_matrix(recording.K, clean.shape[1], clean.shape[0])
@@ -169,8 +171,9 @@ def _light(
         depth = recording.depth if recording.clean.ndim == 2 else recording.depth[t : t + 1]
         lost = np.isnan(depth).mean(axis=0)
         use = cover.inside & np.isfinite(light)
-        light = np.clip(light[use], edges[0], edges[-1] - 1e-6)
-        out += [np.histogram(light, edges, weights=w)[0] for w in (None, lost[use])]
+        light = np.clip(light[use], edges[0][0], edges[0][-1] - 1e-6)
+        incidence = np.degrees(surface.incidence[use])
+        out += [np.histogram2d(light, incidence, edges, weights=w)[0] for w in (None, lost[use])]
     return out
 
 

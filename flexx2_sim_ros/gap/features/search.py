@@ -217,21 +217,47 @@ def _vertex(places: np.ndarray, values: np.ndarray, best: int) -> float:
 
 def darkness(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     """Find the amplitude below which depths are lost: amplitude in 1/m^2 and slope, or nothing."""
-    return _threshold(clues, -1.0)
+    expected, lost = np.sum([one.light for one in clues], axis=0).sum(axis=2)
+    light = _middles(light_edges())
+    return _threshold(expected, lost, light, -1.0)[1]
 
 
 def glare(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
-    """Find the amplitude above which depths are lost: amplitude in 1/m^2 and slope, or nothing."""
-    return _threshold(clues, 1.0)
+    """
+    Find the amplitude above which depths are lost, with light that surfaces reflect head-on.
 
+    Returns
+    -------
+    tuple of float
+        Amplitude in 1/m^2, slope, gloss and the width of its lobe, degrees; or nothing.
 
-def _threshold(clues: Sequence[Clues], sign: float) -> tuple[float, ...]:
+    """
     expected, lost = np.sum([one.light for one in clues], axis=0)
-    edges = light_edges()
-    light = (edges[:-1] + edges[1:]) / 2
+    angles = _middles(np.array(SEARCH.incidences))
+    lobes = [(0.0, SEARCH.lobes[0])]  # without gloss any lobe is the same
+    lobes += [(gloss, lobe) for gloss in SEARCH.glosses for lobe in SEARCH.lobes if gloss]
+    found = []
+    for gloss, lobe in lobes:
+        more = np.log1p(gloss * np.exp(-np.square(angles / lobe)))
+        light = _middles(light_edges())[:, None] + more
+        rest, threshold = _threshold(expected, lost, light, 1.0)
+        if threshold:
+            found.append((rest, (*threshold, gloss, lobe)))
+    return min(found)[1] if found else ()
+
+
+def _middles(edges: np.ndarray) -> np.ndarray:
+    return np.asarray((edges[:-1] + edges[1:]) / 2)
+
+
+def _threshold(
+    expected: np.ndarray, lost: np.ndarray, light: np.ndarray, sign: float
+) -> tuple[float, tuple[float, ...]]:
+    # Of bins with this logarithm of the light: what the best threshold leaves of the variance, and
+    # its amplitude and slope; nothing if that is too much.
     some = expected >= SEARCH.fewest
     if some.sum() < 4:
-        return ()
+        return np.inf, ()
     weight = np.sqrt(expected[some])  # neither pixels nor bins alone
     share, light = (lost / np.maximum(expected, 1))[some], light[some]
     mean = np.average(share, weights=weight)
@@ -243,7 +269,7 @@ def _threshold(clues: Sequence[Clues], sign: float) -> tuple[float, ...]:
             curve = 1 / (1 + np.exp(-np.clip(sign * slope * (light - np.log(half)), -50, 50)))
             rest = float((weight * (share - curve) ** 2).sum())
             best = min(best, (rest, (float(half), slope)))
-    return best[1] if best[0] < (1 - SEARCH.usual_share) * spread else ()
+    return best if best[0] < (1 - SEARCH.usual_share) * spread else (best[0], ())
 
 
 # By the name that an effect's `Searched` gives.
