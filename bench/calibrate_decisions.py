@@ -25,14 +25,14 @@ was measured, are diagnosed again, after a change that concerns these effects al
 
 python -m bench.calibrate_decisions --kept --anew heavy_tails,random_dropout --jobs 2 --write
 
-With ``--any`` besides, it is those in which any of them was named, alone or with others.
+With ``--any`` besides, it is those in which any of them was named, alone or with others. With
+``--anew all`` it is all campaigns, those with large images first; ``--minutes`` limits it.
 """
 
 import argparse
 from collections.abc import Callable, Mapping, Sequence, Set
 from concurrent.futures import ProcessPoolExecutor
 import datetime
-import math
 from multiprocessing import get_context
 from pathlib import Path
 import time
@@ -78,6 +78,8 @@ import yaml
 _PICTURE = config_dir().parent / 'docs' / 'decisions.png'
 _MOST_ERRORS = 0.03
 _FOLDS = 5
+_NO_END = 1e9  # minutes
+_ALL = ('all',)  # of ``--anew``
 _AT_ONCE = 8  # campaigns of a process before the time is looked at
 # What the table says of each list of `counted`: in words, and the wanted range.
 _RATES: dict[str, tuple[str, float, float]] = {
@@ -109,6 +111,7 @@ def main() -> None:
         if arguments.anew:
             lines = _with_anew(lines, arguments)
             anew = f'--kept --anew {",".join(arguments.anew)}' + ' --any' * arguments.any
+            anew += f' --minutes {arguments.minutes:g}' * (arguments.minutes < _NO_END)
             chosen = f'{chosen} --write; python -m bench.calibrate_decisions {anew}'
         report(lines, arguments.write, chosen)
         return
@@ -132,7 +135,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument(
         '--quiet', type=int, default=0, help='campaigns of full size without an effect, besides'
     )
-    parser.add_argument('--minutes', type=float, default=1e9, help='then stop; resumes later')
+    parser.add_argument('--minutes', type=float, default=_NO_END, help='then stop; resumes later')
     parser.add_argument('--jobs', type=int, default=1, help='processes')
     parser.add_argument('--again', action='store_true', help='after a change of the method')
     parser.add_argument(
@@ -142,14 +145,15 @@ def _arguments() -> argparse.Namespace:
         '--anew',
         type=lambda text: tuple(text.split(',')),
         default=(),
-        help='with --kept: effects; campaigns in which no other was named are diagnosed again',
+        help='with --kept: effects; campaigns in which no other was named are diagnosed again; '
+        'or all',
     )
     parser.add_argument(
         '--any', action='store_true', help='with --anew: campaigns in which others were named, too'
     )
     parser.add_argument('--write', action='store_true', help='the rule and its picture')
     arguments = parser.parse_args()
-    for name in arguments.anew:
+    for name in () if arguments.anew == _ALL else arguments.anew:
         if not arguments.kept:
             parser.error('--anew: must be with --kept, got no --kept')
         if name not in registry():
@@ -209,10 +213,14 @@ def _with_anew(
         any=arguments.any,
         code=code(),
     )
+    ordered = sorted(lines, key=lambda line: -line['planned']['width'])
     wanted = [
-        line['index'] for line in lines if _is_named(line, set(arguments.anew), arguments.any)
+        line['index']
+        for line in ordered
+        if arguments.anew == _ALL or _is_named(line, set(arguments.anew), arguments.any)
     ]
-    _diagnose(journal, wanted[len(journal) :], arguments.jobs, math.inf)
+    ends = time.monotonic() + 60 * arguments.minutes
+    _diagnose(journal, wanted[len(journal) :], arguments.jobs, ends)
     newer = {line['index']: line for line in journal}
     return [newer.get(line['index'], line) for line in lines]
 
