@@ -9,7 +9,9 @@ from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import unknown_border
 from flexx2_sim_ros.gap.data.registration import place, RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import catalogue
+from flexx2_sim_ros.gap.features.features import Feature, features, LAYOUT
 from flexx2_sim_ros.gap.features.simulation import counts_edges
+from flexx2_sim_ros.gap.features.sums import accumulate
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.profiles.files import find_profile
 import numpy as np
@@ -145,6 +147,28 @@ def test_registration_ignores_borders_and_bends() -> None:
     assert unknown_border(np.zeros(6), clean, K) == 0
     # A degree is 1.2 pixels here.
     assert unknown_border(np.array([0, 0, 0, 0, 1.0, 0]), clean, K) == 3
+
+
+def test_of_pixels_with_too_much_noise_only_losses_count() -> None:
+    K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
+    camera, rng = flexx2(), np.random.default_rng(0)
+    clean = np.full((60, 80), 3.0, np.float32)
+    clean[:, 40:] = 6.5
+    scene = look_at(clean, None, 0.0, None, K, camera.mode('Mode_9_30fps'), axes_of(camera))
+    assert scene.trusted == pytest.approx(0.048, abs=5e-4)
+    assert (scene.sigma[:, 45:75] > scene.trusted).all()
+    depth = clean + scene.sigma * rng.standard_normal((20, 60, 80)).astype(np.float32)
+    wild, lost = depth.copy(), depth.copy()
+    wild[:, :, 42:] += rng.choice((-1, 1), (20, 60, 38)).astype(np.float32)
+    lost[:5, :, 42:] = np.nan
+    fresh = np.arange(20) == 0
+    plain, wild, lost = (
+        features(accumulate(one, [scene], fresh, 0))[0] for one in (depth, wild, lost)
+    )
+    chosen = [f.axis not in ('structure', 'beyond') for f in LAYOUT]
+    np.testing.assert_array_equal(wild[chosen], plain[chosen])
+    everywhere = LAYOUT.index(Feature('invalid', 'all', 0))
+    assert lost[everywhere] > plain[everywhere] + 0.1
 
 
 def test_intervals_cover_the_values_of_other_recordings() -> None:
