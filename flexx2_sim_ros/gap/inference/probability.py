@@ -89,7 +89,7 @@ def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
     """
     named = is_posed(support) or _POSE not in {one.name for one in support.considered}
     return (
-        (named and support.scatter > THRESHOLDS.scattered)
+        (named and support.scatter > THRESHOLDS.scattered_alone)
         or agreement(support) >= rule.thresholds.agreement
         or _loss_shows_gap(support, probability, rule)
     )

@@ -140,8 +140,10 @@ def select(
 
     """
     about, posed = trials.thresholds, [c for c in candidates if c.kind.role == 'pose']
-    scattered = bool(posed) and trials.model.pose_scatter() > about.scattered
     considered = _simplest_first(best_of_each(singles), about)
+    other = bool(considered) and considered[0].gain >= about.least_gain * trials.count
+    usual = about.scattered if other else about.scattered_alone
+    scattered = bool(posed) and trials.model.pose_scatter() > usual
     if scattered:
         pose = trials.choice(posed)
         first = Selection(Choice(pose.fit, max(pose.gain, about.gain * trials.count)))
