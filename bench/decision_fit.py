@@ -18,12 +18,13 @@ from flexx2_sim_ros.gap.calibration.decisions import (
 from flexx2_sim_ros.gap.inference.probability import (
     agreement,
     effect_evidence,
+    explain_little,
+    explain_partly,
     EXPLAINED,
     gap_evidence,
     has_gap,
     is_posed,
     judge,
-    leaves_gap,
     Rows,
 )
 from flexx2_sim_ros.gap.inference.support import Support, support_from
@@ -312,19 +313,15 @@ def _above(ordered: np.ndarray, count: int) -> float:
 def _least_effect(gaps: Sequence[Judged], count: int, rule: Decisions) -> float:
     # The probability from which on effects are named: at most `WRONG` of the campaigns with an
     # effect, which are so many, are then named wrongly.
-    wrong = sorted(
-        (
-            max(effects[c.name] for c in one.support.chosen)
-            for one, effects in gaps
-            if is_wrong(
-                one,
-                {c.name for c in one.support.chosen}
-                | {name for name, p in effects.items() if p >= rule.least_alternative},
-                leaves_gap(one.support, rule),
-            )
-        ),
-        reverse=True,
-    )
+    wrong = []
+    for one, effects in gaps:
+        chosen = {c.name for c in one.support.chosen}
+        listed = chosen | {name for name, p in effects.items() if p >= rule.least_alternative}
+        best = max(effects[name] for name in chosen)
+        partly = explain_partly(one.support, best, rule)
+        if not explain_little(one.support) and is_wrong(one, listed, partly):
+            wrong.append(best)
+    wrong.sort(reverse=True)
     allowed = max(math.floor(WRONG * (count + 1)), 1)
     return float(np.nextafter(wrong[allowed - 1], 2.0)) if len(wrong) >= allowed else 0.0
 

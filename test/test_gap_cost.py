@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 import re
 import shlex
+from typing import Any
 
 from bench.gap_campaigns import write_campaign
 from browser import chromium
@@ -25,6 +26,7 @@ import pytest
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'cost.md'
 EFFECTS = {'low_signal_dropout': {}, 'offset': {'bias': 0.05}}
+SIZE: dict[str, Any] = {'seed': 104, 'recordings': 3, 'frames': 4, 'scale': 0.5, 'moving': 1}
 BAD = """
 import os
 import time
@@ -102,15 +104,7 @@ class Nameless:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with recordings, a diagnosis, and consumers in files."""
     folder = tmp_path_factory.mktemp('cost')
-    write_campaign(
-        folder / 'recordings',
-        seed=104,
-        effects=EFFECTS,
-        recordings=3,
-        frames=4,
-        scale=0.5,
-        moving=1,
-    )
+    write_campaign(folder / 'recordings', effects=EFFECTS, **SIZE)
     write_diagnosis(folder / 'diagnosis', [])
     code = re.search(r'```python\n(.*?)```', DOCS.read_text(), re.S)
     assert code is not None
@@ -164,15 +158,17 @@ def test_the_commands_of_the_documentation_run(
 
 
 def test_the_report_of_a_diagnosis_has_the_cost(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Assert that it is the one that `flexx2 gap cost` measures, and that a browser shows it."""
+    recordings = tmp_path / 'recordings'
+    write_campaign(recordings, effects={**EFFECTS, 'offset': {'bias': 0.02}}, **SIZE)
     others = [word for name in registry() if name not in EFFECTS for word in ('--without', name)]
-    command = ['gap', 'diagnose', str(folder / 'recordings'), '--out', str(tmp_path / 'out')]
+    command = ['gap', 'diagnose', str(recordings), '--out', str(tmp_path / 'out')]
     assert main([*command, '--cost', '--jobs', '1', *others]) == 0
     assert 'Modelling offset first takes away' in capsys.readouterr().err.replace('\n', ' ')
     table = json.loads((tmp_path / 'out' / 'diagnosis.json').read_text())['cost']
-    again = json.loads(json.dumps(cost(folder / 'recordings', tmp_path / 'out')))
+    again = json.loads(json.dumps(cost(recordings, tmp_path / 'out')))
     assert table['ranking'] == again['ranking']
     assert [row['effect'] for row in table['ranking']][0] == 'offset'
     assert [one['measures'] for one in table['consumers']] == [

@@ -129,8 +129,8 @@ def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left() -
     rule = with_thresholds(probability=0.99, probability_of_poses=0.99, excess=10.0)
     one = support(4.0, 1.5, 0.5, 1.5)
     posed = replace(one, chosen=(EffectSupport('pose_error', 1.5, 1.5),))
-    assert judge(replace(posed, scatter=0.59), rule).verdict == 'none'
-    assert judge(replace(posed, scatter=0.61), rule).verdict == 'identified'
+    assert judge(replace(posed, scatter=0.54), rule).verdict == 'none'
+    assert judge(replace(posed, scatter=0.56), rule).verdict == 'identified'
     # As wrong as expected: an exact prior of the poses alone is no gap.
     considered = (*one.considered, EffectSupport('pose_error', 0.0, 0.0))
     other = replace(one, considered=considered, scatter=0.61)

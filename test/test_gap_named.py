@@ -118,7 +118,7 @@ def test_which_effects_make_the_gap_larger(
 
 
 def test_effects_that_are_refused_are_the_first_alternatives(tmp_path: Path) -> None:
-    write_campaign(tmp_path, effects={'offset': {'bias': 0.02}}, seed=44, **SIZE)
+    write_campaign(tmp_path, effects={'wiggling': {}}, seed=44, **SIZE)
     prior = np.array(PRIOR)
     columns, candidates = catalogue()
     with workers(1, None) as mapped:
@@ -143,7 +143,7 @@ def test_the_report_says_why_effects_that_fit_are_not_named(
 ) -> None:
     """Assert it with a threshold from which on every effect makes the gap larger."""
     monkeypatch.setattr(report_table, 'THRESHOLDS', replace(THRESHOLDS, larger=-2.0))
-    write_campaign(tmp_path, effects={'offset': {'bias': 0.02}}, seed=44, **SIZE)
+    write_campaign(tmp_path, effects={'wiggling': {}}, seed=44, **SIZE)
     table = diagnose(tmp_path, out=tmp_path / 'out')
     assert table['verdict'] == 'unknown'
     (refused,) = table['refused']

@@ -114,7 +114,7 @@ def test_no_effect_is_named_where_one_that_the_truth_hides_explains_as_much(
     """Assert it for a drift while planes are known to 5 mm, so that it could be an offset."""
     monkeypatch.setattr(gap_truth, 'TAPE', 0.005)
     campaign = tmp_path / 'campaign'
-    write_campaign(campaign, seed=SEED, effects={'warm_up_drift': {'strength': 2.0}}, **SMALL)
+    write_campaign(campaign, seed=SEED, effects={'warm_up_drift': {'strength': 1.0}}, **SMALL)
     folder, out = with_truth(campaign, tmp_path / 'planes', 'constrained'), tmp_path / 'out'
     table = diagnose(folder, without=WITHOUT, out=out)
     assert table['verdict'] == 'unknown'

@@ -69,12 +69,11 @@ def judge(support: Support, rule: Decisions) -> Judgement:
     refused = ''
     if not has_gap(support, gap, rule):
         verdict = 'none'
-    elif best < rule.least_effect or _explain_little(support):
+    elif best < rule.least_effect or explain_little(support):
         verdict = 'unknown'
         refused = 'improbable' if best < rule.least_effect else 'little'
     else:
-        likely = best >= THRESHOLDS.likely
-        verdict = 'identified' if likely and not leaves_gap(support, rule) else 'partly'
+        verdict = 'partly' if explain_partly(support, best, rule) else 'identified'
     probable = (name for name, one in effects.items() if one >= rule.least_alternative)
     return Judgement(verdict, gap, effects, frozenset(probable), refused)
 
@@ -118,13 +117,23 @@ def is_posed(support: Support) -> bool:
     return _POSE in {one.name for one in support.chosen}
 
 
-def _explain_little(support: Support) -> bool:
+def explain_little(support: Support) -> bool:
+    """Return whether the chosen effects explain too little of the gap to be named."""
     # A pose error is exempt: the recordings' own poses absorb most of it.
     return not is_posed(support) and support.left > (1 - THRESHOLDS.unknown) * support.excess
 
 
-def leaves_gap(support: Support, rule: Decisions) -> bool:
-    """Return whether the chosen effects leave most of the gap, and what is left is a gap."""
+def explain_partly(support: Support, best: float, rule: Decisions) -> bool:
+    """
+    Return whether the chosen effects, if they are named, explain the gap only partly.
+
+    They do where the probability of the most probable one, ``best``, is low, and where they leave
+    most of the gap and what is left is a gap.
+    """
+    return best < THRESHOLDS.likely or _leave_gap(support, rule)
+
+
+def _leave_gap(support: Support, rule: Decisions) -> bool:
     nothing = (0.0,) * support.recordings
     rest = replace(support, excess=support.left, gain=0.0, improved=nothing, chosen=())
     probability = rule.gap.probability(gap_evidence(rest))
