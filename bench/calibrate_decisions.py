@@ -153,9 +153,9 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument('--write', action='store_true', help='the rule and its picture')
     arguments = parser.parse_args()
+    if arguments.anew and not arguments.kept:
+        parser.error('--anew: must be with --kept, got no --kept')
     for name in () if arguments.anew == _ALL else arguments.anew:
-        if not arguments.kept:
-            parser.error('--anew: must be with --kept, got no --kept')
         if name not in registry():
             parser.error(f'--anew: must be names of effects, got {name}')
     for name, low, high in (
@@ -220,7 +220,9 @@ def _with_anew(
         if arguments.anew == _ALL or _is_named(line, set(arguments.anew), arguments.any)
     ]
     ends = time.monotonic() + 60 * arguments.minutes
-    _diagnose(journal, wanted[len(journal) :], arguments.jobs, ends)
+    # Not by number: what is named may have changed since an earlier run of the same journal.
+    done = {line['index'] for line in journal}
+    _diagnose(journal, [i for i in wanted if i not in done], arguments.jobs, ends)
     newer = {line['index']: line for line in journal}
     return [newer.get(line['index'], line) for line in lines]
 

@@ -121,12 +121,17 @@ def _dask(address: str) -> Iterator[Map]:
 
     async def ask() -> None:
         security = distributed.Security().get_connection_args('client')
-        async with (
-            asyncio.timeout(_CONNECT_SECONDS),
-            distributed.rpc(address, connection_args=security) as scheduler,
-        ):
-            kind = (await scheduler.identity())['type']
-        if kind != 'Scheduler':
+        try:
+            async with (
+                asyncio.timeout(_CONNECT_SECONDS),
+                distributed.rpc(address, connection_args=security) as scheduler,
+            ):
+                kind = (await scheduler.identity())['type']
+        except OSError:
+            raise
+        except Exception as error:  # Another program's answer can mean anything: 10^18 bytes.
+            raise ValueError(f'it is no scheduler ({type(error).__name__})') from error
+        if not kind.endswith('Scheduler'):
             raise ValueError(f'this is a {kind}')
 
     try:

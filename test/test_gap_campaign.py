@@ -63,7 +63,7 @@ def test_bad_recordings_are_left_out_and_reported(
         ({'clean_depth': None}, 'clean_depth'),
         (
             {'depth': np.where(left, np.nan, depth), 'clean_depth': np.where(left, clean, np.nan)},
-            'no pixel is valid in both',
+            'must have pixels that are valid in both, got none',
         ),
         ({'distortion': np.full(5, np.nan)}, 'distortion'),
         (

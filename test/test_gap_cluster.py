@@ -160,6 +160,20 @@ def test_a_missing_scheduler_is_reported(
         diagnose(campaign, scheduler=address)
 
 
+def test_another_program_is_reported(campaign: Path) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as other:
+
+        def greet() -> None:
+            connection, _ = other.accept()
+            connection.sendall(b'SSH-2.0-OpenSSH_9.2\r\n')
+
+        thread = threading.Thread(target=greet, daemon=True)
+        thread.start()
+        with pytest.raises(InputError, match='--scheduler: must be the address .* no scheduler'):
+            diagnose(campaign, scheduler=f'127.0.0.1:{other.getsockname()[1]}')
+        thread.join(10)
+
+
 def test_what_never_answers_is_reported(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(jobs, '_CONNECT_SECONDS', 0.5)
     with (

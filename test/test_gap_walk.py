@@ -163,13 +163,15 @@ def write_diagnosis(folder: Path, effects: dict[str, dict[str, float]]) -> None:
 
 
 def test_the_command_writes_the_figure(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}})
+    effects = {'offset': {'bias': 0.1}, 'warm_up_drift': {}}
+    write_diagnosis(tmp_path / 'diagnosis', effects)
     command = ['gap', 'walk', str(tmp_path / 'diagnosis'), '--out', str(tmp_path / 'out')]
     command += ['--walks', '2', '--steps', '0.06', '0.06', '--jobs', '2', '--json']
     assert main(command) == 0
     table = json.loads(capfd.readouterr().out)
     assert (tmp_path / 'out' / 'walk.png').read_bytes()[:8] == b'\x89PNG\r\n\x1a\n'
     assert json.loads((tmp_path / 'out' / 'walk.json').read_text()) == table
+    assert (list(table['effects']), table['left_out']) == (['offset'], ['warm_up_drift'])
     failed = {(row['terrain'], row['camera']): row['failed'] for row in table['rows']}
     assert failed['stairs', 'perfect depth'] == failed['stairs', 'noise model'] == 0
     assert failed['stairs', 'with diagnosed effects'] == 2

@@ -172,7 +172,7 @@ def test_limits_pause_and_pace_change_while_it_runs():
             ('real_time_factor', math.nan, 'got nan'),
             ('max_speed', -1.0, 'must be a number from 0 to 1.2'),
             ('max_turn', 'fast', "got 'fast'"),
-            ('board_distance', 2.0, "scene must be board, got 'corner'"),
+            ('board_distance', 2.0, "in scene board only, got scene 'corner'"),
             ('motion', 'stand', 'read'),
         ):
             answer = seen.change(**{name: value})

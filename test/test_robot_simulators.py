@@ -73,7 +73,7 @@ def test_another_simulator_moves_the_robot(robot):
         answer = seen.reset()
         assert not answer.success
         assert 'reset it there' in answer.message
-        assert 'another simulator' in seen.change(real_time_factor=2.0).reason
+        assert 'the simulator that has the time' in seen.change(real_time_factor=2.0).reason
 
 
 def test_joints_that_differ_only_in_their_prefix_are_different_joints(tmp_path):
@@ -187,7 +187,7 @@ def test_the_second_robot_follows_the_first_ones_clock():
             assert abs(nanoseconds(poses[-1]) - now) <= 2 * 10**9 // 30
             answer = second.change(real_time_factor=2.0)
             assert not answer.successful
-            assert 'time comes from /clock' in answer.reason
+            assert 'must be set where /clock is published' in answer.reason
             # Time that jumps back is followed as well.
             first.robot._pacer.tick = 0
             before = len(poses)

@@ -225,7 +225,7 @@ def test_a_file_that_breaks_while_it_is_shown_is_reported(bag: tuple[str, Path])
         (['{}/odd', '{}/walk.npz'], 'diagnosis.json: must be what flexx2 gap diagnose writes'),
         (['{}/walk.npz', '--demo'], '--demo: must be left out with PATH'),
         (['{}/broken'], 'one.npz: '),
-        (['{}/walk.npz', '--profile', 'no_camera'], 'no_camera: must be one of'),
+        (['{}/walk.npz', '--profile', 'no_camera'], 'profile: must be one of'),
     ],
 )
 def test_what_cannot_be_shown_ends_with_one_sentence(

@@ -74,6 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(table)
     else:
         console.print(_table(table))
+        if table['left_out']:
+            names = ', '.join(table['left_out'])
+            console.print(f'left out, as walks have no time since power-on: {names}')
         console.print(
             f'{arguments.out}: walk.json, walk.png ({table["seconds"]:.0f} s)', highlight=False
         )

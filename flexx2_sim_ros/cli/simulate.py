@@ -185,7 +185,9 @@ def _effects(path: str | None, draw: int | None) -> tuple[Effect, ...]:
     if draw is None:
         return load_effects(path) if path else ()
     if not path:
-        raise InputError('--draw: must come with --effects, a file with distributions')
+        raise InputError(
+            f'--draw: must come with --effects, a file with distributions, got {draw} alone'
+        )
     return load_randomisation(path).draw(1, draw)[0]
 
 

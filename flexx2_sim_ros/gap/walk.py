@@ -87,6 +87,8 @@ def walk(
         check_outputs('--out', out, FILES)
     before = read_diagnosis(Path(diagnosis))
     usecase, cameras = cameras_of(before, profile, seed)
+    diagnosed = table_of(before.effects_to_check())
+    simulated = with_uptime(diagnosed, None)
     kind = profile or flexx2()
     points = batches(walks, steps)
     with workers(jobs, None) as mapped:
@@ -102,7 +104,8 @@ def walk(
         )
     table: dict[str, Any] = {
         'schema': SCHEMA,
-        'effects': for_reports(table_of(before.effects)),
+        'effects': for_reports(simulated),
+        'left_out': [name for name in diagnosed if name not in simulated],
         'rows': rows(found),
         'settings': {
             'usecase': usecase,

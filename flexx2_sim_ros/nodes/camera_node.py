@@ -148,7 +148,7 @@ class Flexx2Camera(SteadyNode):
         try:
             return find_profile(name)
         except InputError as error:
-            raise InputError(f'profile: {error}') from error
+            raise InputError(f'profile: {str(error).removeprefix("profile: ")}') from error
 
     def _make_camera(self) -> Camera:
         settings = self.settings

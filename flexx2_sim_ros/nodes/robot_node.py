@@ -59,7 +59,7 @@ class RobotCameras(SteadyNode):
         try:
             self._intrinsics = centred(find_profile(settings.profile).intrinsics)
         except InputError as error:
-            raise InputError(f'profile: {error}') from error
+            raise InputError(f'profile: {str(error).removeprefix("profile: ")}') from error
         self._model = build_model(
             settings.robot_model,
             settings.scene,

@@ -138,15 +138,17 @@ class RobotParameters:
                     continue  # A file of all parameters may be loaded, see `ros2 param dump`.
                 if parameter.name.startswith('board_') and self.scene != 'board':
                     raise InputError(
-                        f'{parameter.name}: the scene must be board, got {shown(self.scene)}'
+                        f'{parameter.name}: must be set in scene board only, got scene '
+                        f'{shown(self.scene)}'
                     )
                 if parameter.name == 'real_time_factor' and self.motion == 'external':
                     raise InputError(
-                        'real_time_factor: another simulator sets the time when motion is external'
+                        'real_time_factor: must be set in the simulator that has the time '
+                        '(motion is external), got it here'
                     )
                 if parameter.name == 'real_time_factor' and self.follows_clock:
                     raise InputError(
-                        'real_time_factor: time comes from /clock: set it where that is published'
+                        'real_time_factor: must be set where /clock is published, got it here'
                     )
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))

@@ -149,7 +149,9 @@ class SteadyNode(Node):
         if self.describe_parameter(message.name).read_only:
             now = self.get_parameter(message.name).to_parameter_msg()
             if now != message:
-                return _refused(f'{message.name}: is read-only, can be set at the start only')
+                return _refused(
+                    f'{message.name}: must be set at the start (read-only), got a change'
+                )
             return SetParametersResult(successful=True)
         return None
 

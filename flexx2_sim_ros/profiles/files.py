@@ -121,7 +121,8 @@ def find_profile(name: str | Path) -> Profile:
     looks_like_a_name = '/' not in known and '.' not in known
     if looks_like_a_name and not is_regular_file(Path(name)):
         raise InputError(
-            f'{shown_path(name)}: must be one of {", ".join(shipped())} or the path of a profile'
+            f'profile: must be one of {", ".join(shipped())} or the path of a file, '
+            f'got {shown_path(name)}'
         )
     return load_profile(name)
 

@@ -130,7 +130,7 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
         )
     mode, notes = _mode(reader, profile or flexx2())
     if (np.diff(reader.stamp_ns) <= 0).any():
-        raise InputError(f'{path}: stamp: does not rise from frame to frame')
+        raise InputError(f'{path}: stamp: must rise from frame to frame, got one that does not')
     height, width = reader.shape[1:]
     try:
         Intrinsics.from_matrix(reader.K, width, height, reader.distortion)
@@ -276,12 +276,13 @@ def _depths(
     in_range = (clean >= mode.range_min) & (clean <= mode.range_max)
     if not in_range.any():
         raise InputError(
-            f'{path}: clean_depth: nothing lies within the range of '
-            f'{mode.name}, {mode.range_min:g} to '
-            f'{mode.range_max:g} m'
+            f'{path}: clean_depth: must have depths in the range of {mode.name}, '
+            f'{mode.range_min:g} to {mode.range_max:g} m, got none'
         )
     if not (valid & in_range).any():
-        raise InputError(f'{path}: depth, clean_depth: no pixel is valid in both')
+        raise InputError(
+            f'{path}: depth, clean_depth: must have pixels that are valid in both, got none'
+        )
     return depth, clean
 
 

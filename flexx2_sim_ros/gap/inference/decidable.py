@@ -197,7 +197,7 @@ def _settled_by(
                 return words
     if _left(model.as_if(shift, exact=True)) >= least:
         return 'surfaces that are known more accurately'
-    return 'a more accurate ground truth, such as a scan'
+    return 'a more accurate ground truth, such as a better scan'
 
 
 @dataclass(frozen=True)
