@@ -171,6 +171,23 @@ def test_of_pixels_with_too_much_noise_only_losses_count() -> None:
     assert lost[everywhere] > plain[everywhere] + 0.1
 
 
+def test_too_much_noise_hides_neither_a_bias_nor_looks_like_a_trend() -> None:
+    K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
+    camera, rng = flexx2(), np.random.default_rng(0)
+    clean = np.full((60, 80), 3.0, np.float32)
+    clean[:, 30:] = 6.5
+    scene = look_at(clean, None, 0.0, None, K, camera.mode('Mode_9_30fps'), axes_of(camera))
+    # Two thirds of the image have too much noise. All depths lie a standard deviation too far.
+    depth = clean + scene.sigma * (1 + rng.standard_normal((20, 60, 80)).astype(np.float32))
+    depth[:8, 30:] = np.nan
+    found, _ = features(accumulate(depth, [scene], np.arange(20) == 0, 0))
+    bias, trend = (found[LAYOUT.index(Feature(name, 'all', 0))] for name in ('bias', 'trend'))
+    # 20 x 1000 depths and more: their mean is a standard deviation of 0.007 off, a trend 0.025.
+    # Farther off than 5 and 5.5 of these by chance: once in 10^6.
+    assert bias == pytest.approx(1.0, abs=0.04)
+    assert trend == pytest.approx(0.0, abs=0.14)
+
+
 def test_intervals_cover_the_values_of_other_recordings() -> None:
     rng = np.random.default_rng(0)
 

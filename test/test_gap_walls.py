@@ -289,3 +289,17 @@ def test_too_few_pixels_are_reported(tmp_path: Path) -> None:
     assert all(
         'too little to look at: 72 depths' in ' '.join(row['notes']) for row in table['recordings']
     )
+
+
+def test_surfaces_with_too_much_noise_are_too_little_to_look_at(tmp_path: Path) -> None:
+    # At 6.5 m, sigma_z of the Flexx2 no longer says how depth errors are distributed.
+    K = np.array([[40.0, 0, 24], [0, 40, 18], [0, 0, 1]])  # noqa: N806
+    clean, stamp = np.full((36, 48), 6.5, np.float32), np.arange(3) / 30
+    for i in range(3):
+        depth = Camera(MODE, seed=i).capture(clean, K, stamp).depth
+        np.savez(
+            tmp_path / f'{i}.npz', depth=depth, clean_depth=clean, K=K, stamp=stamp, usecase=MODE
+        )
+    table = diagnose(tmp_path, out=tmp_path / 'out')
+    assert table['verdict'] == 'too_little'
+    assert all('look at: 0 depths' in ' '.join(row['notes']) for row in table['recordings'])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from flexx2_sim_ros.gap.calibration.features import SIMULATION
-from flexx2_sim_ros.gap.data.axes import Axes
+from flexx2_sim_ros.gap.data.axes import AXES, Axes
 from flexx2_sim_ros.gap.data.pose import pose_effects
 from flexx2_sim_ros.gap.data.prior import covariance_of, POSE
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
@@ -19,7 +19,7 @@ from flexx2_sim_ros.gap.features.features import (
     static_grain,
 )
 from flexx2_sim_ros.gap.features.grain import fingerprint
-from flexx2_sim_ros.gap.features.row_sums import EXPECT, INVERSE, VALID
+from flexx2_sim_ros.gap.features.row_sums import EXPECT, INVERSE, N_ERROR
 from flexx2_sim_ros.gap.features.search import Found, of_registration
 from flexx2_sim_ros.gap.features.simulation import (
     definitions,
@@ -82,7 +82,9 @@ class Evidence:
     fingerprint : numpy.ndarray
         (N,) float16 the first frame's noise; see `grain.fingerprint`.
     sigma, counts : numpy.ndarray
-        (BINS,) mean sigma_z, metres; pixels looked at.
+        (BINS,) mean sigma_z of the depths that are compared, metres; pixels looked at.
+    compared : int
+        Depths on surfaces that are compared: see `covariates.trusted_sigma`.
     frames, moving : int, bool
     notes : tuple of str
         What of the recording was converted or assumed.
@@ -118,6 +120,7 @@ class Evidence:
     fingerprint: np.ndarray
     sigma: np.ndarray
     counts: np.ndarray
+    compared: int
     frames: int
     moving: bool
     notes: tuple[str, ...]
@@ -200,6 +203,7 @@ def gather(
         fingerprint=fingerprint(recording.depth, scene.covariates),
         sigma=_mean_sigma(sums),
         counts=sums.bins[:, EXPECT].astype(np.float32),
+        compared=int(sums.bins[AXES['all'].start, N_ERROR]),
         frames=len(recording.depth),
         moving=scene.moving,
         notes=recording.notes,
@@ -310,7 +314,7 @@ def _wrong_truth(
 def _mean_sigma(sums: Sums) -> np.ndarray:
     with np.errstate(invalid='ignore', divide='ignore'):
         # Harmonic mean: a bias in metres is this value times the mean bias in sigma.
-        return (sums.bins[:, VALID] / sums.bins[:, INVERSE]).astype(np.float32)
+        return (sums.bins[:, N_ERROR] / sums.bins[:, INVERSE]).astype(np.float32)
 
 
 def _pooled_variance(nulls: np.ndarray, analytic: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from flexx2_sim_ros.gap.features.row_sums import (
     LOW,
     N1,
     N2,
+    N_ERROR,
     N_NEIGHBOUR,
     NEIGHBOUR,
     SQUARE1,
@@ -115,8 +116,8 @@ def features(
     s = sums.bins.T
     with np.errstate(invalid='ignore', divide='ignore'):
         valid = np.clip(s[VALID] / s[EXPECT], 0, 1)
-        bias, high, low = (s[k] / s[VALID] for k in (ERROR, HIGH, LOW))
-        several, several2 = s[VALID] >= enough, s[N2] >= enough
+        bias, high, low = (s[k] / s[N_ERROR] for k in (ERROR, HIGH, LOW))
+        several, several2 = s[N_ERROR] >= enough, s[N2] >= enough
         square = s[SQUARE2] / s[N2]
         values = np.array(
             [
@@ -128,10 +129,10 @@ def features(
                 np.log(square) - 2 * np.log(s[ABS2] / s[N2]) - 0.4516,
                 np.log(s[SQUARE1] / s[N1] / square),
                 s[NEIGHBOUR] / s[N_NEIGHBOUR] / square,
-                (s[TREND] - bias * s[TIME]) / (s[TIME2] - s[TIME] ** 2 / s[VALID]),
+                (s[TREND] - bias * s[TIME]) / (s[TIME2] - s[TIME] ** 2 / s[N_ERROR]),
             ]
         )
-        n, m = s[VALID], s[N2]
+        n, m = s[N_ERROR], s[N2]
         variances = np.array(
             [
                 1 / n,

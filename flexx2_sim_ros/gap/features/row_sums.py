@@ -10,7 +10,8 @@ import numpy as np
 
 # Compiled code takes constants from its module.
 CLIP, _CLIP2 = np.float32(FEATURES.gross), np.float32(FEATURES.gross_change)
-WIDTH = 16
+WIDTH = 17
+# VALID counts all valid depths, N_ERROR those whose sigma_z says how their errors are distributed.
 # The last four do not come from running sums; three of them are of all surfaces only.
 (
     VALID,
@@ -24,13 +25,14 @@ WIDTH = 16
     SQUARE1,
     NEIGHBOUR,
     N_NEIGHBOUR,
+    N_ERROR,
     INVERSE,
     EXPECT,
     TREND,
     TIME2,
     TIME,
 ) = range(WIDTH)
-_RUNNING = 12
+_RUNNING = 13
 
 
 class Surfaces(NamedTuple):
@@ -207,8 +209,7 @@ def _add_runs(surfaces, bins, used, y, sums, running):
     # Add one row's sums to the bins of its runs of pixels.
     zero, s, width = np.float32(0), surfaces.sigma[y], sums.shape[1]
     for x in range(width):
-        # So far it is how many errors there are.
-        sums[INVERSE, x] = sums[INVERSE, x] / s[x] if s[x] > zero else zero
+        sums[INVERSE, x] = sums[N_ERROR, x] / s[x] if s[x] > zero else zero
     for x in range(width):
         for k in range(_RUNNING):
             running[x + 1, k] = running[x, k] + sums[k, x]
@@ -237,7 +238,7 @@ def _sum_errors(z, e, mask, sums):
         sums[ERROR],
         sums[HIGH],
         sums[LOW],
-        sums[INVERSE],
+        sums[N_ERROR],
     )
     lost, seen, total = zero, zero, zero
     for x in range(e.size):

@@ -297,8 +297,8 @@ def _too_little(one: Evidence, seen: bool) -> list[str]:
     if seen:
         return []
     return [
-        f'{one.name}: too little to look at: {one.counts[0]:.0f} depths of surfaces away from '
-        f'edges, must be at least {ENOUGH}'
+        f'{one.name}: too little to look at: {one.compared} depths of surfaces away from edges '
+        f'with a sigma_z that says how errors are distributed, must be at least {ENOUGH}'
     ]
 
 
