@@ -1,11 +1,15 @@
 """Images that arrive late, over real DDS: with true stamps, in the time of the node's clock."""
 
+from functools import partial
 import time
 from typing import Any
 
+from flexx2_sim_ros.nodes.late_frames import LateFrames
 from flexx2_sim_ros.nodes.messages import time_message
 import numpy as np
 import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from streams import (
     array_of,
     boards,
@@ -16,6 +20,7 @@ from streams import (
     INFO,
     info_message,
     library,
+    Listener,
     nanoseconds,
     same,
     SECOND,
@@ -117,3 +122,30 @@ def test_stamps_of_another_clock_are_said_and_the_image_still_waits() -> None:
             assert heard[k][1] - before >= 100 * MS
         seen.spin_until(lambda: seen.logged('time_offset.delay', 'use_sim_time'), 'warning')
         assert len(seen.logged('time_offset.delay')) == 1
+
+
+def test_no_image_of_a_fast_camera_is_lost_in_the_longest_delay() -> None:
+    user, node = (
+        Listener(),
+        Node('late', parameter_overrides=[Parameter('use_sim_time', value=True)]),
+    )
+    user.add(node)
+    clocks = user.node.create_publisher(Clock, '/clock', 10)
+    user.spin_until(clocks.get_subscription_count, 'clock of the node')
+    late, published, stamps = LateFrames(node), [], []
+
+    def set_clock(now: int) -> None:
+        clocks.publish(Clock(clock=time_message(now)))
+        user.spin_until(lambda: node.get_clock().now().nanoseconds == now, 'clock')
+
+    try:
+        for now in range(5 * SECOND, 10 * SECOND, SECOND // 10):
+            set_clock(now)
+            for k in range(10):
+                stamps.append(now + 10 * k * MS)
+                late.add(stamps[-1], 4 * SECOND, 100.0, partial(published.append, stamps[-1]))
+        set_clock(10 * SECOND)
+        user.spin_until(lambda: len(published) == 101, 'images')
+        assert published == stamps[:101]
+    finally:
+        user.close()

@@ -267,7 +267,9 @@ class Flexx2Camera(SteadyNode):
             self._camera.skip(match.stamp)
         delay = time_offset_of(self._camera.effects).delay_ns
         publish = partial(self._publish, head, frame, start)
-        self._late.add(match.stamp, delay, partial(self._safely, publish))
+        self._late.add(
+            match.stamp, delay, self._camera.mode.rate_hz, partial(self._safely, publish)
+        )
         if delay and self._late.other_clock:
             self._say_once(
                 'effect.time_offset.delay: the stamps of clean/depth_image are not of the clock '

@@ -8,9 +8,9 @@ from rclpy.node import Node
 _SECOND = 1_000_000_000
 # Stamps that are farther than this from the node's clock are taken for those of another clock.
 _OTHER_CLOCK = 2 * _SECOND
-# Frames that may wait, so that memory is bounded while the clock stands still. 60 Hz for the
-# longest delay, 4 s, are 240.
-_MOST = 256
+# More frames wait than a mode gives in its delay, because stamps are not quite regular. Memory is
+# bounded, while the clock stands still and for a mode of thousands of frames a second.
+_MORE, _MOST = 16, 2048
 
 
 class LateFrames:
@@ -40,7 +40,7 @@ class LateFrames:
         self._timer = node.create_timer(1.0, self._publish_due, autostart=False)
         self.other_clock = False
 
-    def add(self, stamp: int, delay: int, publish: Callable[[], None]) -> None:
+    def add(self, stamp: int, delay: int, rate_hz: float, publish: Callable[[], None]) -> None:
         """
         Publish a frame when it is due; at once if it is due already.
 
@@ -48,6 +48,8 @@ class LateFrames:
         ----------
         stamp, delay : int
             Nanoseconds.
+        rate_hz : float
+            How many frames a second come at most.
         publish : callable
             Publishes the frame; must not raise.
 
@@ -60,7 +62,8 @@ class LateFrames:
         due = (now if self.other_clock else stamp) + delay
         if self._waiting:
             due = max(due, self._waiting[-1][0])
-        if len(self._waiting) == _MOST:
+        most = min(int(delay * rate_hz / _SECOND) + _MORE, _MOST)
+        while len(self._waiting) >= most:
             self._waiting.popleft()
         self._waiting.append((due, publish))
         self._publish_due()
