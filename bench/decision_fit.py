@@ -6,6 +6,7 @@ from itertools import combinations_with_replacement
 import math
 from typing import Any
 
+from bench.gap_novel import NAMEABLE
 from flexx2_sim_ros.gap.calibration.decisions import (
     Decisions,
     fewer_by,
@@ -107,6 +108,8 @@ def campaign(line: Mapping[str, Any]) -> Campaign:
     planned, table = line['planned'], line['diagnosis']
     depths = planned['width'] * planned['height'] * planned['frames']
     true = set(planned['effects'])
+    if line['more']['novel'] in NAMEABLE:
+        true.add(NAMEABLE[line['more']['novel']])
     if planned['pose_mm'] > POSE_IS_AN_EFFECT:
         true.add('pose_error')
     reduction = None

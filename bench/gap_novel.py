@@ -75,3 +75,6 @@ NOVEL: dict[str, Novel] = {
     'stutter': _stutter,
     'dead_patch': _dead_patch,
 }
+# Of these, what is a special form of an effect of the catalogue: the answer may name that effect.
+# Bands are a pattern that is the same in every scene, and the map of a fixed pattern holds them.
+NAMEABLE = {'column_bands': 'fixed_pattern'}
