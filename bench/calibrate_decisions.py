@@ -361,7 +361,12 @@ def _yaml(
         'effect': logistic('effect', rule.least_effect),
         'alternative': logistic('rival', rule.least_alternative),
         'reduction': [
-            {'verdict': one.verdict, 'most': one.most, 'margin': one.margin}
+            {
+                'verdict': one.verdict,
+                'most': one.most,
+                'least_depths': one.least_depths,
+                'margin': one.margin,
+            }
             for one in rule.margins
         ],
         'checked': {**rates, 'calibration_error': round(error, 4)},

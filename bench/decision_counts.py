@@ -49,7 +49,9 @@ def counted(rule: Decisions, campaigns: Sequence[Campaign]) -> dict[str, Any]:
                 out['size'].append(len(listed))
         if one.reduction is not None:
             middle, low, high, real = one.reduction
-            wide = rule.widened((low, high), middle, said.verdict, one.support.recordings)
+            wide = rule.widened(
+                (low, high), middle, said.verdict, one.support.recordings, one.support.depths
+            )
             if wide is not None:
                 out['held'].append(wide[0] <= real <= wide[1])
     return out

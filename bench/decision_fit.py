@@ -51,7 +51,10 @@ _EFFECT_PRODUCTS = 'gain', 'fraction', 'lead', 'left', 'ln_depths'
 _QUANTILE = 0.9  # over the scatter of wrong poses and the number of depths
 POSE_IS_AN_EFFECT = 5.0  # mm; larger errors of the poses are to be named
 _MOST_STEPS = 1000  # of the fit of a logistic model; it takes a few hundred
-_MOST = (4, 100)  # recordings: few, many
+# Groups of campaigns for the margins: largest number of recordings, and how many depths there are
+# per recording. 10 frames of the Flexx2 are a large campaign.
+_LARGE = 10 * 224 * 172.0
+_GROUPS = (4, 0.0, math.inf), (100, _LARGE, math.inf), (100, 0.0, _LARGE)
 _FEWEST = 9  # campaigns of a group, for a quantile of 0.9
 
 
@@ -363,15 +366,22 @@ def _margins(campaigns: Sequence[Campaign], rule: Decisions) -> tuple[Margin, ..
     verdicts = [judge(one.support, rule).verdict for one in campaigns]
     out = []
     for verdict in EXPLAINED:
-        for few, most in zip((0, *_MOST), _MOST, strict=False):
+        for group in _GROUPS:
             some = [
                 max(one.reduction[1] - one.reduction[3], one.reduction[3] - one.reduction[2])
                 for one, said in zip(campaigns, verdicts, strict=True)
-                if one.reduction is not None
-                and said == verdict
-                and few < one.support.recordings <= most
+                if one.reduction is not None and said == verdict and _group(one.support) == group
             ]
             at = math.ceil(HELD * (len(some) + 1)) - 1
             if len(some) >= _FEWEST and at < len(some):
-                out.append(Margin(verdict, most, float(np.sort(some)[at])))
+                out.append(Margin(verdict, *group[:2], float(np.sort(some)[at])))
     return tuple(out)
+
+
+def _group(support: Support) -> tuple[int, float, float]:
+    # The group of a campaign.
+    return next(
+        group
+        for group in _GROUPS
+        if support.recordings <= group[0] and group[1] <= support.depths < group[2]
+    )

@@ -149,13 +149,15 @@ def test_evidence_survives_a_file() -> None:
 
 
 def test_intervals_are_widened_by_the_margin_of_their_group() -> None:
-    few, many = Margin('partly', 4, 0.2), Margin('partly', 100, -0.3)
-    rule = replace(calibrated(), margins=(few, many))
-    assert rule.widened([0.4, 0.6], 0.5, 'partly', 4) == pytest.approx([0.2, 0.8])
-    assert rule.widened(None, 0.9, 'partly', 2) == pytest.approx([0.7, 1.0])
+    few, large = Margin('partly', 4, 0.0, 0.2), Margin('partly', 100, 4e5, 0.1)
+    many = Margin('partly', 100, 0.0, -0.3)
+    rule = replace(calibrated(), margins=(few, large, many))
+    assert rule.widened([0.4, 0.6], 0.5, 'partly', 4, 1e5) == pytest.approx([0.2, 0.8])
+    assert rule.widened(None, 0.9, 'partly', 2, 8e5) == pytest.approx([0.7, 1.0])
+    assert rule.widened([0.4, 0.6], 0.5, 'partly', 5, 8e5) == pytest.approx([0.3, 0.7])
     # A margin below zero makes the interval narrower, but the prediction stays in it.
-    assert rule.widened([0.3, 0.9], 0.5, 'partly', 5) == pytest.approx([0.5, 0.6])
-    assert rule.widened([0.4, 0.6], 0.5, 'identified', 5) is None
+    assert rule.widened([0.3, 0.9], 0.5, 'partly', 5, 1e5) == pytest.approx([0.5, 0.6])
+    assert rule.widened([0.4, 0.6], 0.5, 'identified', 5, 1e5) is None
 
 
 @pytest.mark.parametrize(

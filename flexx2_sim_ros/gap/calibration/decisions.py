@@ -81,6 +81,8 @@ class Margin:
         ``identified`` or ``partly``.
     most : int
         Largest number of recordings of the group.
+    least_depths : float
+        Smallest number of depths per recording of the group.
     margin : float
         Added to each end; negative where the intervals were too wide.
 
@@ -88,6 +90,7 @@ class Margin:
 
     verdict: str
     most: int
+    least_depths: float
     margin: float
 
 
@@ -172,7 +175,7 @@ class Decisions:
     least_alternative : float
         Probability from which on an effect is listed as an alternative.
     margins : tuple of Margin
-        In ascending order of ``most`` for each verdict.
+        The first one counts that a campaign belongs to.
 
     """
 
@@ -185,7 +188,12 @@ class Decisions:
     margins: tuple[Margin, ...]
 
     def widened(
-        self, interval: Sequence[float] | None, middle: float, verdict: str, recordings: int
+        self,
+        interval: Sequence[float] | None,
+        middle: float,
+        verdict: str,
+        recordings: int,
+        depths: float,
     ) -> list[float] | None:
         """
         Return a 90 % interval of the reduction of the gap on other scenes.
@@ -200,6 +208,8 @@ class Decisions:
             Of the diagnosis.
         recordings : int
             How many there are.
+        depths : float
+            Per recording.
 
         Returns
         -------
@@ -211,7 +221,8 @@ class Decisions:
         if recordings < _FEWEST:
             return None
         for one in self.margins:
-            if one.verdict == verdict and recordings <= one.most:
+            large = depths >= one.least_depths
+            if one.verdict == verdict and recordings <= one.most and large:
                 low, high = interval or (middle, middle)
                 low, high = min(low - one.margin, middle), max(high + one.margin, middle)
                 return [max(low, -1.0), min(high, 1.0)]
@@ -254,7 +265,12 @@ def read_decisions(path: Path) -> Decisions:
             _number(table['effect'], 'threshold'),
             _number(table['alternative'], 'threshold'),
             tuple(
-                Margin(str(row['verdict']), int(row['most']), _number(row, 'margin'))
+                Margin(
+                    str(row['verdict']),
+                    int(row['most']),
+                    _number(row, 'least_depths'),
+                    _number(row, 'margin'),
+                )
                 for row in table['reduction']
             ),
         )

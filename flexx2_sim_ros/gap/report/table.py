@@ -352,9 +352,9 @@ def _gap(
 
 def _interval(decision: Decision, headline: dict[str, Any]) -> list[float] | None:
     # The interval over recordings, widened until it holds on other scenes as often as it says.
-    over_recordings = headline['shrink_interval']
+    over_recordings, support = headline['shrink_interval'], decision.support
     wide = calibrated().widened(
-        over_recordings, headline['shrink'], decision.verdict, decision.support.recordings
+        over_recordings, headline['shrink'], decision.verdict, support.recordings, support.depths
     )
     return wide or over_recordings
 
