@@ -373,8 +373,8 @@ def _margins(campaigns: Sequence[Campaign], rule: Decisions) -> tuple[Margin, ..
                 if one.reduction is not None and said == verdict and _group(one.support) == group
             ]
             at = math.ceil(HELD * (len(some) + 1)) - 1
-            if len(some) >= _FEWEST and at < len(some):
-                out.append(Margin(verdict, *group[:2], float(np.sort(some)[at])))
+            enough = len(some) >= _FEWEST and at < len(some)
+            out.append(Margin(verdict, *group[:2], float(np.sort(some)[at]) if enough else None))
     return tuple(out)
 
 

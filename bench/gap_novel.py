@@ -76,5 +76,6 @@ NOVEL: dict[str, Novel] = {
     'dead_patch': _dead_patch,
 }
 # Of these, what is a special form of an effect of the catalogue: the answer may name that effect.
-# Bands are a pattern that is the same in every scene, and the map of a fixed pattern holds them.
+# Bands are the same in every scene and differ from one pixel to the next: the map of a fixed
+# pattern holds them. A ring is the same in every scene, too, but smooth: no such map holds it.
 NAMEABLE = {'column_bands': 'fixed_pattern'}

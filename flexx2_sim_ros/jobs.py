@@ -116,7 +116,7 @@ def _dask(address: str) -> Iterator[Map]:
         import distributed  # type: ignore[import-not-found,import-untyped,unused-ignore]
     except ImportError as error:
         raise InputError(
-            '--scheduler: needs Dask, which is not installed: pip install flexx2_sim_ros[cluster]'
+            '--scheduler: must have Dask, got none: pip install flexx2_sim_ros[cluster]'
         ) from error
 
     async def ask() -> None:
@@ -131,7 +131,7 @@ def _dask(address: str) -> Iterator[Map]:
             raise
         except Exception as error:  # Another program's answer can mean anything: 10^18 bytes.
             raise ValueError(f'it is no scheduler ({type(error).__name__})') from error
-        if not kind.endswith('Scheduler'):
+        if not str(kind).endswith('Scheduler'):
             raise ValueError(f'this is a {kind}')
 
     try:

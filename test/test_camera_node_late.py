@@ -1,5 +1,7 @@
 """Images that arrive late, over real DDS: with true stamps, in the time of the node's clock."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 import time
 from typing import Any
@@ -124,21 +126,29 @@ def test_stamps_of_another_clock_are_said_and_the_image_still_waits() -> None:
         assert len(seen.logged('time_offset.delay')) == 1
 
 
-def test_no_image_of_a_fast_camera_is_lost_in_the_longest_delay() -> None:
-    user, node = (
-        Listener(),
-        Node('late', parameter_overrides=[Parameter('use_sim_time', value=True)]),
-    )
+@contextmanager
+def late_frames() -> Iterator[tuple[LateFrames, Callable[[int], None], Listener]]:
+    """Yield frames that wait in simulated time, a function that sets it, and who spins."""
+    user = Listener()
+    node = Node('late', parameter_overrides=[Parameter('use_sim_time', value=True)])
     user.add(node)
     clocks = user.node.create_publisher(Clock, '/clock', 10)
-    user.spin_until(clocks.get_subscription_count, 'clock of the node')
-    late, published, stamps = LateFrames(node), [], []
 
     def set_clock(now: int) -> None:
         clocks.publish(Clock(clock=time_message(now)))
         user.spin_until(lambda: node.get_clock().now().nanoseconds == now, 'clock')
 
     try:
+        user.spin_until(clocks.get_subscription_count, 'clock of the node')
+        yield LateFrames(node), set_clock, user
+    finally:
+        user.close()
+
+
+def test_no_image_of_a_fast_camera_is_lost_in_the_longest_delay() -> None:
+    with late_frames() as (late, set_clock, user):
+        published: list[int] = []
+        stamps = []
         for now in range(5 * SECOND, 10 * SECOND, SECOND // 10):
             set_clock(now)
             for k in range(10):
@@ -147,5 +157,17 @@ def test_no_image_of_a_fast_camera_is_lost_in_the_longest_delay() -> None:
         set_clock(10 * SECOND)
         user.spin_until(lambda: len(published) == 101, 'images')
         assert published == stamps[:101]
-    finally:
-        user.close()
+
+
+def test_no_image_is_lost_when_delay_or_rate_become_smaller() -> None:
+    with late_frames() as (late, set_clock, user):
+        published: list[int] = []
+        set_clock(5 * SECOND)
+        stamps = [5 * SECOND + k for k in range(400)]
+        for k, stamp in enumerate(stamps):
+            delay, rate = (4 * SECOND, 100.0) if k < 300 else (0, 5.0)
+            late.add(stamp, delay, rate, partial(published.append, stamp))
+        assert not published
+        set_clock(10 * SECOND)
+        user.spin_until(lambda: len(published) == 400, 'images')
+        assert published == stamps

@@ -158,6 +158,9 @@ def test_intervals_are_widened_by_the_margin_of_their_group() -> None:
     # A margin below zero makes the interval narrower, but the prediction stays in it.
     assert rule.widened([0.3, 0.9], 0.5, 'partly', 5, 1e5) == pytest.approx([0.5, 0.6])
     assert rule.widened([0.4, 0.6], 0.5, 'identified', 5, 1e5) is None
+    # Nothing is known of large campaigns: the margin of small ones is not theirs.
+    rule = replace(rule, margins=(few, replace(large, margin=None), many))
+    assert rule.widened([0.4, 0.6], 0.5, 'partly', 5, 8e5) is None
 
 
 @pytest.mark.parametrize(

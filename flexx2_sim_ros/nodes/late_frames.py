@@ -8,9 +8,9 @@ from rclpy.node import Node
 _SECOND = 1_000_000_000
 # Stamps that are farther than this from the node's clock are taken for those of another clock.
 _OTHER_CLOCK = 2 * _SECOND
-# More frames wait than a mode gives in its delay, because stamps are not quite regular. Memory is
-# bounded, while the clock stands still and for a mode of thousands of frames a second.
-_MORE, _MOST = 16, 2048
+# Memory is bounded while the clock stands still: so many frames may wait, or as many as come until
+# the new one is due and some more, but no more than the last number (about a gigabyte).
+_USUAL, _MORE, _MOST = 256, 16, 1024
 
 
 class LateFrames:
@@ -18,8 +18,8 @@ class LateFrames:
     Publish each frame when the node's clock has reached its stamp plus a delay.
 
     Frames stay in order. The node's clock is that of ``/clock`` with ``use_sim_time``. If the
-    stamps are those of another clock, a frame waits for the delay after it was made. While the
-    clock stands still, the oldest frames are dropped.
+    stamps are those of another clock, a frame waits for the delay after it was made. The
+    oldest frames are dropped when too many wait, as while the clock stands still.
 
     Parameters
     ----------
@@ -38,6 +38,7 @@ class LateFrames:
         self._node = node
         self._waiting: deque[tuple[int, Callable[[], None]]] = deque()
         self._timer = node.create_timer(1.0, self._publish_due, autostart=False)
+        self._most = _USUAL
         self.other_clock = False
 
     def add(self, stamp: int, delay: int, rate_hz: float, publish: Callable[[], None]) -> None:
@@ -62,8 +63,10 @@ class LateFrames:
         due = (now if self.other_clock else stamp) + delay
         if self._waiting:
             due = max(due, self._waiting[-1][0])
-        most = min(int(delay * rate_hz / _SECOND) + _MORE, _MOST)
-        while len(self._waiting) >= most:
+        # It does not shrink while frames wait: those of a longer delay are due later.
+        due_in = int(max(due - now, 0) * rate_hz / _SECOND) + _MORE
+        self._most = max(self._most if self._waiting else _USUAL, min(due_in, _MOST))
+        while len(self._waiting) >= self._most:
             self._waiting.popleft()
         self._waiting.append((due, publish))
         self._publish_due()

@@ -172,13 +172,18 @@ class ViewedCamera:
             camera = decode_camera_info(self._info, self.topics.info)
             depth = decode_image(message, self.topics.depth, _ENCODINGS)
             if depth.shape != (camera.height, camera.width):
-                raise InputError(f'{self.topics.info}: must have the size of the image')
+                raise InputError(
+                    f'{self.topics.info}: must have the size of the image, {depth.shape}, got '
+                    f'{(camera.height, camera.width)}'
+                )
             sequence = 0 if self.shot is None else self.shot.sequence + 1
             self.shot = ViewedFrame(sequence, stamp, depth, self._cleaned(clean, camera), camera)
             self._problem = ''
             waited = now - self._first_clean > _STALE_SECONDS * 1e9
             if clean is not None and self._clean_info is None and waited:
-                raise InputError(f'{self.topics.clean_info}: must come with {self.topics.clean}')
+                raise InputError(
+                    f'{self.topics.clean_info}: must come with {self.topics.clean}, got none'
+                )
         except InputError as error:
             self._problem = str(error)
         self._show()

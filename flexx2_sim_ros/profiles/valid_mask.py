@@ -103,7 +103,9 @@ def read_mask(path: Path, camera: Intrinsics) -> ValidMask:
     except InputError:
         raise
     except Exception as error:  # A damaged .npy file raises errors of all kinds.
-        raise InputError(f'{name}: cannot be read as an image: {shown(error)}') from error
+        raise InputError(
+            f'{name}: must be an image, got no readable one: {shown(error)}'
+        ) from error
     wanted = camera.height, camera.width
     if image.shape != wanted or image.dtype.kind not in 'biu':
         raise InputError(

@@ -83,15 +83,16 @@ class Margin:
         Largest number of recordings of the group.
     least_depths : float
         Smallest number of depths per recording of the group.
-    margin : float
-        Added to each end; negative where the intervals were too wide.
+    margin : float or None
+        Added to each end; negative where the intervals were too wide. None where there were too
+        few campaigns of the group.
 
     """
 
     verdict: str
     most: int
     least_depths: float
-    margin: float
+    margin: float | None
 
 
 @dataclass(frozen=True)
@@ -175,7 +176,7 @@ class Decisions:
     least_alternative : float
         Probability from which on an effect is listed as an alternative.
     margins : tuple of Margin
-        The first one counts that a campaign belongs to.
+        The first one that a campaign belongs to counts.
 
     """
 
@@ -214,7 +215,7 @@ class Decisions:
         Returns
         -------
         list of float or None
-            Within -1 to 1; None where no group of campaigns was like this one. One recording
+            Within -1 to 1; None where too few campaigns were like this one. One recording
             cannot be left out, so that its reduction is no prediction.
 
         """
@@ -223,6 +224,8 @@ class Decisions:
         for one in self.margins:
             large = depths >= one.least_depths
             if one.verdict == verdict and recordings <= one.most and large:
+                if one.margin is None:
+                    return None
                 low, high = interval or (middle, middle)
                 low, high = min(low - one.margin, middle), max(high + one.margin, middle)
                 return [max(low, -1.0), min(high, 1.0)]
@@ -269,7 +272,7 @@ def read_decisions(path: Path) -> Decisions:
                     str(row['verdict']),
                     int(row['most']),
                     _number(row, 'least_depths'),
-                    _number(row, 'margin'),
+                    None if row['margin'] is None else _number(row, 'margin'),
                 )
                 for row in table['reduction']
             ),

@@ -26,7 +26,7 @@ class Sums:
     Attributes
     ----------
     bins : numpy.ndarray
-        (BINS, 16) float64.
+        (BINS, WIDTH) float64, see `row_sums`.
     pairs : numpy.ndarray
         (7,) float64, of the differences between frames: (sum^2 - sum of squares) and the number
         of pairs, over whole frames, rows and columns; and the sum of squares.

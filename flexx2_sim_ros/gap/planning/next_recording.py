@@ -148,7 +148,7 @@ def suggest(
         outcomes = mapped(bind(_look_out, setting=setting), possible, step)
         for one, outcome in zip(possible, outcomes, strict=True):
             if one in own and isinstance(outcome, str):
-                raise InputError(f'--scene: {one.name}: cannot be used: {outcome}')
+                raise InputError(f'--scene: must be a usable scene, got {one.name}: {outcome}')
         rows = [one for one in outcomes if isinstance(one, _Row)]
         if not any(not one.possible.repeat for one in rows):
             why = next((one for one in outcomes if isinstance(one, str)), 'none suits the truth')
