@@ -337,7 +337,7 @@ def test_counts_in_the_documents() -> None:
     count = len(registry())
     said = []
     for page in (ROOT / 'README.md', ROOT / 'docs' / 'nodes.md', ROOT / 'docs' / 'effects.md'):
-        said += re.findall(r'(\d+) (?:effects of|things) a real', page.read_text())
+        said += re.findall(r'(\d+) (?:effects \(|(?:effects of|things) a real)', page.read_text())
     assert len(said) >= 3
     assert set(map(int, said)) == {count}
     kernels = sum(kind.batched is not None for kind in registry().values())
