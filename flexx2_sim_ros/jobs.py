@@ -116,7 +116,7 @@ def _dask(address: str) -> Iterator[Map]:
         import distributed  # type: ignore[import-not-found,import-untyped,unused-ignore]
     except ImportError as error:
         raise InputError(
-            '--scheduler: must have Dask, got none: pip install flexx2_sim_ros[cluster]'
+            '--scheduler: must have Dask installed, got none: pip install flexx2_sim_ros[cluster]'
         ) from error
 
     async def ask() -> None:

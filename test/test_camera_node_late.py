@@ -143,6 +143,7 @@ def late_frames() -> Iterator[tuple[LateFrames, Callable[[int], None], Listener]
         yield LateFrames(node), set_clock, user
     finally:
         user.close()
+        node.destroy_node()
 
 
 def test_no_image_of_a_fast_camera_is_lost_in_the_longest_delay() -> None:

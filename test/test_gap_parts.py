@@ -5,7 +5,7 @@ from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.gap.data.axes import axes_of
-from flexx2_sim_ros.gap.data.covariates import look_at
+from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
 from flexx2_sim_ros.gap.data.pose import unknown_border
 from flexx2_sim_ros.gap.data.registration import place, RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import catalogue
@@ -149,12 +149,19 @@ def test_registration_ignores_borders_and_bends() -> None:
     assert unknown_border(np.array([0, 0, 0, 0, 1.0, 0]), clean, K) == 3
 
 
-def test_of_pixels_with_too_much_noise_only_losses_count() -> None:
+def two_walls(far: int) -> tuple[np.ndarray, PixelCovariates]:
+    """Return a wall at 3 m and, from a column on, one with too much noise; clean, and its bins."""
     K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
-    camera, rng = flexx2(), np.random.default_rng(0)
     clean = np.full((60, 80), 3.0, np.float32)
-    clean[:, 40:] = 6.5
-    scene = look_at(clean, None, 0.0, None, K, camera.mode('Mode_9_30fps'), axes_of(camera))
+    clean[:, far:] = 6.5
+    camera = flexx2()
+    mode = camera.mode('Mode_9_30fps')
+    return clean, look_at(clean, None, 0.0, None, K, mode, axes_of(camera))
+
+
+def test_of_pixels_with_too_much_noise_only_losses_count() -> None:
+    rng = np.random.default_rng(0)
+    clean, scene = two_walls(far=40)
     assert scene.trusted == pytest.approx(0.048, abs=5e-4)
     assert (scene.sigma[:, 45:75] > scene.trusted).all()
     depth = clean + scene.sigma * rng.standard_normal((20, 60, 80)).astype(np.float32)
@@ -171,12 +178,9 @@ def test_of_pixels_with_too_much_noise_only_losses_count() -> None:
     assert lost[everywhere] > plain[everywhere] + 0.1
 
 
-def test_too_much_noise_hides_neither_a_bias_nor_looks_like_a_trend() -> None:
-    K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
-    camera, rng = flexx2(), np.random.default_rng(0)
-    clean = np.full((60, 80), 3.0, np.float32)
-    clean[:, 30:] = 6.5
-    scene = look_at(clean, None, 0.0, None, K, camera.mode('Mode_9_30fps'), axes_of(camera))
+def test_too_much_noise_neither_hides_a_bias_nor_looks_like_a_trend() -> None:
+    rng = np.random.default_rng(0)
+    clean, scene = two_walls(far=30)
     # Two thirds of the image have too much noise. All depths lie a standard deviation too far.
     depth = clean + scene.sigma * (1 + rng.standard_normal((20, 60, 80)).astype(np.float32))
     depth[:8, 30:] = np.nan

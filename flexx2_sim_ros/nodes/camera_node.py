@@ -145,10 +145,7 @@ class Flexx2Camera(SteadyNode):
         name = declare(
             self, 'profile', '', f'{PROFILE_HELP[0].upper()}{PROFILE_HELP[1:]}.', read_only=True
         )
-        try:
-            return find_profile(name)
-        except InputError as error:
-            raise InputError(f'profile: {str(error).removeprefix("profile: ")}') from error
+        return find_profile(name)
 
     def _make_camera(self) -> Camera:
         settings = self.settings

@@ -64,8 +64,8 @@ class LateFrames:
         if self._waiting:
             due = max(due, self._waiting[-1][0])
         # It does not shrink while frames wait: those of a longer delay are due later.
-        due_in = int(max(due - now, 0) * rate_hz / _SECOND) + _MORE
-        self._most = max(self._most if self._waiting else _USUAL, min(due_in, _MOST))
+        coming = int(max(due - now, 0) * rate_hz / _SECOND) + _MORE
+        self._most = max(self._most if self._waiting else _USUAL, min(coming, _MOST))
         while len(self._waiting) >= self._most:
             self._waiting.popleft()
         self._waiting.append((due, publish))

@@ -56,10 +56,7 @@ class RobotCameras(SteadyNode):
         super().__init__('go1_cameras', **options)
         self._claim = claim_name(self)
         self.settings = settings = RobotParameters(self)
-        try:
-            self._intrinsics = centred(find_profile(settings.profile).intrinsics)
-        except InputError as error:
-            raise InputError(f'profile: {str(error).removeprefix("profile: ")}') from error
+        self._intrinsics = centred(find_profile(settings.profile).intrinsics)
         self._model = build_model(
             settings.robot_model,
             settings.scene,

@@ -173,8 +173,8 @@ class ViewedCamera:
             depth = decode_image(message, self.topics.depth, _ENCODINGS)
             if depth.shape != (camera.height, camera.width):
                 raise InputError(
-                    f'{self.topics.info}: must have the size of the image, {depth.shape}, got '
-                    f'{(camera.height, camera.width)}'
+                    f'{self.topics.info}: must have the height and width of the image, '
+                    f'{depth.shape}, got {(camera.height, camera.width)}'
                 )
             sequence = 0 if self.shot is None else self.shot.sequence + 1
             self.shot = ViewedFrame(sequence, stamp, depth, self._cleaned(clean, camera), camera)

@@ -110,7 +110,8 @@ def find_profile(name: str | Path) -> Profile:
     Raises
     ------
     InputError
-        As `load_profile`; for a name that is not shipped the message lists those that are.
+        As `load_profile`, after ``profile:``; for a name that is not shipped the message lists
+        those that are.
 
     """
     known = str(name).lower()
@@ -124,7 +125,10 @@ def find_profile(name: str | Path) -> Profile:
             f'profile: must be one of {", ".join(shipped())} or the path of a file, '
             f'got {shown_path(name)}'
         )
-    return load_profile(name)
+    try:
+        return load_profile(name)
+    except InputError as error:
+        raise InputError(f'profile: {error}') from error
 
 
 def load_profile(path: str | Path) -> Profile:
