@@ -284,10 +284,10 @@ def test_too_few_pixels_are_reported(tmp_path: Path) -> None:
         )
     table = diagnose(tmp_path, out=tmp_path / 'out')
     assert table['verdict'] == 'too_little'
-    assert 'too few depths' in headline(table)
+    assert 'Too few depths' in headline(table)
     assert table['effects'] == table['where'] == []
     assert all(
-        'too little to look at: 72 depths' in ' '.join(row['notes']) for row in table['recordings']
+        'small enough to compare, got 72' in ' '.join(row['notes']) for row in table['recordings']
     )
 
 
@@ -302,4 +302,8 @@ def test_surfaces_with_too_much_noise_are_too_little_to_look_at(tmp_path: Path) 
         )
     table = diagnose(tmp_path, out=tmp_path / 'out')
     assert table['verdict'] == 'too_little'
-    assert all('look at: 0 depths' in ' '.join(row['notes']) for row in table['recordings'])
+    assert all('to compare, got 0' in ' '.join(row['notes']) for row in table['recordings'])
+    # Large errors were measured: the page must not say that nothing differs.
+    page = (tmp_path / 'out' / 'report.html').read_text()
+    assert 'Too few depths to compare' in page
+    assert 'No region differs' not in page

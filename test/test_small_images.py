@@ -86,7 +86,7 @@ def test_single_frames_of_64_pixels(tmp_path: Path, capsys: pytest.CaptureFixtur
     options = ['--profile', str(profile), '--out', str(out), '--jobs', '1']
     capsys.readouterr()
     assert main(['gap', 'diagnose', campaign, *options]) == 0
-    assert 'too few depths on surfaces' in ' '.join(capsys.readouterr().err.split())
+    assert 'Too few depths of the recordings' in ' '.join(capsys.readouterr().err.split())
     assert not json.loads((out / 'diagnosis.json').read_text())['effects']
 
 

@@ -183,7 +183,10 @@ def _shrinkage(table: dict[str, Any]) -> str:
 
 def _where(table: dict[str, Any]) -> str:
     if not table['where']:
-        return '<h2>Where the gap lies</h2><p>No region differs by more than the tolerance.</p>'
+        found = 'No region differs by more than the tolerance.'
+        if table['verdict'] == 'too_little':
+            found = 'Too few depths to compare.'
+        return f'<h2>Where the gap lies</h2><p>{found}</p>'
     listed = table['where'][:12]
     rows = ''.join(
         f'<tr><td>{escape(group(cell))}</td><td>{escape(difference(cell))}'

@@ -297,8 +297,8 @@ def _too_little(one: Evidence, seen: bool) -> list[str]:
     if seen:
         return []
     return [
-        f'{one.name}: too little to look at: {one.compared} depths of surfaces away from edges '
-        f'with a sigma_z that says how errors are distributed, must be at least {ENOUGH}'
+        f'{one.name}: too little to look at: must have at least {ENOUGH} depths on surfaces away '
+        f'from edges whose noise is small enough to compare, got {one.compared}'
     ]
 
 

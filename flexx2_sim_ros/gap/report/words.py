@@ -102,7 +102,7 @@ def headline(table: dict[str, Any]) -> str:
             f'on {_names(table["not_decidable"])}.'
         )
     if table['verdict'] == 'too_little':
-        return 'The recordings have too few depths on surfaces to say whether there is a gap.'
+        return 'Too few depths of the recordings can be compared to say whether there is a gap.'
     if table['verdict'] == 'unknown':
         if _hides_cause(table):
             return (
