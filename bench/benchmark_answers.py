@@ -30,7 +30,7 @@ def main() -> None:
     """Print the lists."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
     parser.add_argument('--answers', type=Path, default=_PUBLISHED)
-    parser.add_argument('--before', type=int, default=8, help='wrong answers of the run before')
+    parser.add_argument('--before', type=int, default=3, help='wrong answers of the run before')
     arguments = parser.parse_args()
     answers = _read(arguments.answers)
     single = [one for one in answers if one.planned.group == 'single' and _usual(one)]
