@@ -2,8 +2,8 @@
 List the answers of the published benchmark that missed a goal, and what its page quotes.
 
 Prints single effects of strength 1 and 0.5 that were missed or for which only others were named,
-the error of the predicted reduction, its largest errors, the reductions below 0, and the time of
-campaigns without effects.
+false alarms, the error of the predicted reduction, its largest errors, the reductions below 0,
+the time of campaigns without effects, and the largest times.
 
 python -m bench.benchmark_answers
 python -m bench.benchmark_answers --answers build/benchmark/answers.jsonl
@@ -23,7 +23,7 @@ import numpy as np
 from scipy.stats import fisher_exact
 
 _PUBLISHED = Path(__file__).with_name('benchmark_answers.jsonl.xz')
-_LARGEST = 8  # errors to list
+_LARGEST = 8  # errors and times to list
 
 
 def main() -> None:
@@ -39,6 +39,11 @@ def main() -> None:
         print(f'wrong: {_name(one)}: {one.verdict} {", ".join(one.effects)}')
     counts = [[n, len(single) - n] for n in (len(wrong), arguments.before)]
     print(f'{len(wrong)} of {len(single)} wrong; Fisher p {fisher_exact(counts).pvalue:.2f}')
+    for one in answers:
+        if one.planned.group == 'none' and one.verdict != 'none':
+            named = zip(one.effects, one.confidences, strict=True)
+            told = ', '.join(f'{effect} {confidence:.2f}' for effect, confidence in named)
+            print(f'false alarm: poses {one.planned.pose_mm:g} mm: {one.verdict} {told}')
     measured = [one for one in answers if np.isfinite(one.prediction_error)]
     for name, some in (
         ('all', measured),
@@ -51,9 +56,11 @@ def main() -> None:
         print(f'{_name(one)}: predicted {one.predicted:.2f}, realised {one.realised:.2f}')
     for one in measured:
         if one.realised < 0:
-            print(f'larger: {_name(one)}: {one.realised:.2f}, predicted {one.predicted:.2f}')
+            print(f'larger: {_name(one)}: {one.realised:.4f}, predicted {one.predicted:.3f}')
     quiet = [one.cpu_seconds for one in answers if not one.planned.effects]
     print(f'without effects: {np.median(quiet):.1f} s of a core (median of {len(quiet)})')
+    slowest = sorted((one.cpu_seconds for one in answers), reverse=True)[:_LARGEST]
+    print('slowest: ' + ', '.join(f'{seconds:.0f}' for seconds in slowest) + ' s of a core')
 
 
 def _read(path: Path) -> Sequence[Answer]:
