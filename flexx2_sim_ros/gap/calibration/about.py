@@ -2,7 +2,7 @@
 What each constant of the diagnosis says of itself: unit, meaning, and what it comes from.
 
 The constants are in the modules `data`, `features`, `inference` and `forms`, each for the folder
-of that name in ``gap/``. Nothing else in ``gap/`` is tuned. What belongs to one effect (the
+of that name in ``gap/``. What belongs to one effect (the
 values that are simulated of it, how much it is doubted) is in that effect's own file.
 
 Most values were chosen by hand while `DEVELOPMENT` was run on seeds below 100, until campaigns
@@ -19,8 +19,8 @@ from typing import TypeVar
 T = TypeVar('T')
 DEVELOPMENT = 'python -m bench.gap_development --seeds <below 100>; by hand, tables not kept'
 FIRST_RELEASE = (
-    'raised from 4.5 after flexx2 gap benchmark --seed-set test --release of commit e3bc15f '
-    '(docs/benchmark_e3bc15f.md), new test seeds were drawn after that'
+    'raised from 4.5 after flexx2 gap benchmark --seed-set test --release of commit e3bc15f, '
+    'new test seeds were drawn after that'
 )
 ASSUMED = 'assumed; no trial is on record'
 DEFINITION = 'definition'
