@@ -18,6 +18,7 @@ def clock(monkeypatch):
 def test_ticks_keep_pace_and_their_stamps_are_exact(clock, rate, factor):
     pacer = Pacer(rate)
     pacer.restart(factor)
+    assert pacer.period == pytest.approx(1 / (rate * factor), rel=1e-9)
     stamps = []
     for _ in range(2000):
         clock[0] += 0.37 * pacer.period

@@ -1,10 +1,12 @@
 """The counter-based generator: the published vectors, a plain reference, and its statistics."""
 
+from collections.abc import Callable
 import math
 
 from flexx2_sim_ros.physics.philox import (
     camera_key,
     fill_normals,
+    fill_uniforms,
     normal_pair,
     philox4x32,
     stamp_words,
@@ -97,6 +99,18 @@ def test_random_numbers_agree_with_the_reference_in_every_pixel(size: int, stamp
         drawn = normals(size, stamp_ns=stamp_ns, stream=stream)
         wanted = reference_normals(camera_key(5, 'left'), stamp_ns, stream, size)
         np.testing.assert_allclose(drawn, wanted, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize('fill', [fill_normals, fill_uniforms])
+def test_any_number_of_pixels_is_filled_and_nothing_behind_them(fill: Callable) -> None:
+    key, low, high = camera_key(3, 'front'), *stamp_words(7)
+    many = np.empty(12, np.float32)
+    fill(key, low, high, STREAM_AXIAL, many)
+    for size in range(1, 10):
+        held = np.full(size + 4, np.nan, np.float32)
+        fill(key, low, high, STREAM_AXIAL, held[:size])
+        np.testing.assert_array_equal(held[:size], many[:size])
+        assert np.isnan(held[size:]).all()
 
 
 def test_extreme_words_give_finite_normals() -> None:
