@@ -8,7 +8,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from flexx2_sim_ros.cli import commands
+from flexx2_sim_ros.cli import commands, gap
 from flexx2_sim_ros.cli.main import main
 import numpy as np
 import pytest
@@ -255,6 +255,22 @@ def test_each_command_has_an_example_and_its_help_fits_80_columns(
         assert f'flexx2 {name}' in text.partition('example')[2].replace('\n', ' '), name
         # Above the first empty line is the usage: argparse does not break alternatives in it.
         assert max(map(len, text.partition('\n\n')[2].splitlines())) <= 80, name
+
+
+@pytest.mark.parametrize('words', ['--help', 'gap --help', 'nonsense'])
+def test_help_loads_no_command_and_lists_all(words: str) -> None:
+    program = (
+        'import sys; from flexx2_sim_ros.cli import commands\n'
+        'try: commands.make_parser(sys.argv[1:]).parse_args(sys.argv[1:])\n'
+        'except BaseException as end: print(end)\n'
+        "assert not {'numpy', 'numba', 'yaml', 'rich'} & set(sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', program, *words.split()], capture_output=True, text=True, check=True
+    )
+    said = ' '.join(done.stdout.split())
+    of_group = commands.COMMANDS if words != 'gap --help' else gap.COMMANDS
+    assert all(name in said for name in of_group), said
 
 
 # Calls commands one after the other where no file may grow beyond 4 KB; prints how each ended.

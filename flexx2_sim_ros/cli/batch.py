@@ -26,7 +26,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'batch',
-        help='simulate the cameras of many robots at once, and draw their height grids',
         description='Simulate Go1 robots that walk over stairs, each with two cameras. All images '
         'get their noise in one batch (flexx2_sim_ros.batch) and are projected to the height '
         'grid around each robot (x +-0.5 m, y +-0.3 m, every 0.1 m). Prints and draws the '

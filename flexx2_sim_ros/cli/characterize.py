@@ -21,7 +21,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand and its own."""
     parser = commands.add_parser(
         'characterize',
-        help='measure the noise of a depth camera with a flat board',
         description='Measure noise as the paper did: record a flat board at several distances '
         'and angles (plan, or capture with the simulated camera), then fit the noise model '
         '(fit). The results are a report and a camera profile.',

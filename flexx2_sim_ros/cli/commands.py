@@ -1,27 +1,32 @@
 """The subcommands of `flexx2`."""
 
 import argparse
+from collections.abc import Sequence
 import re
+import sys
 from typing import NoReturn
 
 from flexx2_sim_ros import __version__
-from flexx2_sim_ros.cli import (
-    batch,
-    characterize,
-    compiling,
-    convert,
-    demo,
-    effects,
-    export,
-    gap,
-    modes,
-    record,
-    replay,
-    simulate,
-    view,
-)
+from flexx2_sim_ros.cli.lazily import add_commands, words_of
 from flexx2_sim_ros.errors import InputError, unquoted
 
+# What `flexx2 --help` says of each command; its module is imported when it is the one that is run.
+COMMANDS = {
+    'modes': "list the camera's modes",
+    'simulate': 'simulate the camera on a scene from a file',
+    'characterize': 'measure the noise of a depth camera with a flat board',
+    'effects': 'list the effects beyond the noise model, or draw one of them',
+    'export': "write a camera's noise for a mapper or another simulator",
+    'demo': 'run a Go1 with two cameras and show what they see',
+    'view': 'show live cameras, recordings or a diagnosis in a browser; drive the robot',
+    'record': 'record all cameras into a bag',
+    'replay': 'publish the messages of a bag',
+    'convert': 'convert bags, images and .npz of any depth camera to a recording',
+    'gap': 'find out why recordings differ from the simulation',
+    'batch': 'simulate the cameras of many robots at once, and draw their height grids',
+    'compile': 'compile the camera before its first start',
+}
+MODULES = {'compile': 'compiling'}  # of commands whose module has another name
 # What argparse says of a word that is none of several; Python 3.12 and later leave out quotes.
 _CHOICE = re.compile(r'(.*): invalid choice: (.*) \(choose from (.*)\)', re.DOTALL)
 _QUOTE = "'"
@@ -38,8 +43,16 @@ class _Parser(argparse.ArgumentParser):
         raise InputError(f'{said} (see {self.prog} --help)')
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line, with all subcommands."""
+def make_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
+    """
+    Return the parser of the command line.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments: only the command that they name has its options. Default: all commands have.
+
+    """
     parser = _Parser(
         prog='flexx2',
         description='A simulated PMD Flexx2 time-of-flight camera, and tools that measure a depth '
@@ -50,26 +63,13 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for module in (
-        modes,
-        simulate,
-        characterize,
-        effects,
-        export,
-        demo,
-        view,
-        record,
-        replay,
-        convert,
-        gap,
-        batch,
-        compiling,
-    ):
-        module.add_parser(commands)
+    modules = {name: MODULES.get(name, name) for name in COMMANDS}
+    add_commands(commands, COMMANDS, modules, words_of(argv))
     return parser
 
 
-def run(argv: list[str] | None) -> int:
+def run(argv: Sequence[str] | None) -> int:
     """Run the subcommand in the arguments; see `flexx2_sim_ros.cli.main`."""
-    arguments = make_parser().parse_args(argv)
+    argv = sys.argv[1:] if argv is None else argv
+    arguments = make_parser(argv).parse_args(argv)
     return int(arguments.run(arguments))

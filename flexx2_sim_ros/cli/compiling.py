@@ -16,7 +16,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'compile',
-        help='compile the camera before its first start',
         epilog='example: flexx2 compile',
         description='Compile the camera model and all effects, so that a camera starts at once. '
         'The result is kept in the folder of the package, or in the cache folder of the user if '

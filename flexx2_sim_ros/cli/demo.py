@@ -29,7 +29,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'demo',
-        help='run a Go1 with two cameras and show what they see',
         description='Start go1_cameras and two flexx2_camera nodes as processes, switch through '
         'the measured modes (all modes, if none was measured) while they stream, print rates, '
         'latency and noise, and write a '

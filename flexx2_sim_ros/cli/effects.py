@@ -18,7 +18,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'effects',
-        help='list the effects beyond the noise model, or draw one of them',
         description='List the effects of a real camera that the noise model leaves out, in the '
         'order in which they act on the light: parameters, typical values, ranges and units. '
         'flexx2 simulate --effects or the parameters of the camera node switch them on.',

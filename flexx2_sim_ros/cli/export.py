@@ -32,7 +32,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'export',
-        help="write a camera's noise for a mapper or another simulator",
         description='Write the noise of a mode as parameters of a mapper or simulator: '
         f'{", ".join(TARGETS)}. The parameters are fitted by least squares over the range of the '
         'mode. The command prints the worst deviation of each fit, and what the target cannot '

@@ -16,7 +16,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'benchmark',
-        help='measure how often the diagnosis is right',
         description='Record campaigns with a blind camera, whose physics is separate from the '
         'simulator, diagnose each, and score the answers against labels that were sealed before '
         'the run. Resumes after an interruption. Prints the tables and writes '

@@ -18,7 +18,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'calibrate',
-        help='fit curves, maps and parameters of the diagnosed effects to recordings',
         description='A diagnosis fits those forms of its effects that are quick to fit. This '
         'command fits all, and tries alternative explanations as well: a bias over range, '
         'amplitude or time, a probability of invalid pixels over incidence or amplitude, a map of '

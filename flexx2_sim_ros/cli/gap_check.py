@@ -26,7 +26,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'check',
-        help='check whether a diagnosis holds on recordings that it has never seen',
         description='Compare the recordings in FRESH with their simulation, before and after the '
         'effects of DIAGNOSIS/effects.yaml are simulated. Prints a table with 90 % intervals over '
         'recordings, and writes check.json and check.html. The exit status is 0 if the gap '

@@ -23,7 +23,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'cost',
-        help='measure what the gap costs in what reads depth on a robot',
         description='Send the recordings in CAMPAIGN and their simulations (as simulated, with '
         'each diagnosed effect, with all) through what reads depth on a robot: a height grid, an '
         'elevation map, an occupancy map, the distance of obstacles, or your own. Writes '

@@ -20,7 +20,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'diagnose',
-        help='find which effects cause the gap, where it lies and how much they explain',
         description='Find the effects that explain the gap. The result says for example that '
         'an effect removes 61 % of the gap: this fraction of the difference goes away, on '
         'recordings that were not used for the fit, once the effect is simulated. An '

@@ -20,7 +20,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'next',
-        help='say which recording would settle what a diagnosis leaves open',
         description='Simulate the explanations that DIAGNOSIS leaves open in recordings that you '
         'could make next, and diagnose each together with the recordings of CAMPAIGN. The ranking '
         'says how often that names the right cause. Prints the suggestion and the ranking, and '

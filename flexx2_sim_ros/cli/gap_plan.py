@@ -15,7 +15,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'plan',
-        help='write a checklist of what to record, and what it will be able to find',
         description='Write a checklist for one hour with a camera: what to set up, which command '
         'records it, and what ground truth it needs; and a table of how weak an effect may be and '
         'still be found. See docs/planning.md.',

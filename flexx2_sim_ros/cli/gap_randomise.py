@@ -14,7 +14,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'randomise',
-        help='write distributions of the diagnosed effects, for training on many cameras',
         description='Write what a diagnosis knows of its camera as distributions: named effects '
         'with the uncertainty and the correlations of their parameters, effects that could not be '
         'decided as in the catalogue, all others off. flexx2 simulate --draw, the node and '

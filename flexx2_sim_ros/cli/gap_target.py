@@ -15,7 +15,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'target',
-        help='draw a target to print, for ground truth from gray images',
         description='Write a PDF to print at 100 % on a sheet of the given size, and beside it a '
         '.yaml that describes it for flexx2 gap truth --board. Two rulers on the sheet show '
         'whether the print is true to scale. See docs/truth_board.md.',

@@ -38,7 +38,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'truth',
-        help='make ground truth for recordings of a real camera',
         description='Register each RECORDING (.npz, a bag, or a folder of them) to a room, a '
         'printed board or planes, and write it to DIR with clean_depth and its accuracy. '
         'Writes truth.yaml and truth.html as well. An interrupted run resumes. See docs/truth.md.',

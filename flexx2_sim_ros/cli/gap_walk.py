@@ -14,7 +14,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'walk',
-        help='measure how often a walking robot fails with the diagnosed camera',
         description='Let simulated robots walk over stairs, rubble and gaps with footholds chosen '
         'on the height grid that their cameras see: with perfect depth, with the noise model, and '
         'with the diagnosed effects added. Writes walk.json and the figure walk.png. Forces are '

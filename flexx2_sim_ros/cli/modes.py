@@ -21,7 +21,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'modes',
-        help="list the camera's modes",
         epilog='example: flexx2 modes --profile kinect_v2',
         description='List the modes: rate, range, modulation, raw frames, and the noise model '
         f'with its coefficients. Shipped profiles: {", ".join(shipped())}.',

@@ -29,10 +29,7 @@ _IDLE = 5
 def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
-        'record',
-        help='record all cameras into a bag',
-        description=_DESCRIPTION,
-        epilog='example: flexx2 record walk --seconds 10',
+        'record', description=_DESCRIPTION, epilog='example: flexx2 record walk --seconds 10'
     )
     parser.add_argument(
         'bag',

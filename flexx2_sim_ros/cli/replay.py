@@ -18,7 +18,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'replay',
-        help='publish the messages of a bag',
         description='Publish the messages of a rosbag2 bag at the pace of their stamps, and a '
         '/clock that fits them. Ends at the end of the bag. Needs ROS 2.',
         epilog="example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'",

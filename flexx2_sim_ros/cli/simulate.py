@@ -34,7 +34,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'simulate',
-        help='simulate the camera on a scene from a file',
         description='Read clean depth and write what the camera would have recorded. IN.npz has '
         'clean_depth (H, W) or (T, H, W) in metres, NaN where there is no return, K (3, 3), '
         'optionally reflectivity (0..1) and stamp (T,) in seconds, or stamp_ns. OUT.npz is a '

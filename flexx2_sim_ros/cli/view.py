@@ -29,7 +29,6 @@ def add_parser(commands: Any) -> None:
     """Add the subcommand."""
     parser = commands.add_parser(
         'view',
-        help='show live cameras, recordings or a diagnosis in a browser; drive the robot',
         description='Serve a page that shows depth, what it is compared with, their difference '
         'and the point cloud of all cameras. Without PATH it shows the cameras that stream now '
         '(needs ROS 2): on the page you switch modes and drive the robot with W A S D. PATH is a '
