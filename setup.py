@@ -10,15 +10,17 @@ from setuptools import find_packages, setup
 from setuptools.command.install import install
 
 NAME = 'flexx2_sim_ros'
+HERE = Path(__file__).resolve().parent  # colcon build --symlink-install links to this file
 SHARE = Path('share') / NAME
 # Version, maintainer and licence are in package.xml alone.
-MANIFEST = ElementTree.parse('package.xml').getroot()
+MANIFEST = ElementTree.parse(HERE / 'package.xml').getroot()
 MAINTAINER = MANIFEST.find('maintainer')
 
 shared_files: dict[str, list[str]] = {}
-for path in sorted([*Path('config').rglob('*'), *Path('launch').glob('*.launch.py')]):
+for path in sorted([*(HERE / 'config').rglob('*'), *(HERE / 'launch').glob('*.launch.py')]):
     if path.is_file():
-        shared_files.setdefault(str(SHARE / path.parent), []).append(str(path))
+        name = path.relative_to(HERE)
+        shared_files.setdefault(str(SHARE / name.parent), []).append(str(name))
 
 
 class Install(install):
@@ -45,14 +47,14 @@ setup(
     name=NAME,
     version=MANIFEST.findtext('version'),
     description='A simulated PMD Flexx2 time-of-flight camera for ROS 2, and tools for its noise',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description=(HERE / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     maintainer=MAINTAINER.text,
     maintainer_email=MAINTAINER.get('email'),
     url=MANIFEST.findtext('url'),
     license=MANIFEST.findtext('license'),
     python_requires='>=3.11',
-    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    packages=find_packages(str(HERE), include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed'], f'{NAME}.view': ['page/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
