@@ -330,13 +330,7 @@ def _yaml(
 ) -> str:
     def logistic(name: str, threshold: float) -> dict[str, Any]:
         model = getattr(rule, name)
-        return {
-            'threshold': threshold,
-            'constant': model.constant,
-            'weights': dict(model.weights),
-            'limits': {key: list(ends) for key, ends in model.limits.items()},
-            **({'effects': dict(model.effects)} if model.effects else {}),
-        }
+        return {'threshold': threshold, 'constant': model.constant, 'weights': dict(model.weights)}
 
     rates = {
         name: {

@@ -58,7 +58,6 @@ def scaled(rule: Decisions, factor: float) -> Decisions:
     scaled_least = replace(
         least,
         probability=times_odds(least.probability, factor),
-        probability_of_poses=times_odds(least.probability_of_poses, factor),
         excess=least.excess * factor,
         excess_per_scatter=least.excess_per_scatter * factor,
         excess_per_fewer=least.excess_per_fewer * factor,

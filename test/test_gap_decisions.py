@@ -57,22 +57,10 @@ def test_more_evidence_makes_an_effect_more_probable() -> None:
 
 def test_a_gain_in_all_recordings_is_a_gap_where_no_loss_is_in_excess() -> None:
     """Assert it of walls, whose own poses and few features leave none."""
-    walls = replace(support(0.0, 4.0, 3.5, 4.0), left=-4.5, improved=(4.5,) * 6)
+    walls = replace(support(0.0, 4.0, 3.5, 8.0), left=-4.5, improved=(4.5,) * 6)
     assert judge(walls, calibrated()).verdict == 'identified'
-    once = (27.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    for other in (replace(walls, improved=once), replace(walls, gain=-0.5, improved=(0.0,) * 6)):
+    for other in (replace(walls, t=1.0), replace(walls, gain=-0.5, improved=(0.0,) * 6)):
         assert judge(other, calibrated()).verdict == 'none'
-
-
-def test_a_pose_error_has_a_threshold_of_its_own() -> None:
-    rule = with_thresholds(
-        probability=0.5, probability_of_poses=0.99, excess=10.0, odds_per_fewer=0.0
-    )
-    some = support(4.0, 1.5, 0.5, 1.5)
-    posed = replace(some, chosen=(EffectSupport('pose_error', 1.5, 1.5),))
-    assert 0.5 < judge(some, rule).gap == judge(posed, rule).gap < 0.99
-    assert judge(some, rule).verdict != 'none'
-    assert judge(posed, rule).verdict == 'none'
 
 
 def test_a_large_gap_that_nothing_explains_is_unknown() -> None:
@@ -108,8 +96,8 @@ def test_effects_that_leave_a_large_gap_explain_it_partly() -> None:
 
 def test_effects_that_are_less_probable_than_not_explain_a_gap_partly() -> None:
     rule = replace(with_thresholds(probability=0.0), least_effect=0.0)
-    noise = (EffectSupport('excess_noise', 1.0, 0.3),)
-    weak = replace(support(5.0, 1.0, 0.9, 0.3), left=2.0, chosen=noise)
+    noise = (EffectSupport('excess_noise', 0.6, 0.3),)
+    weak = replace(support(5.0, 0.6, 0.5, 0.3), left=3.0, chosen=noise)
     clear = support(60.0, 50.0, 10.0, 8.0)
     assert judge(weak, rule).effects['excess_noise'] < 0.5 < judge(clear, rule).effects['offset']
     assert judge(weak, rule).verdict == 'partly'
@@ -126,7 +114,7 @@ def test_wrong_poses_leave_a_loss_that_is_no_gap() -> None:
 
 
 def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left() -> None:
-    rule = with_thresholds(probability=0.99, probability_of_poses=0.99, excess=10.0)
+    rule = with_thresholds(probability=0.99, excess=10.0)
     one = support(4.0, 1.5, 0.5, 1.5)
     posed = replace(one, chosen=(EffectSupport('pose_error', 1.5, 1.5),))
     assert judge(replace(posed, scatter=0.54), rule).verdict == 'none'
@@ -219,39 +207,6 @@ def test_the_rule_keeps_its_error_rates_on_further_campaigns() -> None:
     assert rates['covered'] > 0.75
     assert rates['named'] > 0.4
     assert calibration_error(out['confidence']) < 0.1
-
-
-def test_an_effect_that_is_often_chosen_in_place_of_others_is_less_probable() -> None:
-    """
-    Assert it of the same evidence.
-
-    About 200 campaigns of each of the two are fitted. It is right in 9 of 10 and 3 of 10; the
-    share of 200 is off by 0.2 with a probability below 1e-8 (binomial).
-    """
-    rng = np.random.default_rng(5)
-    rule, right = calibrate(_often_wrong(rng, 800)), {'offset': 0.9, 'wiggling': 0.3}
-    for name, share in right.items():
-        some = [one for one in _often_wrong(rng, 100) if one.support.chosen[0].name == name]
-        said = [judge(one.support, rule).effects[name] for one in some]
-        assert np.mean(said) == pytest.approx(share, abs=0.2)
-
-
-def _often_wrong(rng: np.random.Generator, count: int) -> list[Campaign]:
-    out = []
-    for one in made(rng, count):
-        clear = support(30.0 + rng.normal(), 25.0, 5.0, 8.0)
-        if not one.present:
-            out.append(one)
-            continue
-        name, share = ('offset', 0.9) if rng.random() < 0.5 else ('wiggling', 0.3)
-        other = 'wiggling' if name == 'offset' else 'offset'
-        chosen, rival = (
-            replace(row, name=n) for row, n in zip(clear.considered, (name, other), strict=True)
-        )
-        clear = replace(clear, chosen=(chosen,), considered=(chosen, rival), rivals=(rival,))
-        true = frozenset({name if rng.random() < share else other})
-        out.append(replace(one, support=clear, true=true, findable=True))
-    return out
 
 
 def test_the_rule_is_what_the_kept_campaigns_give(tmp_path: Path) -> None:

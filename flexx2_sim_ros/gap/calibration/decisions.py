@@ -6,7 +6,7 @@ of errors that it reached.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 import math
 from pathlib import Path
@@ -17,11 +17,9 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.paths import config_dir
 
 FILE = 'decisions.yaml'
-TIMES = ' * '  # between the names of a product
 # Of the table `gap` of the file, by field of `GapThresholds`.
 KEYS = {
     'probability': 'threshold',
-    'probability_of_poses': 'threshold_of_poses',
     'excess': 'excess',
     'excess_per_scatter': 'excess_per_scatter',
     'agreement': 'agreement',
@@ -35,38 +33,24 @@ _FEWEST = 2  # recordings of a campaign that the margins were calibrated on
 @dataclass(frozen=True)
 class Logistic:
     """
-    A logistic model: the log odds are a constant plus a weighted sum of evidence and its products.
+    A logistic model: the log odds are a constant plus a weighted sum of evidence.
 
     Attributes
     ----------
     constant : float
         Log odds without evidence.
     weights : mapping of str to float
-        Log odds for each unit of the evidence, by its name, or of a product: ``gain * left``.
-    limits : mapping of str to tuple of float
-        Least and largest value of each evidence in the campaigns that the model was fitted to.
-        Values beyond count as these: a product is not extrapolated.
-    effects : mapping of str to float
-        Log odds besides for evidence of this effect, by its name: some are taken for others more
-        often than the evidence says. 0 for effects without an entry.
+        Log odds for each unit of the evidence, by its name.
 
     """
 
     constant: float
     weights: Mapping[str, float]
-    limits: Mapping[str, tuple[float, float]]
-    effects: Mapping[str, float] = field(default_factory=dict)
 
-    def probability(self, evidence: Mapping[str, float], effect: str = '') -> float:
-        """Return the probability, 0..1, given the evidence by name, and of which effect it is."""
-        limited = {
-            name: min(max(evidence[name], low), high) for name, (low, high) in self.limits.items()
-        }
-        odds = self.constant + self.effects.get(effect, 0.0)
-        odds += sum(
-            weight * math.prod(limited[name] for name in names.split(TIMES))
-            for names, weight in self.weights.items()
-        )
+    def probability(self, evidence: Mapping[str, float]) -> float:
+        """Return the probability, 0..1, given the evidence by name."""
+        odds = self.constant
+        odds += sum(weight * evidence[name] for name, weight in self.weights.items())
         return 1 / (1 + math.exp(-min(max(odds, -500.0), 500.0)))
 
 
@@ -102,8 +86,8 @@ class GapThresholds:
 
     Attributes
     ----------
-    probability, probability_of_poses : float
-        That there is a gap; the second one where a pose error is among the chosen effects.
+    probability : float
+        That there is a gap.
     excess, excess_per_scatter : float
         Excess loss. The wrong poses of a campaign leave more loss the more they scatter.
     agreement : float
@@ -117,7 +101,6 @@ class GapThresholds:
     """
 
     probability: float
-    probability_of_poses: float
     excess: float
     excess_per_scatter: float
     agreement: float
@@ -140,21 +123,10 @@ class GapThresholds:
         more = self.excess_per_fewer * fewer_by(depths, self.most_depths)
         return self.excess + self.excess_per_scatter * scatter + more
 
-    def probability_from(self, posed: bool, depths: float) -> float:
-        """
-        Return the probability from which on there is a gap.
-
-        Parameters
-        ----------
-        posed : bool
-            Whether a pose error is among the chosen effects.
-        depths : float
-            Per recording.
-
-        """
-        least = self.probability_of_poses if posed else self.probability
+    def probability_from(self, depths: float) -> float:
+        """Return the probability from which on there is a gap; ``depths`` are per recording."""
         more = self.odds_per_fewer * fewer_by(depths, self.most_depths)
-        return times_odds(least, math.exp(more))
+        return times_odds(self.probability, math.exp(more))
 
 
 @dataclass(frozen=True)
@@ -287,11 +259,7 @@ def read_decisions(path: Path) -> Decisions:
 def _logistic(table: Mapping[str, Any], name: str) -> Logistic:
     row = table[name]
     weights = {str(key): float(value) for key, value in row['weights'].items()}
-    limits = {str(key): (float(low), float(high)) for key, (low, high) in row['limits'].items()}
-    if missing := {one for names in weights for one in names.split(TIMES)} - {*limits}:
-        raise ValueError(f'{name}.limits: must have {", ".join(sorted(missing))}')
-    effects = {str(key): float(value) for key, value in row.get('effects', {}).items()}
-    return Logistic(_number(row, 'constant'), weights, limits, effects)
+    return Logistic(_number(row, 'constant'), weights)
 
 
 def _number(row: Mapping[str, Any], name: str) -> float:

@@ -61,7 +61,7 @@ def judge(support: Support, rule: Decisions) -> Judgement:
     gap = rule.gap.probability(gap_evidence(support))
     chosen, rivals = effect_evidence(support)
     effects = {
-        name: model.probability(row, name)
+        name: model.probability(row)
         for model, rows in ((rule.effect, chosen), (rule.rival, rivals))
         for name, row in rows.items()
     }
@@ -95,11 +95,9 @@ def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
 
 
 def _loss_shows_gap(support: Support, probability: float, rule: Decisions) -> bool:
-    # Campaigns with a pose error among the chosen effects have a threshold of their own: poses
-    # are never exact, and a few of them may agree by chance.
     least, depths = rule.thresholds, support.depths
     large = support.excess >= least.excess_from(support.scatter, depths)
-    return large or probability >= least.probability_from(is_posed(support), depths)
+    return large or probability >= least.probability_from(depths)
 
 
 def agreement(support: Support) -> float:
@@ -109,7 +107,8 @@ def agreement(support: Support) -> float:
     It finds a gap that leaves no excess loss, because the recordings' own poses can take it over,
     such as at bare walls.
     """
-    return float(np.arcsinh(max(support.gain, 0.0)) * max(_limited(support.t), 0.0))
+    t = min(max(support.t, 0.0), THRESHOLDS.most_t)
+    return float(np.arcsinh(max(support.gain, 0.0)) * t)
 
 
 def is_posed(support: Support) -> bool:
@@ -144,12 +143,8 @@ def _leave_gap(support: Support, rule: Decisions) -> bool:
 def gap_evidence(support: Support) -> dict[str, float]:
     """Return what tells a gap from none, by name."""
     return {
-        'excess': float(np.arcsinh(support.excess)),
-        'gain': float(np.arcsinh(support.gain)),
-        'least_gain': float(np.arcsinh(support.least_gain)),
-        'scatter': support.scatter,
-        'ln_recordings': float(np.log(support.recordings)),
-        'ln_depths': _ln_depths(support),
+        name: float(np.arcsinh(getattr(support, name)))
+        for name in ('excess', 'gain', 'least_gain')
     }
 
 
@@ -166,57 +161,30 @@ def effect_evidence(support: Support) -> tuple[Rows, Rows]:
     -------
     tuple of dict of str to dict of str to float
         For each chosen effect, and for each other one that could be in place of the last one:
-        ``gain``, its gain; ``fraction``, its gain as a fraction of the excess loss;
-        ``lead`` and ``lead_t``, by how much and how clearly it is better than the best other
-        explanation (negative: worse); ``lead_fraction``, the lead as a fraction of its gain;
-        ``left``, the fraction of the excess loss that the chosen effects leave; ``scatter`` of the
-        poses, and ``pose``, the same for a pose error and 0 for other effects;
-        ``ln_recordings``; ``ln_depths``.
+        ``gain``, its gain; ``lead``, by how much it is better than the best other explanation
+        (negative: worse); ``left``, the fraction of the excess loss that the chosen effects leave;
+        ``scatter`` of the poses.
 
     """
     if not support.chosen:
         return {}, {}
-    common = {
-        'left': float(np.clip(support.left / max(support.excess, 1e-9), 0.0, 1.5)),
-        'scatter': support.scatter,
-        'ln_recordings': float(np.log(support.recordings)),
-        'ln_depths': _ln_depths(support),
-    }
-    last, excess = support.chosen[-1], support.excess
-    rivals = {one.name: one for one in support.rivals[::-1]}
-    chosen = {one.name: _row(one.gain, one.gain, one.t, excess) for one in support.chosen[:-1]}
-    nearest = support.rivals[0].gain if support.rivals else 0.0
-    chosen[last.name] = _row(
-        last.gain,
-        last.gain - max(nearest, 0.0),
-        min([last.t, *(one.t for one in support.rivals)]),
-        excess,
-    )
+    last, excess = support.chosen[-1], max(support.excess, 1e-9)
+    left = float(np.clip(support.left / excess, 0.0, 1.5))
+
+    def row(gain: float, lead: float) -> dict[str, float]:
+        return {
+            'gain': float(np.arcsinh(gain)),
+            'lead': float(np.arcsinh(lead)),
+            'left': left,
+            'scatter': support.scatter,
+        }
+
+    nearest = max(support.rivals[0].gain if support.rivals else 0.0, 0.0)
+    chosen = {one.name: row(one.gain, one.gain) for one in support.chosen[:-1]}
+    chosen[last.name] = row(last.gain, last.gain - nearest)
     others = {
-        name: _row(one.gain, one.gain - last.gain, -one.t, excess)
-        for name, one in rivals.items()
-        if name not in chosen
+        one.name: row(one.gain, one.gain - last.gain)
+        for one in support.rivals[::-1]
+        if one.name not in chosen
     }
-    for name, row in (*chosen.items(), *others.items()):
-        row |= {**common, 'pose': support.scatter if name == _POSE else 0.0}
     return chosen, others
-
-
-def _row(gain: float, lead: float, t: float, excess: float) -> dict[str, float]:
-    # Fractions of less than a loss of 1, or a gain of 0.5, say nothing.
-    return {
-        'gain': float(np.arcsinh(gain)),
-        'fraction': float(np.clip(gain / max(excess, 1.0), 0.0, 1.5)),
-        'lead': float(np.arcsinh(lead)),
-        'lead_fraction': float(np.clip(lead / max(abs(gain), 0.5), -2.0, 1.0)),
-        'lead_t': _limited(t),
-    }
-
-
-def _ln_depths(support: Support) -> float:
-    # In units of a megapixel, so that it is small and its products mean something.
-    return float(np.log(support.depths / 1e6))
-
-
-def _limited(t: float) -> float:
-    return float(np.clip(t, -THRESHOLDS.most_t, THRESHOLDS.most_t))
