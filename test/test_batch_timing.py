@@ -1,6 +1,9 @@
 """When the images of a batch are taken and when they arrive, in steps of an environment loop."""
 
+from collections.abc import Callable
+import copy
 from pathlib import Path
+import pickle
 
 from batches import DEVICES, look, scenes
 from flexx2_sim_ros.batch import BatchCamera, images, timing
@@ -153,24 +156,20 @@ def test_without_steps_an_image_is_late_by_whole_frames() -> None:
     assert cameras.image_stamps.numpy().tolist() == [(8 - 3) * period, (8 - 1) * 100 * MS]
 
 
+def drawn(folder: Path, effect: str, parameters: dict, **more: float) -> Randomisation:
+    """Return random cameras, read from a file."""
+    path, effects = folder / f'{effect}.yaml', {effect: {'parameters': parameters, **more}}
+    path.write_text(yaml.safe_dump({'schema': 1, 'randomisation': {'effects': effects}}))
+    return load_randomisation(path)
+
+
 def test_a_reset_draws_another_delay_and_latency(tmp_path: Path) -> None:
     parameters = {'latency': {'low': 0.0, 'high': 0.1}, 'delay': {'low': 0.02, 'high': 0.06}}
-    path = tmp_path / 'late.yaml'
-    path.write_text(
-        yaml.safe_dump(
-            {
-                'schema': 1,
-                'randomisation': {
-                    'effects': {'time_offset': {'probability': 0.9, 'parameters': parameters}}
-                },
-            }
-        )
-    )
     cameras = BatchCamera(8, 'Mode_5_60fps', step_s=0.02, device='cpu', K=MATRIX)
-    cameras.randomise(load_randomisation(path), seed=3, pool=64)
+    cameras.randomise(drawn(tmp_path, 'time_offset', parameters, probability=0.9), 3, pool=64)
     assert cameras.drawn is not None
     film = moving(1, 22)
-    drawn = []
+    delays_drawn = []
     for step in range(22):
         if step == 11:
             cameras.reset()
@@ -179,7 +178,7 @@ def test_a_reset_draws_another_delay_and_latency(tmp_path: Path) -> None:
             alone = [Camera('Mode_5_60fps', seed=i, effects=own) for i, own in enumerate(chosen)]
             delays = [own[0].delay if own else 0.0 for own in chosen]
             taken = {}
-            drawn.append(delays)
+            delays_drawn.append(delays)
         taken[step * 20 * MS] = [
             camera.capture(film[step, 0], MATRIX, step * 20 * MS).depth for camera in alone
         ]
@@ -189,21 +188,15 @@ def test_a_reset_draws_another_delay_and_latency(tmp_path: Path) -> None:
             assert when == max(step - steps, 11 * (step >= 11)) * 20 * MS
             close = np.isclose(seen[i], taken[when][i], rtol=0, atol=2e-5, equal_nan=True)
             assert close.mean() > 1 - 1e-3
-    assert all(own != other for own, other in zip(*drawn, strict=True))
-    assert all(0.02 <= delay <= 0.06 for delay in drawn[0] if delay)
+    assert all(own != other for own, other in zip(*delays_drawn, strict=True))
+    assert all(0.02 <= delay <= 0.06 for delay in delays_drawn[0] if delay)
 
 
 def test_widths_are_drawn_at_a_reset_unless_they_shape_scattered_light(tmp_path: Path) -> None:
-    def drawn(effect: str, low: float, high: float) -> Randomisation:
-        width = {'parameters': {'width': {'low': low, 'high': high}}}
-        path = tmp_path / f'{effect}.yaml'
-        path.write_text(
-            yaml.safe_dump({'schema': 1, 'randomisation': {'effects': {effect: width}}})
-        )
-        return load_randomisation(path)
-
     cameras = BatchCamera(4, device='cpu', K=MATRIX)
-    cameras.randomise(drawn('heavy_tails', 3.0, 8.0), seed=2, pool=16)
+    cameras.randomise(
+        drawn(tmp_path, 'heavy_tails', {'width': {'low': 3.0, 'high': 8.0}}), seed=2, pool=16
+    )
     assert cameras.drawn is not None
     scene = scenes(1)
     seen = cameras(np.repeat(scene, 4, axis=0))
@@ -211,7 +204,9 @@ def test_widths_are_drawn_at_a_reset_unless_they_shape_scattered_light(tmp_path:
         alone = Camera(seed=i, effects=cameras.drawn.cameras[k]).capture(scene[0], MATRIX, 0).depth
         assert np.isclose(seen[i], alone, rtol=0, atol=2e-5, equal_nan=True).mean() > 1 - 1e-3
     with pytest.raises(InputError, match='stray_light: cannot be drawn again'):
-        cameras.randomise(drawn('stray_light', 0.1, 0.5), seed=2, pool=16)
+        cameras.randomise(
+            drawn(tmp_path, 'stray_light', {'width': {'low': 0.1, 'high': 0.5}}), seed=2, pool=16
+        )
 
 
 def test_no_more_frames_are_kept_than_are_needed() -> None:
@@ -234,6 +229,64 @@ def test_no_more_frames_are_kept_than_are_needed() -> None:
 def test_unusable_steps_are_refused(step_s: object) -> None:
     with pytest.raises(InputError, match='step_s: must be 1e-6 to 10 seconds, got'):
         BatchCamera(2, device='cpu', step_s=step_s)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize('step_s', [np.float32(0.02), np.float64(0.02), np.int64(1), 1])
+def test_steps_are_any_number(step_s: float) -> None:
+    cameras = BatchCamera(1, 'Mode_9_5fps', device='cpu', step_s=step_s)
+    cameras(np.ones((1, 4, 5), np.float32))
+    assert cameras.stamps.numpy().tolist() == [round(float(step_s) * 1000) * MS]
+
+
+@pytest.mark.parametrize('steps', [-1, 0.5, True, '1'])
+def test_unusable_numbers_of_steps_are_refused(steps: object) -> None:
+    with pytest.raises(InputError, match='steps: must be a whole number from 0, got'):
+        BatchCamera(1, device='cpu')(np.ones((1, 4, 5), np.float32), steps=steps)  # type: ignore
+
+
+@pytest.mark.parametrize('step_s', [None, 0.02])
+def test_calls_without_a_step_change_nothing(step_s: float | None) -> None:
+    """Nothing that effects keep, on the device or in a `Camera`, nor the clock."""
+    options: dict = {'effects': [late(0.04), KEEPING, {**CURVE, **late(0.04)}], 'step_s': step_s}
+    cameras, alone = (BatchCamera(3, device='cpu', K=MATRIX, **options) for _ in range(2))
+    for step, clean in enumerate(moving(3, 12)):
+        wanted = cameras(clean, steps=1)
+        np.testing.assert_array_equal(alone(clean, steps=1), wanted)
+        for _ in range(step % 3):
+            np.testing.assert_array_equal(alone(clean + 1, steps=0), wanted)
+        np.testing.assert_array_equal(alone.stamps.numpy(), cameras.stamps.numpy())
+
+
+def pickled(cameras: BatchCamera) -> BatchCamera:
+    """Return a camera from its pickle."""
+    made: BatchCamera = pickle.loads(pickle.dumps(cameras))  # noqa: S301 (our own)
+    return made
+
+
+@pytest.mark.parametrize('copied', [copy.deepcopy, pickled])
+@pytest.mark.parametrize('step_s', [None, 0.02])
+def test_copies_go_on_as_the_original_does(
+    step_s: float | None, copied: Callable, tmp_path: Path
+) -> None:
+    delays = drawn(tmp_path, 'time_offset', {'delay': {'low': 0.02, 'high': 0.06}})
+    cameras = BatchCamera(3, device='cpu', K=MATRIX, step_s=step_s)
+    for randomised in (False, True):
+        if randomised:
+            cameras.randomise(delays, seed=3, pool=16)
+        else:
+            cameras.set_effects([KEEPING, {}, {**CURVE, 'temporal_filter': {'share': 0.5}}])
+        film = moving(3, 12)
+        for clean in film[:7]:
+            cameras(clean)
+        other = copied(cameras)
+        for clean in film[7:]:
+            np.testing.assert_array_equal(other(clean), cameras(clean))
+            np.testing.assert_array_equal(other.image_stamps.numpy(), cameras.image_stamps.numpy())
+            cameras.reset(np.array([True, False, False]))
+            other.reset(np.array([True, False, False]))
+    stamps = cameras.stamps.numpy().tolist()
+    other(film[0])
+    assert cameras.stamps.numpy().tolist() == stamps
 
 
 def test_more_frames_than_can_be_kept_are_refused() -> None:

@@ -90,14 +90,14 @@ def test_the_manager_makes_the_frames_of_the_camera_and_resets_them(env: Any, le
         device='cpu',
         invalid_value='zero',
     )
-    camera(first[..., 0])
+    camera(first[..., 0], steps=1)
     camera.reset(None)
-    camera(start[..., 0])
-    camera(step[..., 0])
+    camera(start[..., 0], steps=1)
+    camera(step[..., 0], steps=1)
     mask = np.zeros(COUNT, bool)
     mask[[1, 40]] = True
     camera.reset(mask)
-    expected = camera(last[..., 0])
+    expected = camera(last[..., 0], steps=0)  # at the time of the step, in the other robots
     assert torch.equal(env.seen['images']['front_left'][..., 0], expected)
 
 

@@ -7,9 +7,10 @@ from typing import Any
 from flexx2_sim_ros.batch.arguments import device_named, environments, mask_of, one_for_each, seeds
 from flexx2_sim_ros.batch.drawn import DrawnCameras
 from flexx2_sim_ros.batch.effect_tables import each_environment
-from flexx2_sim_ros.batch.exchange import checked, checked_images, from_warp, stream_of, to_warp
+from flexx2_sim_ros.batch.exchange import checked, flat, from_warp, given_images, stream_of
 from flexx2_sim_ros.batch.host import HostCameras, without_kernel, write_frames
 from flexx2_sim_ros.batch.images import Images, MOST_PIXELS, period_ns, Rows
+from flexx2_sim_ros.batch.pickling import reduced
 from flexx2_sim_ros.batch.stages import BatchStages
 from flexx2_sim_ros.batch.surface_kernels import depends_on_surfaces
 from flexx2_sim_ros.batch.timing import FrameTiming
@@ -238,9 +239,7 @@ class BatchCamera:
         place = wp.get_device('cpu') if host else self.device
         kind = checked('env_mask', env_mask, (self.num_envs,), np.bool_, place)
         with stream_of(kind, self.device), wp.ScopedDevice(self.device):
-            chosen = to_warp(
-                kind, env_mask, wp.bool, lambda: wp.empty(self.num_envs, wp.bool, place)
-            )
+            chosen = flat(kind, env_mask, lambda: wp.empty(self.num_envs, wp.bool, place))
             if self._host is not None:
                 self._host.forget(chosen.numpy())
             mask = chosen.to(self.device)
@@ -253,28 +252,38 @@ class BatchCamera:
         if host:
             wp.synchronize_device(self.device)
 
-    def __call__(self, depth: Any, reflectivity: Any = None, *, out: Any = None) -> Any:
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy and pickle all that the next images depend on; cameras on a GPU stay there."""
+        return reduced(self)
+
+    def __call__(
+        self, depth: Any, reflectivity: Any = None, *, out: Any = None, steps: int | None = None
+    ) -> Any:
         """
         Return a frame of every environment from its clean depth.
 
         Parameters
         ----------
         depth : torch tensor, JAX array, NumPy array or Warp array
-            (N, H, W) float32 on the camera's device, metres along the optical axis; need not be
-            contiguous. NaN, infinities, zero and negative values mean no return.
+            (N, H, W), (N, 1, H, W) or (N, H, W, 1) float32 on the camera's device, metres along
+            the optical axis; need not be contiguous. NaN, infinities, zero and negative values
+            mean no return.
         reflectivity : array, optional
             As ``depth``, 0..1 at the camera's wavelength, which effects look at, and the noise
             if the profile says how (``modes.*.surfaces``); 1 everywhere when left out.
         out : array, optional
             Where to write, like ``depth`` and contiguous.
+        steps : int, optional
+            How many steps have passed since the last call, 1 when left out. With 0, environments
+            return their last image again, but those that were reset take another one. Give it in
+            every call, so that the last images are kept.
 
         Returns
         -------
         array
-            What ``depth`` is: (N, H, W) float32, metres along the optical axis, `invalid_value`
-            where invalid. Without ``out`` it is the camera's own memory, written to again by the
-            next call (but not with JAX, whose arrays never change). `image_stamps` says of when
-            each image is.
+            Like ``depth``: float32, metres along the optical axis, `invalid_value` where invalid.
+            Without ``out`` it is the camera's own memory, written to again by the next call (but
+            not with JAX, whose arrays never change). `image_stamps` says of when each image is.
 
         Raises
         ------
@@ -282,35 +291,27 @@ class BatchCamera:
             For another kind, shape, dtype or device, and more late frames than can be kept.
 
         """
-        kind = checked_images(self.num_envs, depth, reflectivity, out, self.device)
-        images = self._images_for(int(depth.shape[1]), int(depth.shape[2]))
-        if out is None:
-            target = wp.empty_like(images.out) if kind == 'jax' else images.out
-        else:
-            target = to_warp(kind, out, wp.float32, lambda: images.staging)
+        asked = depth, reflectivity, out
+        kind, (clean, light, wanted) = given_images(self.num_envs, *asked, self.device)
+        images = self._images_for(clean.shape[1], clean.shape[2], steps)
+        target = wp.empty_like(images.out) if kind == 'jax' else images.out
         with stream_of(kind, self.device), wp.ScopedDevice(self.device):
+            self._timing.begin(steps)
             self._look(
                 images,
-                to_warp(kind, depth, wp.float32, lambda: images.staging).flatten(),
-                None
-                if reflectivity is None
-                else to_warp(
-                    kind, reflectivity, wp.float32, lambda: images.more_staging
-                ).flatten(),
-                target.flatten(),
+                flat(kind, clean, lambda: images.staging),
+                None if light is None else flat(kind, light, lambda: images.more_staging),
+                target.flatten() if wanted is None else flat(kind, wanted, lambda: images.staging),
             )
-        return out if out is not None else from_warp(kind, target)
+        return out if out is not None else from_warp(kind, target.reshape(tuple(depth.shape)))
 
     def _look(
         self, images: Images, depth: wp.array, reflectivity: wp.array | None, out: wp.array
     ) -> None:
-        self._timing.begin()
         frames: dict[int, np.ndarray] = {}
         if self._host is not None:  # first, since `out` may be the memory of `depth`
-            shape = (images.height, images.width)
-            matrix = self._intrinsics(*shape).matrix
-            is_due = self._rows.is_due
-            frames = self._host.look(depth, reflectivity, self.stamps, matrix, shape, is_due)
+            lens, is_due = self._intrinsics(images.height, images.width), self._rows.is_due
+            frames = self._host.look(depth, reflectivity, self.stamps, lens, is_due)
         if self._host is None or len(self._host) < self.num_envs:
             self._launch(images, depth, reflectivity, out)
             images.blank_outside(out)
@@ -374,7 +375,7 @@ class BatchCamera:
             self._host.set_modes(modes)
         wp.synchronize_device(self.device)
 
-    def _images_for(self, height: int, width: int) -> Images:
+    def _images_for(self, height: int, width: int, steps: int | None) -> Images:
         if self._images is None or (self._images.height, self._images.width) != (height, width):
             if self.num_envs * height * width > MOST_PIXELS:
                 raise InputError(
@@ -389,7 +390,7 @@ class BatchCamera:
                 self.device,
             )
             wp.synchronize_device(self.device)  # Frames may be made on another stream.
-        self._timing.keep(self._longest_ns, self._shortest_ns, self._images)
+        self._timing.keep(self._longest_ns, self._shortest_ns, self._images, steps)
         return self._images
 
     def _intrinsics(self, height: int, width: int) -> Intrinsics:

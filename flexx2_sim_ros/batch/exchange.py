@@ -77,7 +77,16 @@ def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type, d
     return kind
 
 
-def checked_images(num_envs: int, depth: Any, reflectivity: Any, out: Any, device: Any) -> str:
+def _without_channel(image: Any) -> Any:
+    shape = tuple(getattr(image, 'shape', ()))
+    if len(shape) == 4 and shape[3] == 1:
+        return image[:, :, :, 0]
+    return image[:, 0] if len(shape) == 4 and shape[1] == 1 else image
+
+
+def given_images(
+    num_envs: int, depth: Any, reflectivity: Any, out: Any, device: Any
+) -> tuple[str, tuple[Any, Any, Any]]:
     """
     Check the images that a batch of cameras is called with.
 
@@ -86,7 +95,8 @@ def checked_images(num_envs: int, depth: Any, reflectivity: Any, out: Any, devic
     num_envs : int
         N.
     depth : array
-        Of any of the four libraries; must be (N, H, W) float32.
+        Of any of the four libraries; must be (N, H, W) float32, or have one channel, first or
+        last.
     reflectivity, out : array or None
         Must be as ``depth``; ``out`` contiguous and writable.
     device : warp.Device
@@ -94,8 +104,10 @@ def checked_images(num_envs: int, depth: Any, reflectivity: Any, out: Any, devic
 
     Returns
     -------
-    str
-        The kind of all, as `kind_of`.
+    kind : str
+        Of all, as `kind_of`.
+    images : tuple of array or None
+        The three as (N, H, W), in the same memory where the library can.
 
     Raises
     ------
@@ -103,6 +115,7 @@ def checked_images(num_envs: int, depth: Any, reflectivity: Any, out: Any, devic
         For another kind, shape, dtype or device.
 
     """
+    depth, reflectivity, out = map(_without_channel, (depth, reflectivity, out))
     kind = checked('depth', depth, (num_envs, None, None), np.float32, device)
     for name, more in (('reflectivity', reflectivity), ('out', out)):
         if more is not None and kind != checked(
@@ -113,7 +126,7 @@ def checked_images(num_envs: int, depth: Any, reflectivity: Any, out: Any, devic
             )
     if out is not None and not (is_contiguous(kind, out) and is_writable(kind, out)):
         raise InputError('out: must be contiguous and writable, got an array that is not')
-    return kind
+    return kind, (depth, reflectivity, out)
 
 
 def _device_of(kind: str, value: Any) -> Any:
@@ -138,9 +151,9 @@ def is_writable(kind: str, value: Any) -> bool:
     return kind != 'jax' and (kind != 'numpy' or bool(value.flags.writeable))
 
 
-def to_warp(kind: str, value: Any, dtype: Any, staging: Callable[[], wp.array]) -> wp.array:
+def flat(kind: str, value: Any, staging: Callable[[], wp.array]) -> wp.array:
     """
-    Return an array as a contiguous Warp array: its own memory, or, if need be, a copy.
+    Return an array as a flat Warp array: its own memory, or, if it is not contiguous, a copy.
 
     Parameters
     ----------
@@ -148,8 +161,6 @@ def to_warp(kind: str, value: Any, dtype: Any, staging: Callable[[], wp.array]) 
         As `kind_of`.
     value : array
         On Warp's device, see `checked`.
-    dtype : type
-        Warp's, of ``value``.
     staging : callable
         Returns the memory that an array that is not contiguous is copied to: of the same shape,
         dtype and device.
@@ -161,10 +172,12 @@ def to_warp(kind: str, value: Any, dtype: Any, staging: Callable[[], wp.array]) 
     """
     if is_contiguous(kind, value):
         if kind == 'numpy':
-            return wp.array(value, dtype=dtype, device='cpu', copy=False)
-        if kind == 'torch':
-            return wp.from_torch(value.detach(), dtype=dtype)
-        return wp.from_jax(value, dtype=dtype) if kind == 'jax' else value
+            value = wp.array(value, device='cpu', copy=False)
+        elif kind == 'torch':
+            value = wp.from_torch(value.detach())
+        elif kind == 'jax':
+            value = wp.from_jax(value)
+        return value.flatten()
     copy = staging()
     if kind == 'numpy':
         np.copyto(copy.numpy(), value)
@@ -172,7 +185,7 @@ def to_warp(kind: str, value: Any, dtype: Any, staging: Callable[[], wp.array]) 
         wp.to_torch(copy).copy_(value.detach())
     else:
         wp.copy(copy, value)
-    return copy
+    return copy.flatten()
 
 
 def from_warp(kind: str, array: wp.array) -> Any:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 import logging
 from typing import Any
 
-from flexx2_sim_ros.camera import Camera, Mode, Profile
+from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect
 import numpy as np
 import warp as wp
@@ -85,8 +85,7 @@ class HostCameras:
         depth: wp.array,
         reflectivity: wp.array | None,
         stamps: wp.array,
-        K: np.ndarray,  # noqa: N803
-        shape: tuple[int, int],
+        lens: Intrinsics,
         is_due: wp.array,
     ) -> dict[int, np.ndarray]:
         """
@@ -98,10 +97,8 @@ class HostCameras:
             (N * H * W,) float32, of all environments, on any device.
         stamps : warp.array
             (N,) int64, nanoseconds.
-        K : numpy.ndarray
-            (3, 3) camera matrix.
-        shape : tuple of int
-            H and W.
+        lens : Intrinsics
+            Of the images.
         is_due : warp.array
             (N,) uint8, 1 where an environment takes a frame.
 
@@ -111,7 +108,8 @@ class HostCameras:
             By environment (H, W) float32 metres, NaN where invalid.
 
         """
-        pixels = shape[0] * shape[1]
+        shape = lens.height, lens.width
+        pixels, matrix = lens.height * lens.width, lens.matrix
         moments, takes = stamps.numpy(), is_due.numpy()
 
         def image(of: Any, i: int) -> np.ndarray:
@@ -120,7 +118,7 @@ class HostCameras:
         return {
             i: camera.capture(
                 image(depth, i),
-                K,
+                matrix,
                 moments[i],
                 None if reflectivity is None else image(reflectivity, i),
             ).depth

@@ -1,11 +1,67 @@
 """An observation term for Isaac Lab and mjlab: their depth images with this camera's noise."""
 
+from functools import cache
+import pkgutil
 from typing import Any
 
 from flexx2_sim_ros.batch.camera import BatchCamera
 import numpy as np
 
+_PREFIX = 'NoisyDepth-'
 
+
+class NoisyDepth:
+    """Clean depth in, what a Flexx2 would have seen out: see `noisy_depth`."""
+
+    def __init__(self, cfg: Any, env: Any) -> None:
+        """Make the cameras."""
+        options = {
+            'invalid_value': 'zero',
+            'device': str(env.device),
+            **(cfg.params.get('camera') or {}),  # Isaac Lab 3 fills in None
+        }
+        if options.get('name') is None:
+            # By the order of the terms in their environment, which is the same in each run.
+            number = env._flexx2_terms = getattr(env, '_flexx2_terms', 0) + 1
+            options['name'] = f'term {number}' if number > 1 else ''
+        self._noise = BatchCamera(env.num_envs, **options)
+        self._like: Any = None
+        self._step: int | None = None
+
+    def __call__(self, env: Any, depth: Any, camera: Any = None) -> Any:
+        """Return the environments' images with noise; they are the caller's to keep."""
+        clean = self._like = depth(env)
+        step, before = _step_of(env), self._step
+        # Counters go back when an environment is made anew.
+        passed = 1 if step is None or before is None or step < before else step - before
+        self._step = step
+        seen = self._noise(clean, steps=passed)
+        return seen.clone() if hasattr(seen, 'clone') else seen.copy()
+
+    def reset(self, env_ids: Any = None) -> None:
+        """Forget what effects keep of these environments (all when left out)."""
+        if self._like is not None:
+            # A mask on the images' device, so that nothing waits for it.
+            size = self._noise.num_envs
+            mask = (
+                self._like.new_zeros(size).bool()
+                if hasattr(self._like, 'new_zeros')
+                else np.zeros(size, bool)
+            )
+            mask[slice(None) if env_ids is None else env_ids] = True
+            self._noise.reset(mask)
+
+
+def _step_of(env: Any) -> int | None:
+    # The counters of Isaac Lab and mjlab: of steps, or where there is no policy, of the physics.
+    if hasattr(env, 'common_step_counter'):
+        return int(env.common_step_counter)
+    if hasattr(env, '_sim_step_counter'):
+        return int(env._sim_step_counter) // int(env.cfg.decimation)
+    return None
+
+
+@cache
 def noisy_depth(base: type = object) -> type:
     """
     Make the class of an observation term.
@@ -13,7 +69,8 @@ def noisy_depth(base: type = object) -> type:
     Managers of Isaac Lab and mjlab make ``func(cfg=term_cfg, env=env)``, call it with
     ``(env, **params)`` and reset it with ``reset(env_ids)``. ``examples/mjlab_go1.py`` is tested
     in mjlab 1.6. For Isaac Lab, which needs a GPU, a test binds the calls in the source of its
-    releases 2.3.2 and 3.0.0 to this class, and runs their base class of terms and their checks.
+    releases 2.3.2 and 3.0.0 to this class, and runs their base class of terms, their checks and
+    their functions that write a configuration as text and read it.
 
     Parameters
     ----------
@@ -24,53 +81,43 @@ def noisy_depth(base: type = object) -> type:
     -------
     type
         Of terms whose ``params`` are ``depth``, a function of the environment that returns clean
-        depth, (N, H, W) or (N, H, W, 1) float32, metres along the optical axis; and ``camera``,
-        the arguments of `BatchCamera` by name. It returns the same shape; invalid is 0 unless
-        ``camera`` says otherwise.
+        depth, (N, H, W), (N, 1, H, W) or (N, H, W, 1) float32, metres along the optical axis; and
+        ``camera``, the arguments of `BatchCamera` by name. It returns the same shape; invalid is
+        0 unless ``camera`` says otherwise. Without ``name``, each term of an environment has one
+        of its own. Time is the environment's counter of steps, where it has one. The class
+        is found again by its module and name, also in another process.
 
     Examples
     --------
     For a camera ``front`` in a scene of Isaac Lab::
 
+        def front(env):
+            return env.scene['front'].data.output['distance_to_image_plane'].torch
+
         ObservationTermCfg(func=noisy_depth(ManagerTermBase), params={
-            'depth': lambda env: env.scene['front'].data.output['distance_to_image_plane'].torch,
+            'depth': front,
             'camera': {'usecase': 'Mode_5_30fps', 'effects': {'heavy_tails': None}}})
 
     Isaac Lab 2 gives tensors: leave ``.torch`` out there.
 
     """
+    if base is object:
+        return NoisyDepth
+    parent: Any = base
 
-    class NoisyDepth(base):  # type: ignore[misc]
-        """Clean depth in, what a Flexx2 would have seen out."""
+    def made(self: Any, cfg: Any, env: Any) -> None:
+        parent.__init__(self, cfg, env)
+        NoisyDepth.__init__(self, cfg, env)
 
-        def __init__(self, cfg: Any, env: Any) -> None:
-            if base is not object:
-                super().__init__(cfg, env)
-            options = {
-                'invalid_value': 'zero',
-                'device': str(env.device),
-                **(cfg.params.get('camera') or {}),  # Isaac Lab 3 fills in None
-            }
-            self._noise = BatchCamera(env.num_envs, **options)
-            self._like: Any = None
+    # No name of Python has a hyphen: `__getattr__` finds the base from it.
+    name = _PREFIX + f'{base.__module__}.{base.__qualname__}'.replace('.', '-')
+    members = {'__init__': made, '__module__': __name__, '__doc__': NoisyDepth.__doc__}
+    globals()[name] = type(name, (NoisyDepth, base), members)
+    return globals()[name]
 
-        def __call__(self, env: Any, depth: Any, camera: Any = None) -> Any:
-            """Return the environments' images with noise; they are the caller's to keep."""
-            clean = self._like = depth(env)
-            seen = self._noise(clean if clean.ndim == 3 else clean[..., 0]).reshape(clean.shape)
-            return seen.clone() if hasattr(seen, 'clone') else seen.copy()
 
-        def reset(self, env_ids: Any = None) -> None:
-            """Forget what effects keep of these environments (all when left out)."""
-            if self._like is not None:
-                # A mask on the images' device, so that nothing waits for it.
-                size = self._noise.num_envs
-                mask = (
-                    self._like.new_zeros(size).bool()
-                    if hasattr(self._like, 'new_zeros')
-                    else np.zeros(size, bool)
-                )
-                mask[slice(None) if env_ids is None else env_ids] = True
-                self._noise.reset(mask)
-
-    return NoisyDepth
+def __getattr__(name: str) -> type:
+    """Make a class that a configuration or a pickle names."""
+    if not name.startswith(_PREFIX):
+        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+    return noisy_depth(pkgutil.resolve_name(name.removeprefix(_PREFIX).replace('-', '.')))

@@ -1,10 +1,12 @@
 """When each environment takes a frame, and when the frame arrives."""
 
+from numbers import Real
 from typing import Any
 
 from flexx2_sim_ros.batch import timing_kernels
 from flexx2_sim_ros.batch.images import check_kept, Images, launch, Rows
 from flexx2_sim_ros.errors import InputError, shown
+import numpy as np
 import warp as wp
 
 _LONGEST_STEP = 10.0  # seconds
@@ -33,9 +35,9 @@ class FrameTiming:
 
     """
 
-    def __init__(self, step_s: float | None, rows: Rows, device: Any) -> None:
+    def __init__(self, step_s: Any, rows: Rows, device: Any) -> None:
         """Start with a first frame in every environment; keep none."""
-        number = isinstance(step_s, int | float) and not isinstance(step_s, bool)
+        number = isinstance(step_s, Real) and not isinstance(step_s, bool)
         if step_s is not None and not (number and 1e-6 <= step_s <= _LONGEST_STEP):
             raise InputError(
                 f'step_s: must be 1e-6 to {_LONGEST_STEP:g} seconds, got {shown(step_s)}'
@@ -43,7 +45,7 @@ class FrameTiming:
         self._rows = rows
         num_envs = rows.stamps.size
         timing = self._timing = timing_kernels.Timing()
-        timing.step = 0 if step_s is None else round(step_s * 1e9)
+        timing.step = 0 if step_s is None else round(float(step_s) * 1e9)
         timing.slots = 0
         timing.was_reset = wp.ones(num_envs, dtype=wp.uint8, device=device)
         timing.last, timing.next_due, self.image_stamps = (
@@ -54,6 +56,7 @@ class FrameTiming:
         )
         timing.taken = wp.zeros(0, dtype=wp.int64, device=device)
         timing.frames = wp.zeros(0, dtype=wp.float32, device=device)
+        self._holds = False
         self._shape: tuple[int, ...] = ()  # slots, height and width of what is kept, if it is
         wp.load_module(timing_kernels, device=device)
 
@@ -62,7 +65,7 @@ class FrameTiming:
         """Return the time between two calls; 0: every call is the next frame."""
         return int(self._timing.step)
 
-    def keep(self, longest_ns: int, shortest_ns: int, images: Images) -> None:
+    def keep(self, longest_ns: int, shortest_ns: int, images: Images, steps: Any) -> None:
         """
         Allocate the ring, unless it has the right shape; frames under way are then lost.
 
@@ -74,15 +77,21 @@ class FrameTiming:
             The shortest period of a mode.
         images : Images
             Of the frames.
+        steps : int or None
+            Since the last call; once it is given, the last frames are kept, too.
 
         Raises
         ------
         InputError
-            When the frames of all environments are too many.
+            For another number of steps, and when the frames of all environments are too many.
 
         """
         timing, num_envs = self._timing, self._rows.stamps.size
-        slots = frames_kept(longest_ns, shortest_ns, self.step_ns)
+        whole = isinstance(steps, int | np.integer) and not isinstance(steps, bool)
+        if steps is not None and not (whole and 0 <= steps < 2**31):
+            raise InputError(f'steps: must be a whole number from 0, got {shown(steps)}')
+        self._holds |= steps is not None
+        slots = frames_kept(longest_ns, shortest_ns, self.step_ns) or int(self._holds)
         size = slots * num_envs * images.height * images.width
         check_kept('time_offset.delay', longest_ns, size)
         shape = (slots, images.height, images.width) if slots else ()
@@ -95,11 +104,11 @@ class FrameTiming:
         timing.frames = wp.zeros(size, dtype=wp.float32, device=device)
         timing.was_reset.fill_(1)
 
-    def begin(self) -> None:
+    def begin(self, steps: int | None) -> None:
         """Begin a call: write which environments take a frame to ``rows.is_due``."""
-        rows = self._rows
+        rows, passed = self._rows, 1 if steps is None else int(steps)
         arrays = rows.periods, rows.delays, rows.stamps, rows.is_due, self.image_stamps
-        launch(timing_kernels.begin, rows.stamps.size, self._timing, *arrays)
+        launch(timing_kernels.begin, rows.stamps.size, passed, self._timing, *arrays)
 
     def exchange(self, images: Images, out: wp.array) -> None:
         """Keep the frames in ``out``, (N * H * W,) float32, and write what has arrived there."""

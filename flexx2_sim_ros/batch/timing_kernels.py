@@ -31,6 +31,7 @@ class Timing:
 
 @wp.kernel
 def begin(
+    steps: wp.int64,
     timing: Timing,
     periods: wp.array(dtype=wp.int64),
     delays: wp.array(dtype=wp.int64),
@@ -38,10 +39,20 @@ def begin(
     is_due: wp.array(dtype=wp.uint8),
     image_stamps: wp.array(dtype=wp.int64),
 ):
-    """Find which environments take a frame, by the rule of `FrameGate`, and what has arrived."""
+    """
+    Find which environments take a frame, by the rule of `FrameGate`, and what has arrived.
+
+    ``stamps`` are for one step since the last call; with 0 steps, no time has passed.
+    """
     n = wp.tid()
-    stamp = stamps[n]
     period = periods[n]
+    again = steps == wp.int64(0) and timing.was_reset[n] == _NO
+    stamp = wp.int64(stamps[n])
+    if again:
+        stamp = timing.last[n]
+    if steps > wp.int64(1):
+        stamp += (steps - wp.int64(1)) * wp.where(timing.step > wp.int64(0), timing.step, period)
+    stamps[n] = stamp
     due = wp.int64(timing.next_due[n])
     early = wp.min(period / _FIFTH, (stamp - timing.last[n]) / _HALF)
     is_first = timing.was_reset[n] == _YES or stamp < timing.last[n]
@@ -49,7 +60,7 @@ def begin(
         timing.count[n] = 0
         due = stamp
         early = wp.int64(0)
-    takes = is_first or timing.step == wp.int64(0) or stamp + early >= due
+    takes = is_first or (not again and (timing.step == wp.int64(0) or stamp + early >= due))
     if takes:
         if stamp >= due + period:  # Skip due times that passed without a call.
             due += (stamp + early - due) / period * period
