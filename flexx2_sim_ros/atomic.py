@@ -14,6 +14,7 @@ from pathlib import Path
 import secrets
 import shutil
 import sqlite3
+import stat
 import sys
 import tempfile
 
@@ -68,7 +69,7 @@ def whole_files(folder: str | Path) -> Iterator[Path]:
     Parameters
     ----------
     folder : str or pathlib.Path
-        An existing folder; files of the same names in it are replaced.
+        An existing folder; files of the same names in it are replaced. Links are followed.
 
     Raises
     ------
@@ -82,7 +83,8 @@ def whole_files(folder: str | Path) -> Iterator[Path]:
         for file in part.iterdir():
             checked_target(folder / file.name)
         for file in part.iterdir():
-            file.replace(folder / file.name)
+            with whole(folder / file.name) as moved:
+                shutil.move(file, moved)
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -100,18 +102,19 @@ def checked_target(path: str | Path) -> Path:
     Raises
     ------
     InputError
-        When the path is a folder or a link to itself, its name is too long, or its folder is
-        missing or read-only.
+        When the path is a folder, a device, a pipe or a link to itself, its name is too long, or
+        its folder is missing or read-only.
 
     """
     with named(path):
         with suppress(FileNotFoundError):
-            Path(path).stat()  # Complains about loops and long names.
+            mode = Path(path).stat().st_mode  # Complains about loops and long names.
+            if not stat.S_ISREG(mode):
+                kind = 'a folder' if stat.S_ISDIR(mode) else 'a device or pipe'
+                raise InputError(
+                    f'{shown_path(path)}: cannot be written: must be a file, got {kind}'
+                )
         target = Path(os.path.realpath(path))
-        if target.is_dir():
-            raise InputError(
-                f'{shown_path(path)}: cannot be written: must be a file, got a folder'
-            )
         if not target.parent.is_dir():
             there = shown_path(target.parent)
             raise InputError(f'{shown_path(path)}: cannot be written: there is no folder {there}')

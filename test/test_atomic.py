@@ -1,5 +1,6 @@
 """Files and folders that appear whole or not at all."""
 
+from contextlib import suppress
 import os
 from pathlib import Path
 import subprocess
@@ -61,6 +62,23 @@ def test_a_write_through_a_link_replaces_its_target(tmp_path: Path) -> None:
     assert (tmp_path / 'there' / 'a.txt').read_text() == 'text'
 
 
+def test_files_of_one_write_go_through_links(tmp_path: Path) -> None:
+    """Assert that no link to a device is replaced either, nor any file then."""
+    (tmp_path / 'there').mkdir()
+    (tmp_path / 'out').mkdir()
+    (tmp_path / 'there/a').write_text('old')
+    (tmp_path / 'out/a').symlink_to(tmp_path / 'there/a')
+    for word in ('new', 'newest'):
+        with suppress(InputError), whole_files(tmp_path / 'out') as part:
+            (part / 'a').write_text(word)
+            (part / 'b').write_text(word)
+        assert (tmp_path / 'out/a').is_symlink()
+        assert (tmp_path / 'there/a').read_text() == 'new'
+        (tmp_path / 'out/b').unlink(missing_ok=True)
+        (tmp_path / 'out/b').symlink_to('/dev/null')
+    assert (tmp_path / 'out/b').readlink() == Path('/dev/null')
+
+
 def test_files_of_one_write_appear_together(tmp_path: Path) -> None:
     """Assert that several files appear together, or none where one cannot."""
     with whole_files(tmp_path) as part:
@@ -83,6 +101,8 @@ def test_impossible_targets_are_refused(tmp_path: Path) -> None:
     """Assert one sentence each, which names the path."""
     (tmp_path / 'file').touch()
     (tmp_path / 'loop').symlink_to(tmp_path / 'loop')
+    (tmp_path / 'null').symlink_to('/dev/null')
+    os.mkfifo(tmp_path / 'fifo')
     for name, words in (
         ('.', 'must be a file, got a folder'),
         ('missing/a', 'there is no folder'),
@@ -90,6 +110,9 @@ def test_impossible_targets_are_refused(tmp_path: Path) -> None:
         ('loop', 'symbolic links'),
         ('loop/a', 'symbolic links'),
         ('n' * 256, 'name too long'),
+        ('null', 'must be a file, got a device or pipe'),
+        ('/dev/null', 'must be a file, got a device or pipe'),
+        ('fifo', 'must be a file, got a device or pipe'),
     ):
         with pytest.raises(InputError, match=words):
             checked_target(tmp_path / name)
