@@ -172,3 +172,21 @@ def test_a_killed_writer(tmp_path: Path, start: Start, campaign: Path) -> None:
     assert again.returncode == 0, err
     assert out.is_file()
     assert leftovers(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    'words', [['modes'], ['effects'], ['effects', '--sources'], ['--help'], ['gap', '--help']]
+)
+def test_a_reader_that_stops_reading_ends_the_command(words: list[str]) -> None:
+    """`flexx2 modes | head -1` ends with 128 + SIGPIPE (13), without a word, also unbuffered."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = subprocess.run(
+        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
+        stdout=writing,
+        stderr=subprocess.PIPE,
+        env={**os.environ, 'PYTHONUNBUFFERED': '1'},
+        check=False,
+    )
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, b'')

@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Sequence
 import re
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.cli.lazily import add_commands, words_of
@@ -41,6 +41,10 @@ class _Parser(argparse.ArgumentParser):
             name, value, known = choice.groups()
             said = f'{name}: must be one of {known.replace(_QUOTE, "")}, got {unquoted(value)}'
         raise InputError(f'{said} (see {self.prog} --help)')
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        # argparse's own hides that nothing could be written, e.g. to a closed pipe.
+        print(message, end='', file=file or sys.stderr)
 
 
 def make_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:

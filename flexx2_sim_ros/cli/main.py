@@ -44,7 +44,10 @@ def main(argv: list[str] | None = None) -> int:
             sys.stdout.flush()
     except InputError as error:
         return _say(str(error))
-    except BrokenPipeError:  # For example with `flexx2 modes | head -1`.
+    except (BrokenPipeError, SystemExit) as error:  # For example with `flexx2 modes | head -1`.
+        # Rich leaves with status 1 then.
+        if not any(isinstance(one, BrokenPipeError) for one in (error, error.__context__)):
+            raise
         _drop_output()
         return exit_status(signal.SIGPIPE)
     except OSError as error:
