@@ -1,6 +1,8 @@
 """Formulas: one source for NumPy, numba and Warp, and compiled again when it changes."""
 
+from collections.abc import Callable
 from pathlib import Path
+import pickle
 import subprocess
 import sys
 
@@ -74,6 +76,34 @@ def test_a_loop_that_cannot_be_kept_runs_all_the_same(tmp_path: Path) -> None:
     assert not list(tmp_path.rglob('*.nbc'))
     images.write_text(_MODULES['images.py'])
     assert [printed(tmp_path) for _ in range(2)] == ['3.0 0', '3.0 1']
+
+
+def _flipped(data: bytes) -> bytes:
+    # A bit in the machine code of the loop, which is most of the file.
+    middle = len(data) // 2
+    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
+
+
+DAMAGES: list[tuple[str, Callable[[bytes], bytes]]] = [
+    ('nbi', lambda data: b'<html>not found</html>'),
+    ('nbi', lambda data: data[: len(data) // 2]),
+    ('nbi', lambda data: pickle.dumps(3)),
+    ('nbc', lambda data: b''),
+    ('nbc', lambda data: bytes(len(data))),
+    ('nbc', _flipped),
+    ('nb?', lambda data: data[:-1]),
+]
+
+
+def test_damaged_files_of_the_cache_are_written_anew(tmp_path: Path) -> None:
+    for name, text in _MODULES.items():
+        (tmp_path / name).write_text(text)
+    assert printed(tmp_path) == '3.0 0'
+    for kind, damaged in DAMAGES:
+        for path in tmp_path.rglob(f'*.{kind}'):
+            path.write_bytes(damaged(path.read_bytes()))
+        assert printed(tmp_path) == '3.0 0'
+    assert printed(tmp_path) == '3.0 1'
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@
 Compile the camera's kernels before the first image needs them.
 
 numba keeps what it has compiled beside the package, or, where that cannot be written, in the
-user's cache folder, or in ``NUMBA_CACHE_DIR``.
+user's cache folder, or in ``NUMBA_CACHE_DIR``. Damaged files are replaced.
 """
 
 from collections.abc import Callable, Iterator

@@ -4,12 +4,13 @@ from collections.abc import Callable
 from contextlib import suppress
 import hashlib
 import math
+import pickle
 from types import CodeType, FunctionType
 from typing import Any
 
 from flexx2_sim_ros.formulas import Backend
 from numba import njit
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 import numpy as np
 
 
@@ -62,8 +63,34 @@ _NAMES: dict[str, Any] = {
 compiled = Backend(_NAMES, lambda value: value, njit(inline='always'))
 
 
+class _Files(IndexDataCacheFile):
+    """Files of numba's cache with a checksum: damaged machine code would run."""
+
+    def _save_data(self, name: str, data: Any) -> None:
+        packed = self._dump(data)  # type: ignore[no-untyped-call]
+        super()._save_data(name, (hashlib.sha256(packed).digest(), packed))  # type: ignore[no-untyped-call]
+
+    def _load_data(self, name: str) -> Any:
+        digest, packed = super()._load_data(name)  # type: ignore[no-untyped-call]
+        if digest != hashlib.sha256(packed).digest():
+            raise ValueError('damaged')
+        return pickle.loads(packed)  # noqa: S301 (as numba does)
+
+
 class _Cache(FunctionCache):
     """What numba keeps of a loop on disk, where it can be written."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        self._cache_file.__class__ = _Files
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except Exception:  # Damaged files raise anything. They are written anew.
+            with suppress(OSError):
+                self.flush()  # type: ignore[no-untyped-call]
+            return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         # A full disk stops no camera: the next process compiles again.
@@ -95,7 +122,7 @@ def loop(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         function.__qualname__ += f'_{digest_of(function)}'
         compiled_loop = njit(**options)(function)
         with suppress(RuntimeError):  # No folder can be written.
-            compiled_loop._cache = _Cache(function)  # type: ignore[no-untyped-call]
+            compiled_loop._cache = _Cache(function)
         return compiled_loop
 
     return compile_loop
