@@ -8,7 +8,7 @@ the command has.
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import multiprocessing
 from multiprocessing import connection
 import os
@@ -19,7 +19,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.errors import MachineError
-from flexx2_sim_ros.signals import exit_status, leave, leave_on_signals, SIGNALS
+from flexx2_sim_ros.signals import before_leaving, exit_status, leave, leave_on_signals, SIGNALS
 
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
 _NO_WARNING = 'ignore:resource_tracker:UserWarning'
@@ -108,6 +108,8 @@ def server(function: Callable[..., None], *arguments: Any) -> Iterator[connectio
     """
     Run a function in a process that is killed at the end of the block, whatever it does then.
 
+    What it has started is killed with it, and also when this process ends.
+
     Parameters
     ----------
     function : callable
@@ -133,6 +135,9 @@ def server(function: Callable[..., None], *arguments: Any) -> Iterator[connectio
         yield own
     finally:
         own.close()
+        if sys.platform != 'win32' and process.pid is not None:
+            with suppress(ProcessLookupError):  # It may not lead its group yet.
+                os.killpg(process.pid, signal.SIGKILL)
         process.kill()
         process.join()
 
@@ -140,8 +145,12 @@ def server(function: Callable[..., None], *arguments: Any) -> Iterator[connectio
 def _begin_server(
     function: Callable[..., None], its: connection.Connection, arguments: tuple[Any, ...]
 ) -> None:
+    if sys.platform != 'win32':
+        os.setsid()
+        before_leaving(lambda: os.killpg(0, signal.SIGKILL))  # this process with its children
     _begin_worker(True)
     function(its, *arguments)
+    leave(0)
 
 
 @contextmanager

@@ -68,7 +68,8 @@ class _Files(IndexDataCacheFile):
 
     def _save_data(self, name: str, data: Any) -> None:
         packed = self._dump(data)  # type: ignore[no-untyped-call]
-        super()._save_data(name, (hashlib.sha256(packed).digest(), packed))  # type: ignore[no-untyped-call]
+        checked = hashlib.sha256(packed).digest(), packed
+        super()._save_data(name, checked)  # type: ignore[no-untyped-call]
 
     def _load_data(self, name: str) -> Any:
         digest, packed = super()._load_data(name)  # type: ignore[no-untyped-call]

@@ -1,0 +1,109 @@
+"""What a consumer starts ends with it: real processes, found by their numbers."""
+
+from collections.abc import Callable
+from pathlib import Path
+import subprocess
+import sys
+import time
+
+from flexx2_sim_ros.consumers.loading import Source
+from flexx2_sim_ros.consumers.running import run
+import pytest
+
+PATIENCE = 60.0
+CONSUMER = """
+import os
+from pathlib import Path
+import subprocess
+
+
+class Parent:
+    name, measures = 'parent', {'error': 'mm'}
+
+    def __init__(self):
+        child = subprocess.Popen(['sleep', '1000'])
+        here = Path(__file__)
+        here.with_suffix('.part').write_text(str(child.pid))
+        here.with_suffix('.part').rename(here.with_suffix('.pid'))
+
+
+class Good(Parent):
+    def look(self, view):
+        return 0
+
+    def errors(self, seen, true):
+        return {'error': 0.0}
+
+
+class Ends(Good):
+    def __init__(self):
+        super().__init__()
+        os._exit(1)
+
+
+class Raises(Good):
+    def __init__(self):
+        super().__init__()
+        raise SystemExit
+
+
+class Hangs(Good):
+    def __init__(self):
+        super().__init__()
+        import time
+        time.sleep(1000)
+"""
+COMMAND = """
+import sys
+from flexx2_sim_ros.consumers.loading import Source
+from flexx2_sim_ros.consumers.running import run
+from flexx2_sim_ros.signals import leave_on_signals
+
+if __name__ == '__main__':
+    leave_on_signals()
+    run(Source('mine', sys.argv[1], 'Hangs', True), [], 1.0, lambda: None)
+"""
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    """Wait until a condition holds, and fail where it never does."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def ended(pid: int) -> bool:
+    """Say whether a process has ended; nobody may have asked for its exit status."""
+    try:
+        return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] in 'ZX'
+    except OSError:
+        return True
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    """Return a file with consumers that start a process and say which."""
+    path = tmp_path / 'mine.py'
+    path.write_text(CONSUMER)
+    return path
+
+
+@pytest.mark.parametrize('name', ['Good', 'Ends', 'Raises'])
+def test_children_of_a_consumer_end_with_it(file: Path, name: str) -> None:
+    result = run(Source('mine', str(file), name, True), [], 1.0, lambda: None)
+    assert bool(result.fault) == (name != 'Good')
+    child = int(file.with_suffix('.pid').read_text())
+    wait_for(lambda: ended(child))
+
+
+@pytest.mark.parametrize('end', ['terminate', 'kill'])
+def test_children_of_a_consumer_end_with_the_command(file: Path, end: str) -> None:
+    script = file.with_name('command.py')
+    script.write_text(COMMAND)
+    with subprocess.Popen([sys.executable, script, file]) as command:
+        wait_for(file.with_suffix('.pid').exists)
+        child = int(file.with_suffix('.pid').read_text())
+        assert not ended(child)
+        getattr(command, end)()
+    wait_for(lambda: ended(child))
