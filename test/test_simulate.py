@@ -203,6 +203,21 @@ def test_stamps_of_a_clock_are_kept_to_the_nanosecond(
     np.testing.assert_array_equal(recording.depth, seen.depth)
 
 
+@pytest.mark.parametrize(
+    'stamp', [[0.0, 0.1, 0.1], np.array([7, 7, 9]) / 10, [0.0, 0.1, 0.2]], ids=str
+)
+def test_stamps_that_repeat_are_noticed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], stamp: Any
+) -> None:
+    """Frames of one stamp have the same noise."""
+    source = save(tmp_path, clean_depth=np.full((3, 9, 9), 1.0, np.float32), K=K, stamp=stamp)
+    depth = simulate(source, tmp_path)['depth']
+    count = len({image.tobytes() for image in depth})
+    said = 'stamp: should differ from frame to frame, but 1 of 3 frames repeat one'
+    assert (said in capsys.readouterr().err.replace('\n', ' ')) == (count == 2)
+    assert count == len(set(stamp))
+
+
 def test_arrays_with_one_image_a_frame_are_cut_with_the_frames(tmp_path: Path) -> None:
     scenes = np.stack([SCENE] * 5)
     known = np.isfinite(scenes)

@@ -139,6 +139,13 @@ def run(arguments: argparse.Namespace) -> int:
         if effects:
             writer.add_array('effects', effects_yaml(effects))
     _say(console, arguments.output, camera, scene, count, invalid)
+    if repeated := count - len(np.unique(times)):
+        console.print(
+            f'stamp: should differ from frame to frame, but {repeated} of {count} frames repeat '
+            'one, and with it the noise of that frame',
+            style='yellow',
+            highlight=False,
+        )
     return 0
 
 
