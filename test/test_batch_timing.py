@@ -29,7 +29,10 @@ def late(seconds: float) -> dict:
 def expected(rate_hz: float, step_ns: int, delay_ns: int, count: int) -> list[int]:
     """Return the stamp of the image at each step: the newest of those that the node would take."""
     gate, taken, shown = FrameGate(rate_hz), [], []
-    for stamp in range(0, count * step_ns, step_ns):
+    stamps = range(0, count * step_ns, step_ns)
+    for stamp in stamps:  # A batch knows how long its steps are: the node has to see it.
+        gate.accept(stamp)
+    for stamp in stamps:
         if gate.accept(stamp):
             taken.append(stamp)
         # Steps and delays are whole nanoseconds.

@@ -8,8 +8,8 @@ wp.set_module_options(OPTIONS)
 
 _YES = wp.constant(wp.uint8(1))
 _NO = wp.constant(wp.uint8(0))
-_FIFTH = wp.constant(wp.int64(5))
-_HALF = wp.constant(wp.int64(2))
+_NINE = wp.constant(wp.int64(9))
+_TWENTY = wp.constant(wp.int64(20))
 _ROUNDING = wp.constant(wp.int64(1000))  # nanoseconds: steps and delays are rounded
 
 
@@ -54,7 +54,7 @@ def begin(
         stamp += (steps - wp.int64(1)) * wp.where(timing.step > wp.int64(0), timing.step, period)
     stamps[n] = stamp
     due = wp.int64(timing.next_due[n])
-    early = wp.min(period / _FIFTH, (stamp - timing.last[n]) / _HALF)
+    early = (stamp - timing.last[n]) * _NINE / _TWENTY
     is_first = timing.was_reset[n] == _YES or stamp < timing.last[n]
     if is_first:
         timing.count[n] = 0
@@ -62,8 +62,8 @@ def begin(
         early = wp.int64(0)
     takes = is_first or (not again and (timing.step == wp.int64(0) or stamp + early >= due))
     if takes:
-        if stamp >= due + period:  # Skip due times that passed without a call.
-            due += (stamp + early - due) / period * period
+        if stamp >= due + period:  # Due times passed without a call.
+            due = stamp
         due += period
     timing.was_reset[n] = _NO
     timing.last[n] = stamp

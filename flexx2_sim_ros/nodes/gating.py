@@ -7,6 +7,13 @@ from statistics import median
 _NANOSECONDS = 1_000_000_000
 # A gap of this many usual periods, and of at least a second, is a pause.
 _PAUSE_PERIODS = 5
+# How early an input may be, in periods of the mode: two stamps, each off by a third, and rounding.
+_EARLY = 0.67
+# How early an input may be that is faster than the mode, in periods of the input: less than half,
+# because at exactly half the rounding of the stamps would choose.
+_NEAREST = 0.45
+# How many periods of the input tell how fast it is.
+_INTERVALS = 31
 
 
 class FrameGate:
@@ -14,9 +21,11 @@ class FrameGate:
     Select the inputs that become frames at a mode's rate, by their stamps.
 
     Frames are due at ``origin + k / rate`` in whole nanoseconds, so there is no drift. An input
-    may be up to a fifth of a period early, because stamps are rounded and jitter, unless the next
-    input will be nearer to the due time. If the input is slower than the rate, all of it is
-    accepted. A stamp that goes back (a simulation was reset) restarts the timing.
+    may be up to two thirds of a period early: all inputs at the mode's rate become frames if no
+    stamp is off by more than a third of the period. If the last inputs came faster than that,
+    the input nearest to the due time becomes the frame. If the input is slower than the rate, all
+    of it is accepted. After a gap, the timing continues from the first input. A stamp that goes
+    back (a simulation was reset) restarts it.
 
     Parameters
     ----------
@@ -38,13 +47,14 @@ class FrameGate:
         self.restarts = 0
         self._last_input: int | None = None
         self._last_output: int | None = None
+        self._intervals: deque[int] = deque(maxlen=_INTERVALS)
         self.set_rate(rate_hz)
 
     def set_rate(self, rate_hz: float) -> None:
         """Change the rate; the next frame is due one new period after the last one."""
         # Rates are exact in milli-hertz.
         self._millihertz = round(rate_hz * 1000)
-        self._tolerance = round(_NANOSECONDS / rate_hz / 5)
+        self._period = round(_NANOSECONDS / rate_hz)
         self._origin = self._last_output
         self._next = 1
 
@@ -54,7 +64,6 @@ class FrameGate:
 
         An input with the same stamp as the last one does not.
         """
-        tolerance = self._tolerance
         if self._last_input is not None:
             if stamp == self._last_input:
                 self.repeats += 1
@@ -63,22 +72,26 @@ class FrameGate:
                 self.restarts += 1
                 self._origin = None
             else:
-                tolerance = min(tolerance, (stamp - self._last_input) // 2)
+                self._intervals.append(stamp - self._last_input)
         self._last_input = stamp
         if self._origin is None:
-            self._origin, self._next = stamp, 1
-            self._last_output = stamp
-            return True
-        if stamp + tolerance < self._due(self._next):
+            self._origin, self._next = stamp, 0
+        elif stamp + self._tolerance() < self._due(self._next):
             self.early += 1
             return False
-        if stamp >= self._due(self._next + 1):
-            # Skip due times that passed without an input.
-            elapsed = stamp + tolerance - self._origin
-            self._next = elapsed * self._millihertz // (1000 * _NANOSECONDS)
+        elif stamp >= self._due(self._next + 1):
+            self._origin, self._next = stamp, 0
         self._next += 1
         self._last_output = stamp
         return True
+
+    def _tolerance(self) -> int:
+        # A gap must not hide that the inputs before it were fast.
+        elapsed = sum(min(interval, 2 * self._period) for interval in self._intervals)
+        count, early = len(self._intervals), int(_EARLY * self._period)
+        if elapsed >= count * self._period - early:
+            return early
+        return int(_NEAREST * elapsed / count)
 
     def _due(self, slot: int) -> int:
         assert self._origin is not None
