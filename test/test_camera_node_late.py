@@ -126,6 +126,66 @@ def test_stamps_of_another_clock_are_said_and_the_image_still_waits() -> None:
         assert len(seen.logged('time_offset.delay')) == 1
 
 
+@pytest.mark.parametrize(
+    ('values', 'step', 'reason'),
+    [
+        ({}, 0, 'header.stamp: must be new for every image, got the same'),
+        ({}, 1, 'images were not due'),
+        (
+            {'use_sim_time': True, **LATE, 'effect.time_offset.delay': 0.1},
+            SECOND,
+            'frames wait for their delay, and the clock of this node is at 0 ns',
+        ),
+    ],
+)
+def test_input_that_gives_no_frames_is_a_warning_until_it_does(
+    values: dict[str, Any], step: int, reason: str
+) -> None:
+    with stream(INFO, **values) as seen:
+        stamps = iter(range(START, START + 10_000 * max(step, 1), max(step, 1)))
+        report = seen.next_diagnostics()
+        while reason not in report.message:
+            feed(seen, boards(), next(stamps) if step else START)
+            report = seen.next_diagnostics()
+        assert report.level == report.WARN
+        assert report.message.startswith('no frame is published: ')
+        if 'use_sim_time' in values:
+            clocks = seen.node.create_publisher(Clock, '/clock', 10)
+            seen.spin_until(clocks.get_subscription_count, 'clock of the node')
+            clocks.publish(Clock(clock=time_message(START + 20_000 * SECOND)))
+        else:
+            feed(seen, boards(), START + SECOND)
+        while seen.next_diagnostics().message.startswith('no frame is published: '):
+            pass
+
+
+def test_a_clock_that_steps_back_does_not_hold_frames_back() -> None:
+    with late_frames() as (late, set_clock, user):
+        published: list[int] = []
+
+        def add(stamp: int) -> None:
+            late.add(stamp, 100 * MS, 60.0, partial(published.append, stamp))
+
+        set_clock(START)
+        add(5 * SECOND)  # Of another clock than that of the node, so far.
+        for now in range(5 * SECOND, 7 * SECOND, 50 * MS):
+            set_clock(now)
+            add(now)
+        user.spin_until(lambda: len(published) == 38, 'images')
+        assert (late.dropped, late.waiting) == (1, 2)
+
+
+def test_a_time_before_zero_is_ignored() -> None:
+    with stream(DEPTH, use_sim_time=True) as seen:
+        clocks = seen.node.create_publisher(Clock, '/clock', 10)
+        seen.spin_until(clocks.get_subscription_count, 'clock of the node')
+        clocks.publish(Clock(clock=time_message(-SECOND)))
+        seen.spin_until(lambda: seen.logged('/clock: sec: must be 0 or more, got -1'), 'warning')
+        clocks.publish(Clock(clock=time_message(5 * SECOND)))
+        seen.spin_until(lambda: seen.camera.get_clock().now().nanoseconds == 5 * SECOND, 'clock')
+        assert seen.show(boards(), START)
+
+
 @contextmanager
 def late_frames() -> Iterator[tuple[LateFrames, Callable[[int], None], Listener]]:
     """Yield frames that wait in simulated time, a function that sets it, and who spins."""

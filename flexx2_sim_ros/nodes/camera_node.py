@@ -204,8 +204,7 @@ class Flexx2Camera(SteadyNode):
         self._take(self._pairing.companion('reflectivity', stamp, message))
 
     def _on_image(self, message: Image) -> None:
-        self._statistics.received += 1
-        self._statistics.last_input = time.monotonic()
+        self._statistics.receive()
         stamp = stamp_nanoseconds(message.header.stamp)
         self._take(self._pairing.image(stamp, message))
 
@@ -263,6 +262,7 @@ class Flexx2Camera(SteadyNode):
         else:
             self._camera.skip(match.stamp)
         delay = time_offset_of(self._camera.effects).delay_ns
+        self._statistics.delay = delay * 1e-9
         publish = partial(self._publish, head, frame, start)
         self._late.add(
             match.stamp, delay, self._camera.mode.rate_hz, partial(self._safely, publish)
@@ -277,8 +277,7 @@ class Flexx2Camera(SteadyNode):
         if frame is not None:
             self._outputs.publish_frame(head, frame)
         self._outputs.publish_info(head)
-        self._statistics.published += 1
-        self._statistics.latencies.append(time.perf_counter() - start)
+        self._statistics.publish(time.perf_counter() - start)
 
     def _find_view(self, match: Match, image: np.ndarray) -> Reprojection:
         if match.info is None:
@@ -356,6 +355,7 @@ class Flexx2Camera(SteadyNode):
             mode.rate_hz,
             self._gate,
             self._watch,
+            self._late,
             remarks,
         )
         array = DiagnosticArray(status=[status])

@@ -37,6 +37,8 @@ class FrameGate:
     early, repeats, restarts : int
         Number of inputs that were not due yet, of inputs with the stamp of the one before, and of
         stamps that went back.
+    standing : int
+        Number of repeats since the last new stamp.
 
     """
 
@@ -45,6 +47,7 @@ class FrameGate:
         self.early = 0
         self.repeats = 0
         self.restarts = 0
+        self.standing = 0
         self._last_input: int | None = None
         self._last_output: int | None = None
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)
@@ -67,6 +70,7 @@ class FrameGate:
         if self._last_input is not None:
             if stamp == self._last_input:
                 self.repeats += 1
+                self.standing += 1
                 return False
             if stamp < self._last_input:
                 self.restarts += 1
@@ -74,6 +78,7 @@ class FrameGate:
             else:
                 self._intervals.append(stamp - self._last_input)
         self._last_input = stamp
+        self.standing = 0
         if self._origin is None:
             self._origin, self._next = stamp, 0
         elif stamp + self._tolerance() < self._due(self._next):

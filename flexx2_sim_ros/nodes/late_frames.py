@@ -19,7 +19,8 @@ class LateFrames:
 
     Frames stay in order. The node's clock is that of ``/clock`` with ``use_sim_time``. If the
     stamps are those of another clock, a frame waits for the delay after it was made. The
-    oldest frames are dropped when too many wait, as while the clock stands still.
+    oldest frames are dropped when too many wait, as while the clock stands still, and all of
+    them when it is set back by more than two seconds.
 
     Parameters
     ----------
@@ -30,6 +31,8 @@ class LateFrames:
     ----------
     other_clock : bool
         Whether the stamp of the last frame was of another clock.
+    dropped : int
+        Number of frames that were dropped.
 
     """
 
@@ -40,6 +43,18 @@ class LateFrames:
         self._timer = node.create_timer(1.0, self._publish_due, autostart=False)
         self._most = _USUAL
         self.other_clock = False
+        self.dropped = 0
+        self._last = 0
+
+    @property
+    def clock(self) -> int:
+        """Return the time of the node's clock, nanoseconds."""
+        return int(self._node.get_clock().now().nanoseconds)
+
+    @property
+    def waiting(self) -> int:
+        """Return how many frames wait."""
+        return len(self._waiting)
 
     def add(self, stamp: int, delay: int, rate_hz: float, publish: Callable[[], None]) -> None:
         """
@@ -55,10 +70,10 @@ class LateFrames:
             Publishes the frame; must not raise.
 
         """
+        now = self._now()
         if not (delay or self._waiting):
             publish()
             return
-        now = self._now()
         self.other_clock = abs(now - stamp) > _OTHER_CLOCK
         due = (now if self.other_clock else stamp) + delay
         if self._waiting:
@@ -68,11 +83,13 @@ class LateFrames:
         self._most = max(self._most if self._waiting else _USUAL, min(coming, _MOST))
         while len(self._waiting) >= self._most:
             self._waiting.popleft()
+            self.dropped += 1
         self._waiting.append((due, publish))
         self._publish_due()
 
     def clear(self) -> None:
         """Forget the frames that wait."""
+        self.dropped += len(self._waiting)
         self._waiting.clear()
         self._timer.cancel()
 
@@ -86,4 +103,10 @@ class LateFrames:
             self._timer.reset()
 
     def _now(self) -> int:
-        return int(self._node.get_clock().now().nanoseconds)
+        now = self.clock
+        if now < self._last - _OTHER_CLOCK:
+            # What waits is due in a time that may never come.
+            self.dropped += len(self._waiting)
+            self._waiting.clear()
+        self._last = now
+        return now

@@ -13,6 +13,7 @@ from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
 
 _Answer = Callable[[Any, Any], Any]
 _TYPES = {kind.value for kind in Parameter.Type}
@@ -28,7 +29,7 @@ class SteadyNode(Node):
     An error in a service callback is logged, and the request is refused. Parameters of one
     request are set together with `set_parameters_atomically`; if that is refused, each is set
     alone. A read-only parameter may be set to its present value, so that a file of
-    ``ros2 param dump`` can be loaded.
+    ``ros2 param dump`` can be loaded. A time of ``/clock`` before zero is ignored.
 
     Parameters
     ----------
@@ -61,6 +62,25 @@ class SteadyNode(Node):
             return node()._answer(srv_name, callback, request, response)  # type: ignore
 
         return super().create_service(srv_type, srv_name, answer, **options)
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callable[..., None], *options: Any, **named: Any
+    ) -> Any:
+        """Create a subscription like `rclpy.node.Node`; the clock's never goes below zero."""
+        if msg_type is not Clock:
+            return super().create_subscription(msg_type, topic, callback, *options, **named)
+        node = ref(self)
+
+        def take(message: Clock) -> None:
+            # rclpy raises an error for a time before zero.
+            if message.clock.sec >= 0:
+                callback(message)
+            elif node()._service_errors.ready(topic):  # type: ignore
+                node().get_logger().warning(  # type: ignore
+                    f'{topic}: sec: must be 0 or more, got {message.clock.sec}; it is ignored'
+                )
+
+        return super().create_subscription(msg_type, topic, take, *options, **named)
 
     def _answer(self, service: str, callback: _Answer, request: Any, response: Any) -> Any:
         try:
