@@ -12,7 +12,8 @@ from flexx2_sim_ros.recording.bag_remains import Message
 from flexx2_sim_ros.recording.bag_writer import BagWriter
 from rosbags.interfaces import Qos
 
-_FLUSH_SECONDS = 1.0
+# Well below the second that may be lost: a flush takes time as well.
+_FLUSH_SECONDS = 0.25
 
 
 class BagSink:
