@@ -72,6 +72,12 @@ def _add_given(parser: argparse.ArgumentParser) -> None:
         '(default: mask.png in a folder of images)',
     )
     parser.add_argument(
+        '--clean',
+        metavar='TOPIC',
+        help='from a bag: the topic of the clean depth images, if it has another name '
+        'than clean/depth_image',
+    )
+    parser.add_argument(
         '--partial-truth',
         action='store_true',
         help='NaN in clean_depth means unknown ground truth (default: no return)',
@@ -123,6 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.unit,
         _keys(arguments.key),
         arguments.partial_truth,
+        arguments.clean,
     )
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     with progress_bar(console) as progress:

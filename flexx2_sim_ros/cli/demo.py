@@ -23,6 +23,8 @@ from rich.table import Table
 Pictures = dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]
 _CAMERAS = ['front_left', 'front_right']
 _START_SECONDS = 180.0
+# How long to wait for frames of a mode, and how many: sigma needs three.
+_FRAME_SECONDS, _FRAMES = 60.0, 3
 
 
 def add_parser(commands: Any) -> None:
@@ -96,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
                         stopped,
                     )
                     if not stopped():
-                        _keep(probe, mode.name, arguments.out, table, pictures)
+                        _keep(probe, mode.name, table, pictures)
         finally:
             probe.close()
     if stopped():
@@ -110,7 +112,11 @@ def run(arguments: argparse.Namespace) -> int:
         style='dim',
     )
     path = arguments.out / 'demo.png'
-    draw(path, pictures, modes, profile)
+    # On a busy machine a mode may lack frames.
+    whole = [mode for mode in modes if all((name, mode.name) in pictures for name in _CAMERAS)]
+    if not whole:
+        raise InputError(f'no frame came; see the logs in {arguments.out}')
+    draw(path, pictures, whole, profile)
     console.print(f'picture: {path}', highlight=False)
     return 0
 
@@ -124,17 +130,22 @@ def _measure(
     stopped: Callable[[], bool],
 ) -> None:
     probe.start(usecase)
-    end = time.monotonic() + seconds
-    while (left := end - time.monotonic()) > 0 and not stopped():
+    start = time.monotonic()
+    while not stopped():
+        passed = time.monotonic() - start
+        enough = all(len(capture.stamps) >= _FRAMES for capture in probe.captures.values())
+        if passed >= seconds and (enough or passed >= seconds + _FRAME_SECONDS):
+            break
         look_after()
-        probe.spin_until(stopped, min(0.1, left))
-        on_progress(seconds - left)
+        probe.spin_until(stopped, 0.1)
+        on_progress(min(passed, seconds))
 
 
-def _keep(probe: Any, usecase: str, folder: Path, table: Table, pictures: Pictures) -> None:
+def _keep(probe: Any, usecase: str, table: Table, pictures: Pictures) -> None:
     for camera, capture in probe.captures.items():
         if capture.depth is None or capture.clean is None:
-            raise InputError(f'{camera}: no frame in {usecase}; see the logs in {folder}')
+            table.add_row(camera, usecase, '0')
+            continue
         pictures[camera, usecase] = (capture.clean, capture.depth)
         _add_row(table, camera, usecase, capture)
 

@@ -20,6 +20,7 @@ _LARGEST_SIGMA_FRACTION = 0.05
 _MOST_WAITING = 60  # images of a stamp whose partner may still come
 # Where fewer pixels than this keep their sigma_z, the mode has changed: edges are a small part.
 _SAME_MODE_FRACTION = 0.5
+_ANSWER_SECONDS = 60.0
 
 
 @dataclass
@@ -218,8 +219,8 @@ class Probe:
         self._from = dict.fromkeys(self._from, 1 << 62)
         for name, client in self._clients.items():
             future = client.set_parameters([Parameter('usecase', value=usecase)])
-            if not self.spin_until(future.done, 5.0):
-                raise InputError(f'{name}: usecase: no answer within 5 s')
+            if not self.spin_until(future.done, _ANSWER_SECONDS):
+                raise InputError(f'{name}: usecase: no answer within {_ANSWER_SECONDS:g} s')
             result = future.result().results[0]
             if not result.successful:
                 raise InputError(f'{name}: {result.reason}')

@@ -12,9 +12,16 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.message_types import message_class
-from flexx2_sim_ros.nodes.subscriptions import LossCounter, matching
+from flexx2_sim_ros.nodes.subscriptions import LossCounter, matching, remapped
 from flexx2_sim_ros.recording import bag_messages as messages
-from flexx2_sim_ros.recording.bag_cameras import EVENTS, Sample, sample, survey, unknown_topics
+from flexx2_sim_ros.recording.bag_cameras import (
+    EVENTS,
+    find_cameras,
+    Sample,
+    sample,
+    survey,
+    unknown_topics,
+)
 from flexx2_sim_ros.recording.bag_remains import Message
 from flexx2_sim_ros.recording.gaps import find_gaps, Gaps
 from flexx2_sim_ros.recording.sink import BagSink
@@ -129,6 +136,7 @@ class Recorder(Node):
         self._samples: dict[str, Sample] = {}
         self._probes: dict[str, Any] = {}
         self._said: set[str] = set()
+        self._names: dict[str, str] = {}
         self._subscribe(EVENTS, messages.PARAMETER_EVENT)
         self._look()
         self.create_timer(_LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -147,9 +155,16 @@ class Recorder(Node):
             for topic in there
             if topic in _BESIDE or any(fnmatchcase(topic, name) for name in self._also)
         ]
-        for topic in unknown_topics(there):
+        own = [remapped(self, camera) for camera in find_cameras(there).values()]
+        # In the bag, clean images have the names by which they are found there.
+        for camera in own:
+            self._names |= {topic: name for name, topic in camera.inputs.items()}
+            if self._is_wanted(camera.name, camera.node):
+                wanted += camera.inputs.values()
+        others = {topic: kind for topic, kind in there.items() if topic not in self._names}
+        for topic in unknown_topics(others):
             self._probe(topic, there[topic])
-        found = survey(there, self._samples)
+        found = survey(others, self._samples)
         for camera in found.cameras.values():
             node = camera.node or self._publisher(camera.depth)
             # A camera of an unknown node is named by its depth topic: match any namespace.
@@ -234,7 +249,7 @@ class Recorder(Node):
                 f'{topic}: is published as best effort: messages can be lost'
             )
         if offers:
-            self._sink.offer(topic, [_offered(offer) for offer in offers])
+            self._sink.offer(self._names.get(topic, topic), [_offered(offer) for offer in offers])
         self.create_subscription(
             message_type, topic, partial(self._on_message, topic), quality, raw=True
         )
@@ -261,7 +276,8 @@ class Recorder(Node):
         statistics = self.topics[topic]
         # A bag is read in order of time. If the clock is set back, times must still not go back.
         self._time = max(self._time, time.time_ns())
-        if self._sink.put(Message(topic, statistics.kind, self._time, data)):
+        name = self._names.get(topic, topic)
+        if self._sink.put(Message(name, statistics.kind, self._time, data)):
             statistics.messages += 1
             statistics.size += len(data)
         else:

@@ -10,7 +10,7 @@ from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.decoding import decode_camera_info, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes.gating import RateMeter
-from flexx2_sim_ros.nodes.subscriptions import matching
+from flexx2_sim_ros.nodes.subscriptions import matching, remapped
 from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics
@@ -83,6 +83,15 @@ class ViewedCamera:
                     (Image, topics.depth, self._on_depth),
                 )
             ]
+
+    def follow(self) -> None:
+        """Subscribe anew if the camera's node subscribes to other clean images than known."""
+        topics = remapped(self._node, self.topics)
+        if topics != self.topics:
+            watched = bool(self._listening)
+            self.listen(False)
+            self.topics = topics
+            self.listen(watched)
 
     def _quality(self, topic: str) -> QoSProfile:
         # What was sent before the page was open comes only to a reliable, latched subscription.

@@ -127,6 +127,7 @@ class Viewer(Node):
                 self._cameras[topics.name] = ViewedCamera(self, topics, self._show)
                 self._cameras[topics.name].listen(self._watched)
         for camera in self._cameras.values():
+            camera.follow()
             if not camera.usecases:
                 camera.ask()
 

@@ -1,7 +1,7 @@
 """Find the topics of cameras in a bag or in a running system."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os.path import commonprefix
 from pathlib import Path
 import re
@@ -14,9 +14,10 @@ CARRIED = '/recording'
 DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
 _DEPTH, _CLOUD, _INFO, _GRAY = '/depth_image_0', '/point_cloud_0', '/camera_info', '/gray_image_0'
 _CLEAN, _CLEAN_INFO = '/clean/depth_image', '/clean/camera_info'
+_REFLECTIVITY = '/clean/reflectivity'
 # Images of a camera that are no depth of their own, by the names that our nodes and
 # pico_flexx_driver give them.
-_NOT_DEPTH = (_CLEAN, '/clean/reflectivity', '/depth_noise_0', _GRAY, '/image_noise')
+_NOT_DEPTH = (_CLEAN, _REFLECTIVITY, '/depth_noise_0', _GRAY, '/image_noise')
 _EIGHT_BITS = ('mono8', '8UC1')
 _GRAY_ENCODINGS = (*_EIGHT_BITS, 'mono16', '16UC1')
 # Infrared images: of realsense-ros (the left one has depth's pixels, in a frame of its own) and of
@@ -46,6 +47,8 @@ class CameraTopics:
         Topics of the camera info, the point cloud and the gray image.
     space : str
         The namespace in which ``clean/depth_image`` is, without a slash at its end.
+    inputs : dict of str to str
+        Topics of clean images that were remapped, by the names that they would have.
 
     """
 
@@ -56,21 +59,25 @@ class CameraTopics:
     cloud: str
     gray: str
     space: str
+    inputs: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def clean(self) -> str:
         """Return the topic of clean depth."""
-        return self.space + _CLEAN
+        return self._input(_CLEAN)
 
     @property
     def clean_info(self) -> str:
         """Return the topic of clean depth's camera info."""
-        return self.space + _CLEAN_INFO
+        return self._input(_CLEAN_INFO)
 
     @property
     def reflectivity(self) -> str:
         """Return the topic of reflectivity."""
-        return f'{self.space}/clean/reflectivity'
+        return self._input(_REFLECTIVITY)
+
+    def _input(self, name: str) -> str:
+        return self.inputs.get(self.space + name, self.space + name)
 
     @property
     def carried(self) -> str:
@@ -309,9 +316,15 @@ def _gray_of(depth: str, samples: Mapping[str, Sample]) -> str:
 
 
 def choose_camera(
-    path: Path, topics: dict[str, str], samples: Mapping[str, Sample], camera: str | None
+    path: Path,
+    topics: dict[str, str],
+    samples: Mapping[str, Sample],
+    camera: str | None,
+    clean: str | None = None,
 ) -> CameraTopics:
     """Return the camera with a name or topic, or raise `InputError` with all names."""
+    if clean is not None:
+        return _choose_with_clean(path, topics, samples, camera, clean)
     found = survey(topics, samples)
     cameras = found.cameras
     if camera is None and len(cameras) == 1 and not found.unclear:
@@ -330,3 +343,27 @@ def choose_camera(
         f'topic of a depth image ({", ".join(images) or "none"}) (flexx2 convert --camera '
         f'selects one), got {got}'
     )
+
+
+def _choose_with_clean(
+    path: Path,
+    topics: dict[str, str],
+    samples: Mapping[str, Sample],
+    camera: str | None,
+    clean: str,
+) -> CameraTopics:
+    # The camera whose ground truth is on a topic of another name.
+    if topics.get(clean) != messages.IMAGE:
+        images = [topic for topic, kind in topics.items() if kind == messages.IMAGE]
+        raise InputError(
+            f'{path}: --clean: must be the topic of a depth image '
+            f'({", ".join(images) or "none"}), got {clean!r}'
+        )
+    info = (_info_of(clean, samples) if clean in samples else None) or (
+        clean.rpartition('/')[0] + _INFO
+    )
+    others = {topic: kind for topic, kind in topics.items() if topic not in (clean, info)}
+    found = choose_camera(
+        path, others, {topic: one for topic, one in samples.items() if topic in others}, camera
+    )
+    return replace(found, inputs={found.clean: clean, found.clean_info: info})

@@ -49,7 +49,7 @@ class BagRecording(RecordingReader):
     ----------
     path : pathlib.Path
         A folder, or a ``.mcap`` or ``.db3`` file.
-    camera, profile
+    camera, profile, clean
         As for `open_recording`.
 
     Raises
@@ -60,11 +60,15 @@ class BagRecording(RecordingReader):
     """
 
     def __init__(
-        self, path: Path, camera: str | None = None, profile: Profile | None = None
+        self,
+        path: Path,
+        camera: str | None = None,
+        profile: Profile | None = None,
+        clean: str | None = None,
     ) -> None:
         """Read the bag once, keeping stamps but no images."""
         self._bag = Bag(path)
-        self._where = choose_camera(path, self._bag.topics, self._bag.samples, camera)
+        self._where = choose_camera(path, self._bag.topics, self._bag.samples, camera, clean)
         self._found: dict[str, Topic] = {}
         self._carried: dict[str, np.ndarray | None] = {}
         self._stacks: dict[str, _Stack] = {}

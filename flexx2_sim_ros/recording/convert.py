@@ -73,7 +73,7 @@ def convert(
         raise InputError(
             f'--camera: must be left out where neither A nor B is a bag, got {shown(camera)}'
         )
-    if camera is None and len(cameras) > 1 and target.suffix == '.npz':
+    if camera is None and given.clean is None and len(cameras) > 1 and target.suffix == '.npz':
         paths = _path_by_camera(target, cameras)
         return [
             pair
@@ -96,6 +96,8 @@ def convert(
 def _open(
     source: Path, camera: str | None, given: Given, images: bool
 ) -> tuple[RecordingReader, Given]:
+    if given.clean is not None and (images or source.suffix == '.npz'):
+        raise InputError(f'--clean: must be left out where A is no bag, got {shown(given.clean)}')
     if images:
         if given.keys:
             raise InputError('--key: must be left out for images, got some')
@@ -110,7 +112,7 @@ def _open(
         raise InputError(
             f'{given.of_files[0]}: must be left out for a bag, whose messages say it, got some'
         )
-    return open_recording(source, camera), given
+    return open_recording(source, camera, clean=given.clean), given
 
 
 def _path_by_camera(target: Path, cameras: list[str]) -> dict[str, Path]:

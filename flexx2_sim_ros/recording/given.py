@@ -34,6 +34,8 @@ class Given:
         Keys of the recording format, and what an ``.npz`` file of another program calls them.
     partial_truth : bool
         Whether the ground truth is unknown where `clean_depth` is NaN, and not "no return".
+    clean : str or None
+        The topic of a bag's clean depth images, if it is not ``clean/depth_image``.
 
     """
 
@@ -44,6 +46,7 @@ class Given:
     unit: float | None = None
     keys: Mapping[str, str] = field(default_factory=dict)
     partial_truth: bool = False
+    clean: str | None = None
 
     @property
     def of_files(self) -> list[str]:

@@ -9,7 +9,10 @@ from flexx2_sim_ros.recording.reader import Recording, RecordingReader
 
 
 def open_recording(
-    path: str | Path, camera: str | None = None, profile: Profile | None = None
+    path: str | Path,
+    camera: str | None = None,
+    profile: Profile | None = None,
+    clean: str | None = None,
 ) -> RecordingReader:
     """
     Open a recording without reading its frames.
@@ -26,6 +29,8 @@ def open_recording(
         topic of any depth image, with its camera_info beside it.
     profile : Profile, optional
         The camera whose modes give the rate of a file without stamps. Default: the Flexx2.
+    clean : str, optional
+        The topic of a bag's clean depth images, if it is not ``clean/depth_image``.
 
     Returns
     -------
@@ -44,7 +49,7 @@ def open_recording(
         # Bags need the library rosbags, .npz files do not.
         from flexx2_sim_ros.recording.bags import BagRecording
 
-        return BagRecording(path, camera, profile)
+        return BagRecording(path, camera, profile, clean)
     except OSError as error:
         raise InputError(f'{path}: cannot be read: {error.strerror or error}') from error
 

@@ -1,0 +1,141 @@
+"""Clean images with the names of a simulator, which the camera node takes by remaps."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
+from flexx2_sim_ros.nodes.viewer import Viewer
+from flexx2_sim_ros.recording import load_recording
+from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.bag_writer import BagWriter
+from flexx2_sim_ros.recording.opening import recording_cameras
+import numpy as np
+import pytest
+from recorders import finish, flexx2
+from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener
+
+SPACE = '/remapped/left'
+TOPICS = {
+    'clean/depth_image': '/simulator/depth/image_raw',
+    'clean/camera_info': '/simulator/depth/camera_info',
+    'clean/reflectivity': '/simulator/albedo',
+}
+STEP = 100_000_000
+CLEAN = np.full((172, 224), 1.5, 'f4')
+
+pytestmark = pytest.mark.usefixtures('ros')
+
+
+class Simulator(Listener):
+    """Publishes a wall on topics of its own; a camera node takes them."""
+
+    def __init__(self, topics: list[str]) -> None:
+        super().__init__()
+        remaps = [word for name in topics for word in ('-r', f'{name}:={TOPICS[name]}')]
+        self.camera = Flexx2Camera(namespace=SPACE, cli_args=['--ros-args', *remaps])
+        self.add(self.camera)
+        self._send = {
+            name: self.node.create_publisher(kind, TOPICS[name], 10)
+            for name, kind in zip(TOPICS, (Image, CameraInfo, Image), strict=True)
+            if name in topics
+        }
+        self._stamp = 0
+        inputs = [one for one in self.camera.subscriptions if one.topic_name in TOPICS.values()]
+        self.spin_until(
+            lambda: (
+                all(publisher.get_subscription_count() for publisher in self._send.values())
+                and sum(one.get_publisher_count() for one in inputs) == len(topics)
+            ),
+            'inputs',
+        )
+
+    def show(self) -> None:
+        """Publish the next images."""
+        self._stamp += STEP
+        received = self.camera._statistics.received
+        self._send['clean/camera_info'].publish(info_message(FLEXX2, self._stamp))
+        for name, value in (('clean/reflectivity', 0.5), ('clean/depth_image', 1.5)):
+            if name in self._send:
+                image = np.full_like(CLEAN, value)
+                self._send[name].publish(image_message(image, self._stamp))
+        self.spin_until(lambda: self.camera._statistics.received > received, 'the image')
+
+    def close(self) -> None:
+        """Leave the graph."""
+        super().close()
+        self.camera.destroy_node()
+
+
+@pytest.fixture(params=[list(TOPICS), list(TOPICS)[:2]], ids=['all', 'without reflectivity'])
+def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
+    made = Simulator(request.param)
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def test_a_recording_has_the_ground_truth_and_no_second_camera(
+    simulator: Simulator, child_env: dict[str, str], tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    with flexx2(child_env, 'record', bag, '--seconds', 1) as process:
+        while process.poll() is None:
+            simulator.show()
+        finish(process)
+    assert recording_cameras(bag) == ['remapped/left']
+    recording = load_recording(bag)
+    assert recording.clean_depth is not None
+    shown = recording.clean_depth[np.isfinite(recording.clean_depth).all(axis=(1, 2))]
+    assert len(shown)
+    np.testing.assert_allclose(shown, 1.5, rtol=1e-5)
+
+
+def test_a_bag_that_was_recorded_otherwise_takes_an_option(
+    simulator: Simulator, child_env: dict[str, str], tmp_path: Path
+) -> None:
+    bag = tmp_path / 'bag'
+    own = f'{SPACE}/flexx2_camera'
+    topics = [*TOPICS.values(), f'{own}/depth_image_0', f'{own}/camera_info']
+    with flexx2(child_env, 'record', bag, '--seconds', 1) as process:
+        while process.poll() is None:
+            simulator.show()
+        finish(process)
+    # As other recorders do, with the topics' own names.
+    names = {f'{SPACE}/{name}': topic for name, topic in TOPICS.items()}
+    with BagWriter(tmp_path / 'other') as writer:
+        for topic, kind, when, data in Bag(bag).messages(None):
+            topic = names.get(topic, topic)
+            if topic in topics:
+                writer.write(topic, kind, when, data)
+    with flexx2(
+        child_env,
+        'convert',
+        tmp_path / 'other',
+        tmp_path / 'one.npz',
+        '--usecase',
+        'Mode_9_30fps',
+        '--clean',
+        TOPICS['clean/depth_image'],
+    ) as process:
+        finish(process)
+    recording, wanted = load_recording(tmp_path / 'one.npz'), load_recording(bag)
+    np.testing.assert_array_equal(recording.clean_depth, wanted.clean_depth)
+    np.testing.assert_array_equal(recording.depth, wanted.depth)
+
+
+def test_the_page_shows_clean_depth(simulator: Simulator) -> None:
+    viewer = Viewer([], '/remapped/cmd_vel')
+    simulator.add(viewer)
+    try:
+        viewer.watch(True)
+
+        def clean_is_shown() -> bool:
+            simulator.show()
+            shot = viewer.shots.get('remapped/left')
+            return shot is not None and shot.clean is not None
+
+        simulator.spin_until(clean_is_shown, 'clean depth')
+        assert list(viewer.shots) == ['remapped/left']
+    finally:
+        viewer.destroy_node()
