@@ -22,6 +22,7 @@ _ENCODINGS = {
     '8UC1': ('u1', 1.0),
     'mono8': ('u1', 1.0),
 }
+NO_DEPTH = 65535  # of 16 bits: what some drivers write where there is no depth
 _NANOSECONDS = 1_000_000_000
 _LARGEST_SIDE = 1 << 14
 # Without coefficients, they are no pinhole cameras either.
@@ -57,8 +58,8 @@ def decode_image(message: Any, field: str, encodings: tuple[str, ...]) -> np.nda
     Returns
     -------
     numpy.ndarray
-        (height, width) float32, C-contiguous; metres for depth (16UC1 is in millimetres). May
-        share the message's memory.
+        (height, width) float32, C-contiguous; metres for depth (16UC1 is in millimetres, and
+        its largest value becomes NaN: no depth). May share the message's memory.
 
     Raises
     ------
@@ -71,7 +72,9 @@ def decode_image(message: Any, field: str, encodings: tuple[str, ...]) -> np.nda
     # A double beyond the range of float32 becomes infinite: no return.
     with np.errstate(over='ignore', invalid='ignore'):
         image = np.ascontiguousarray(raw, dtype=np.float32)
-    return image if unit == 1.0 else image * np.float32(unit)
+    if unit == 1.0:
+        return image
+    return np.where(image == NO_DEPTH, np.float32(np.nan), image * np.float32(unit))
 
 
 def image_pixels(message: Any, field: str, encodings: tuple[str, ...]) -> np.ndarray:

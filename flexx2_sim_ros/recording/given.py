@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.messages.decoding import NO_DEPTH
 from flexx2_sim_ros.png import read_mask_png
 from flexx2_sim_ros.recording.reader import ASSUMED, Content, RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth
@@ -62,7 +63,8 @@ def in_metres(depth: np.ndarray, unit: float | None = None) -> np.ndarray:
     Parameters
     ----------
     depth : numpy.ndarray
-        Counts of any real dtype; 0, negative and not finite values are invalid.
+        Counts of any real dtype; 0, negative and not finite values are invalid, and of 16 bits
+        65535.
     unit : float, optional
         Metres of a count; left out, whole numbers are millimetres, and others metres.
 
@@ -76,7 +78,10 @@ def in_metres(depth: np.ndarray, unit: float | None = None) -> np.ndarray:
         unit = MILLIMETRE if depth.dtype.kind in 'iu' else 1.0
     with np.errstate(invalid='ignore', over='ignore'):
         metres = depth.astype(np.float32) * np.float32(unit)
-        return np.where((metres > 0) & (metres < np.inf), metres, np.float32(np.nan))
+        valid = (metres > 0) & (metres < np.inf)
+        if depth.dtype.kind == 'u' and depth.dtype.itemsize == 2:
+            valid &= depth != NO_DEPTH
+        return np.where(valid, metres, np.float32(np.nan))
 
 
 class CompletedRecording(RecordingReader):

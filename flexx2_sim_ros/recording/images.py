@@ -8,7 +8,7 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.png import check_png, read_png
 from flexx2_sim_ros.recording.calibration import read_calibration
 from flexx2_sim_ros.recording.folders import has_bag_files
-from flexx2_sim_ros.recording.given import Given, MILLIMETRE
+from flexx2_sim_ros.recording.given import Given, in_metres
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader
 import numpy as np
 
@@ -47,7 +47,7 @@ class ImageRecording(RecordingReader):
 
     def __init__(self, path: Path, given: Given) -> None:
         """Check all images, reading no pixels."""
-        self._unit = np.float32(given.unit or MILLIMETRE)
+        self._unit = given.unit
         root = path if path.is_dir() else path.parent
         files, stamps = _in_order([path] if path.is_file() else _depth_files(path))
         if not files:
@@ -91,7 +91,7 @@ class ImageRecording(RecordingReader):
             if image.shape != layout.shape:
                 raise InputError(f'{shown_path(file)}: has changed since it was opened')
             if key == 'depth':
-                image = np.where(image > 0, image * self._unit, np.float32(np.nan))
+                image = in_metres(image, self._unit)
             yield image
 
 
