@@ -11,7 +11,7 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 import numpy as np
 from PIL import Image
 
-_MOST_PIXELS = 1 << 25
+MOST_PIXELS = 1 << 25
 _BITS = {'1': 1, 'L': 8, 'I;16': 16, 'I;16B': 16, 'I': 16}  # of Pillow's modes for PNG
 
 
@@ -38,7 +38,7 @@ def check_png(path: Path, bits: tuple[int, ...]) -> tuple[int, int]:
 
     """
     with _opened(path) as image:
-        return _checked(path, image, bits)
+        return _checked(shown_path(path), image, bits)
 
 
 def read_png(path: Path, bits: tuple[int, ...]) -> np.ndarray:
@@ -52,9 +52,25 @@ def read_png(path: Path, bits: tuple[int, ...]) -> np.ndarray:
 
     """
     with _opened(path) as image:
-        _checked(path, image, bits)
-        dtype = {1: bool, 8: np.uint8, 16: np.uint16}[_BITS[image.mode]]
-        return np.array(image).astype(dtype)
+        return _pixels(shown_path(path), image, bits)
+
+
+def decode_png(content: bytes, name: str, bits: tuple[int, ...]) -> np.ndarray:
+    """
+    Return the pixels of a gray PNG that is not in a file of its own.
+
+    Parameters
+    ----------
+    content : bytes
+        The PNG.
+    name : str
+        What to call it in errors.
+    bits : tuple of int
+        As for `check_png`.
+
+    """
+    with _decoding(BytesIO(content), name) as image:
+        return _pixels(name, image, bits)
 
 
 def read_mask_png(path: Path) -> np.ndarray:
@@ -78,7 +94,7 @@ def read_mask_png(path: Path) -> np.ndarray:
 
     """
     with _opened(path) as image:
-        _check_size(path, image)
+        _check_size(shown_path(path), image)
         pixels = np.asarray(image if image.mode in _BITS else image.convert('RGB'))
         return np.asarray((pixels.reshape(*pixels.shape[:2], -1) > 0).any(axis=-1))
 
@@ -102,44 +118,53 @@ def encode_png(index: np.ndarray, palette: np.ndarray) -> bytes:
     return file.getvalue()
 
 
-def _checked(path: Path, image: Image.Image, bits: tuple[int, ...]) -> tuple[int, int]:
-    _check_size(path, image)
+def _pixels(name: str, image: Image.Image, bits: tuple[int, ...]) -> np.ndarray:
+    _checked(name, image, bits)
+    dtype = {1: bool, 8: np.uint8, 16: np.uint16}[_BITS[image.mode]]
+    return np.array(image).astype(dtype)
+
+
+def _checked(name: str, image: Image.Image, bits: tuple[int, ...]) -> tuple[int, int]:
+    _check_size(name, image)
     if _BITS.get(image.mode) not in bits:
         kinds = {'RGB': 'colours', 'RGBA': 'colours', 'P': 'a palette', 'LA': 'transparency'}
         got = kinds.get(image.mode, f'{_BITS.get(image.mode, "unknown")} bits')
         raise InputError(
-            f'{shown_path(path)}: must be a gray PNG of {" or ".join(map(str, bits))} bits a '
-            f'pixel, got {got}'
+            f'{name}: must be a gray PNG of {" or ".join(map(str, bits))} bits a pixel, got {got}'
         )
     return image.height, image.width
 
 
-def _check_size(path: Path, image: Image.Image) -> None:
-    if image.width * image.height > _MOST_PIXELS:
-        raise _too_large(path, f'{image.width} x {image.height}')
+def _check_size(name: str, image: Image.Image) -> None:
+    if image.width * image.height > MOST_PIXELS:
+        raise _too_large(name, f'{image.width} x {image.height}')
 
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Image.Image]:
     if not is_regular_file(path):
         raise InputError(f'{shown_path(path)}: must be a PNG file, got none')
+    with _decoding(path, shown_path(path)) as image:
+        yield image
+
+
+@contextmanager
+def _decoding(source: Path | BytesIO, name: str) -> Iterator[Image.Image]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('error', Image.DecompressionBombWarning)
-            with Image.open(path, formats=['PNG']) as image:
+            with Image.open(source, formats=['PNG']) as image:
                 yield image
     except InputError:
         raise
     except (Image.DecompressionBombWarning, Image.DecompressionBombError) as error:
-        raise _too_large(path, 'more') from error
+        raise _too_large(name, 'more') from error
     except Exception as error:  # Pillow lets errors of all kinds out.
         raise InputError(
-            f'{shown_path(path)}: must be a PNG, got a file that is none or is damaged '
+            f'{name}: must be a PNG, got a file that is none or is damaged '
             f'({shown(type(error).__name__)})'
         ) from error
 
 
-def _too_large(path: Path, got: str) -> InputError:
-    return InputError(
-        f'{shown_path(path)}: must be an image of at most {_MOST_PIXELS} pixels, got {got}'
-    )
+def _too_large(name: str, got: str) -> InputError:
+    return InputError(f'{name}: must be an image of at most {MOST_PIXELS} pixels, got {got}')

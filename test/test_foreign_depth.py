@@ -1,13 +1,16 @@
 """Depth as other programs write it: what means no depth, units, compressed images."""
 
+from io import BytesIO
 from pathlib import Path
+import struct
 from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import load_recording, Recording
-from made_bags import image, info, MATRIX, write
+from made_bags import Entry, header, image, info, make, MATRIX, write
 from made_images import ost, save
 import numpy as np
+from PIL import Image
 import pytest
 
 SIZE = 8, 10
@@ -44,3 +47,185 @@ def test_the_largest_count_of_16_bits_is_no_depth(form: str, tmp_path: Path) -> 
     assert np.isnan(found[:, :3]).all()
     np.testing.assert_allclose(found[:, 3], 65.534, rtol=1e-6)
     np.testing.assert_allclose(found[:, 4:], 1.5, rtol=1e-6)
+
+
+COMPRESSED = 'sensor_msgs/msg/CompressedImage'
+
+
+def rvl(depth: np.ndarray) -> bytes:
+    """Return depth as the codec of compressed_depth_image_transport writes it."""
+    nibbles: list[int] = []
+
+    def put(value: int) -> None:
+        while value > 7:
+            nibbles.append(8 | (value & 7))
+            value >>= 3
+        nibbles.append(value)
+
+    flat, at, last = [int(value) for value in depth.ravel()], 0, 0
+    while at < len(flat):
+        start = at
+        while at < len(flat) and not flat[at]:
+            at += 1
+        put(at - start)
+        start = at
+        while at < len(flat) and flat[at]:
+            at += 1
+        put(at - start)
+        for value in flat[start:at]:
+            put((value - last) << 1 if value >= last else ((last - value) << 1) - 1)
+            last = value
+    nibbles += [0] * (-len(nibbles) % 8)
+    words = [
+        int(''.join(f'{digit:x}' for digit in nibbles[i : i + 8]), 16)
+        for i in range(0, len(nibbles), 8)
+    ]
+    return struct.pack(f'<II{len(words)}I', depth.shape[1], depth.shape[0], *words)
+
+
+def png(depth: np.ndarray) -> bytes:
+    """Return a 16-bit PNG."""
+    file = BytesIO()
+    Image.fromarray(depth).save(file, 'PNG')
+    return file.getvalue()
+
+
+def compressed(form: str, content: bytes, stamp: int = 0) -> Entry:
+    """Return a message of compressed depth."""
+    data = np.frombuffer(struct.pack('<iff', 0, 0, 0) + content, np.uint8)
+    message = make(COMPRESSED, header(stamp), form, data)
+    return ('/d/image/compressedDepth', COMPRESSED, stamp, message)
+
+
+@pytest.mark.parametrize(
+    ('form', 'encode'),
+    [
+        ('16UC1; compressedDepth', png),
+        ('16UC1; compressedDepth png', png),
+        ('mono16; compressedDepth png', png),
+        ('16UC1; compressedDepth rvl', rvl),
+    ],
+)
+def test_compressed_depth_of_16_bits_is_read_without_loss(
+    form: str, encode: Any, tmp_path: Path
+) -> None:
+    depth = np.random.default_rng(1).integers(0, 65535, (2, *SIZE)).astype(np.uint16)
+    depth[:, 3:5, 2:] = 0
+    depth[1, -1] = 0
+    entries = [info('/d/camera_info', 0, SIZE)]
+    entries += [compressed(form, encode(frame), number) for number, frame in enumerate(depth)]
+    found = converted(write(tmp_path / 'bag', entries)).depth
+    expected = np.where(depth > 0, depth * np.float32(0.001), np.nan)
+    np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    ('form', 'content', 'reason'),
+    [
+        ('32FC1; compressedDepth png', png(np.ones(SIZE, np.uint16)), "got '32FC1; compressedD"),
+        ('16UC1; jpeg', png(np.ones(SIZE, np.uint16)), "got '16UC1; jpeg'"),
+        ('16UC1; compressedDepth png', png(np.ones(SIZE, np.uint16))[:40], 'must be a PNG'),
+        ('16UC1; compressedDepth png', png(np.ones((8192, 8192), np.uint16)), 'image of at most'),
+        ('16UC1; compressedDepth rvl', struct.pack('<II', 1 << 16, 1 << 16), 'must be 1 to'),
+        ('16UC1; compressedDepth rvl', rvl(np.ones(SIZE, np.uint16))[:12], 'must be RVL'),
+        ('16UC1; compressedDepth rvl', struct.pack('<III', 10, 8, 0x7FFFFFFF), 'must be RVL'),
+        ('16UC1; compressedDepth rvl', struct.pack('<III', 10, 8, 0xFFFFFFFF), 'must be RVL'),
+        ('16UC1; compressedDepth rvl', b'', 'must be 1 to'),
+    ],
+)
+def test_other_compressed_depth_is_refused_with_the_reason(
+    form: str, content: bytes, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    entries = [info('/d/camera_info', 0, SIZE), compressed(form, content)]
+    bag = write(tmp_path / 'bag', entries)
+    assert main(['convert', str(bag), str(tmp_path / 'out.npz')]) == 2
+    said = ' '.join(capsys.readouterr().err.split())
+    assert "got 'no camera'; /d/image/compressedDepth: " in said
+    assert reason in said
+
+
+@pytest.mark.parametrize(
+    ('depth', 'infrared', 'encoding', 'options'),
+    [
+        ('/cam1/depth_image', '/cam1/ab_image', '16UC1', []),
+        ('/cam1/depth_image', '/cam1/ab_image', 'mono16', []),
+        ('/k/sd/image_depth', '/k/sd/image_ir', '16UC1', []),
+        ('/device_0/Depth_0/image/data', '/device_0/Infrared_1/image/data', 'mono16', []),
+        ('/one', '/other', '16UC1', ['--infrared', '/other']),
+        ('/one', '/other', 'mono16', ['--camera', '/one', '--infrared', '/other']),
+    ],
+)
+def test_depth_and_infrared_of_one_encoding(
+    depth: str, infrared: str, encoding: str, options: list[str], tmp_path: Path
+) -> None:
+    seen, bright = np.full(SIZE, 1500, np.uint16), np.full(SIZE, 77, np.uint16)
+    bag = write(
+        tmp_path / 'bag',
+        [
+            info('/info/camera_info', 0, SIZE),
+            image(depth, 0, seen, encoding),
+            image(infrared, 0, bright, encoding),
+        ],
+    )
+    found = converted(bag, *options)
+    np.testing.assert_allclose(found.depth, 1.5, rtol=1e-6)
+    assert found.amplitude is not None
+    assert (found.amplitude == 77).all()
+
+
+def test_a_camera_that_is_not_found_is_said_with_the_reason_for_each_topic(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pixels = np.ones(SIZE, np.uint16)
+    bag = write(
+        tmp_path / 'bag',
+        [
+            info('/color/camera_info', 0, (4, 6)),
+            image('/depth/image', 0, pixels, '16UC1'),
+            image('/ir/image', 0, pixels, '16UC1'),
+            image('/color/image', 0, pixels.astype(np.uint8), 'mono8'),
+            (
+                '/lossy/compressed',
+                COMPRESSED,
+                0,
+                make(COMPRESSED, header(0), 'jpeg', pixels.view(np.uint8).ravel()),
+            ),
+        ],
+    )
+    assert main(['convert', str(bag), str(tmp_path / 'out.npz')]) == 2
+    said = ' '.join(capsys.readouterr().err.split())
+    for reason in (
+        '/depth/image: no camera info has its size 10 x 8 and frame ',
+        '/ir/image: 16UC1 under this name is no depth',
+        '/color/image: mono8 under this name is no depth',
+        '/lossy/compressed: compressed with loss',
+    ):
+        assert reason in said
+    assert main(['convert', str(bag), str(tmp_path / 'out.npz'), '--infrared', '/none']) == 2
+    assert '--infrared: must be the topic of an image of' in capsys.readouterr().err
+
+
+def test_a_camera_is_found_by_a_later_message(tmp_path: Path) -> None:
+    """A driver sends an empty camera info before it has read its calibration."""
+    entries = [info('/d/camera_info', 0, (0, 0), np.zeros((3, 3)))]
+    for stamp in (1, 2):
+        entries += [
+            info('/d/camera_info', stamp, SIZE),
+            image('/d/image', stamp, np.full(SIZE, 1500, np.uint16), '16UC1'),
+        ]
+    found = converted(write(tmp_path / 'bag', entries))
+    np.testing.assert_array_equal(found.K, MATRIX)
+
+
+@pytest.mark.parametrize('form', ['bag', 'npz'])
+def test_depth_along_the_ray_becomes_depth_along_the_axis(form: str, tmp_path: Path) -> None:
+    v, u = np.mgrid[: SIZE[0], : SIZE[1]]
+    matrix = np.array([[9.0, 0, 4.5], [0, 9.0, 3.5], [0, 0, 1]])
+    along = (2 * np.sqrt(1 + ((u - 4.5) / 9) ** 2 + ((v - 3.5) / 9) ** 2)).astype(np.float32)
+    if form == 'npz':
+        source = tmp_path / 'in.npz'
+        np.savez(source, depth=along[None], K=matrix)
+    else:
+        camera = info('/d/camera_info', 0, SIZE, matrix, np.zeros(5))
+        source = write(tmp_path / 'bag', [camera, image('/d/image', 0, along, '32FC1')])
+    np.testing.assert_allclose(converted(source, '--radial').depth, 2.0, rtol=1e-5)

@@ -65,6 +65,17 @@ def _add_given(parser: argparse.ArgumentParser) -> None:
         'distortion (default: the only YAML file in the folder)',
     )
     parser.add_argument(
+        '--infrared',
+        metavar='TOPIC',
+        help='from a bag: the topic of the infrared image of the camera, if A does not say',
+    )
+    parser.add_argument(
+        '--radial',
+        action='store_true',
+        help='depth of A is measured along the ray of each pixel: convert it to depth along the '
+        'optical axis',
+    )
+    parser.add_argument(
         '--mask',
         type=Path,
         metavar='FILE',
@@ -130,6 +141,8 @@ def run(arguments: argparse.Namespace) -> int:
         _keys(arguments.key),
         arguments.partial_truth,
         arguments.clean,
+        arguments.infrared,
+        arguments.radial,
     )
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     with progress_bar(console) as progress:

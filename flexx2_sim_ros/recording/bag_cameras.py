@@ -1,17 +1,18 @@
 """Find the topics of cameras in a bag or in a running system."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from os.path import commonprefix
-from pathlib import Path
 import re
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.messages.compressed_depth import SUFFIX
 from flexx2_sim_ros.recording import bag_messages as messages
 
 EVENTS = '/parameter_events'
 CARRIED = '/recording'
 DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
+# Also 16UC1 by another name, where the topic's name says that it is depth: of RealSense Viewer.
+_DEPTH_NAME = re.compile(r'depth', re.IGNORECASE)
 _DEPTH, _CLOUD, _INFO, _GRAY = '/depth_image_0', '/point_cloud_0', '/camera_info', '/gray_image_0'
 _CLEAN, _CLEAN_INFO = '/clean/depth_image', '/clean/camera_info'
 _REFLECTIVITY = '/clean/reflectivity'
@@ -20,9 +21,11 @@ _REFLECTIVITY = '/clean/reflectivity'
 _NOT_DEPTH = (_CLEAN, _REFLECTIVITY, '/depth_noise_0', _GRAY, '/image_noise')
 _EIGHT_BITS = ('mono8', '8UC1')
 _GRAY_ENCODINGS = (*_EIGHT_BITS, 'mono16', '16UC1')
-# Infrared images: of realsense-ros (the left one has depth's pixels, in a frame of its own) and of
-# the driver of Azure Kinect.
-_INFRARED = re.compile(r'/(infra[12]?|ir)/')
+# Infrared images: of realsense-ros (the left one has depth's pixels, in a frame of its own), the
+# drivers of Azure Kinect, Kinect v2 and of Analog Devices (active brightness).
+_INFRARED = re.compile(
+    r'[/_](infra(red)?(_?[12])?|ir|ab|amplitude|intensity)([/_]|$)', re.IGNORECASE
+)
 _SAME_PIXELS = ('/infra1/', '/infra/')
 # Copies of depth in the pixels of a colour image: of realsense-ros and of the driver of Azure
 # Kinect.
@@ -132,7 +135,7 @@ def sample(kind: str, data: bytes, where: str) -> Sample:
     Parameters
     ----------
     kind : str
-        ``sensor_msgs/msg/Image`` or ``sensor_msgs/msg/CameraInfo``.
+        ``sensor_msgs/msg/Image``, ``CompressedImage`` (of depth) or ``CameraInfo``.
     data : bytes
         The message, CDR.
     where : str
@@ -144,11 +147,11 @@ def sample(kind: str, data: bytes, where: str) -> Sample:
         When it is not a message of that type.
 
     """
-    message = messages.decode(kind, data, where)
+    message = messages.decode_pixels(kind, data, where)
     return Sample(
         (int(message.height), int(message.width)),
         str(message.header.frame_id),
-        message.encoding if kind == messages.IMAGE else '',
+        '' if kind == messages.CAMERA_INFO else message.encoding,
     )
 
 
@@ -212,7 +215,10 @@ def unknown_topics(topics: dict[str, str]) -> list[str]:
     images = [
         topic
         for topic, kind in topics.items()
-        if kind == messages.IMAGE and topic not in named and not topic.endswith(_NOT_DEPTH)
+        if messages.has_depth_pixels(topic, kind)
+        and topic not in named
+        and not topic.endswith(_NOT_DEPTH)
+        and not (topic.endswith(SUFFIX) and topic.removesuffix(SUFFIX) in topics)
     ]
     infos = [topic for topic, kind in topics.items() if kind == messages.CAMERA_INFO]
     return images + infos if images else []
@@ -241,14 +247,14 @@ def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
     cameras = find_cameras(topics)
     taken = {camera.info for camera in cameras.values()}
     groups: dict[str, list[str]] = {}
-    depths = [topic for topic in unknown_topics(topics) if _may_be_depth(topic, samples)]
+    depths = [topic for topic in unknown_topics(topics) if may_be_depth(topic, samples)]
     for topic in depths:
-        info = _info_of(topic, samples)
+        info = info_of(topic, samples)
         if info is not None and info not in taken and not _is_copy(topic, depths):
             groups.setdefault(info, []).append(topic)
     for info, images in groups.items():
         if len(images) == 1:
-            camera = _by_shape(images[0], info, topics, samples)
+            camera = by_shape(images[0], info, topics, samples)
             cameras[camera.name] = camera
     return Survey(cameras, [images for images in groups.values() if len(images) > 1])
 
@@ -261,7 +267,8 @@ def _is_copy(topic: str, depths: list[str]) -> bool:
     )
 
 
-def _info_of(depth: str, samples: Mapping[str, Sample]) -> str | None:
+def info_of(depth: str, samples: Mapping[str, Sample]) -> str | None:
+    """Return the camera info of a depth image, or None."""
     # The camera info of the same size and frame with the most similar name. That of clean depth
     # also has this size and frame; it is the last choice.
     of_depth = samples[depth]
@@ -278,9 +285,10 @@ def _info_of(depth: str, samples: Mapping[str, Sample]) -> str | None:
     )
 
 
-def _by_shape(
+def by_shape(
     depth: str, info: str, topics: dict[str, str], samples: Mapping[str, Sample]
 ) -> CameraTopics:
+    """Return the camera of a depth image and its camera info."""
     space = depth.rpartition('/')[0]
     while space and space + _CLEAN not in topics:
         space = space.rpartition('/')[0]
@@ -289,11 +297,12 @@ def _by_shape(
     return CameraTopics(depth.strip('/'), '', depth, info, '', _gray_of(depth, samples), space)
 
 
-def _may_be_depth(topic: str, samples: Mapping[str, Sample]) -> bool:
+def may_be_depth(topic: str, samples: Mapping[str, Sample]) -> bool:
     found = samples.get(topic)
-    return (
-        found is not None and found.encoding in DEPTH_ENCODINGS and _INFRARED.search(topic) is None
-    )
+    if found is None or _INFRARED.search(topic) is not None:
+        return False
+    named = found.encoding == 'mono16' and _DEPTH_NAME.search(topic) is not None
+    return named or found.encoding in DEPTH_ENCODINGS
 
 
 def _gray_of(depth: str, samples: Mapping[str, Sample]) -> str:
@@ -307,63 +316,9 @@ def _gray_of(depth: str, samples: Mapping[str, Sample]) -> str:
         if found.encoding in _GRAY_ENCODINGS
         and found.size == of_depth.size
         and (found.frame_id == of_depth.frame_id or topic in siblings)
-        and not _may_be_depth(topic, samples)
+        and not may_be_depth(topic, samples)
     ]
     space = depth.rpartition('/')[0]
     grays = [topic for topic in grays if topic.rpartition('/')[0] == space] or grays
     grays = [topic for topic in grays if samples[topic].encoding not in _EIGHT_BITS] or grays
     return grays[0] if len(grays) == 1 else ''
-
-
-def choose_camera(
-    path: Path,
-    topics: dict[str, str],
-    samples: Mapping[str, Sample],
-    camera: str | None,
-    clean: str | None = None,
-) -> CameraTopics:
-    """Return the camera with a name or topic, or raise `InputError` with all names."""
-    if clean is not None:
-        return _choose_with_clean(path, topics, samples, camera, clean)
-    found = survey(topics, samples)
-    cameras = found.cameras
-    if camera is None and len(cameras) == 1 and not found.unclear:
-        return next(iter(cameras.values()))
-    if camera is not None and camera.strip('/') in cameras:
-        return cameras[camera.strip('/')]
-    if camera is not None and topics.get(camera) == messages.IMAGE:
-        beside = camera.rpartition('/')[0] + _INFO
-        info = _info_of(camera, samples) if camera in samples else None
-        return _by_shape(camera, info or beside, topics, {camera: Sample((0, 0), ''), **samples})
-    images = [topic for topic, kind in topics.items() if kind == messages.IMAGE]
-    several = camera is None and (cameras or found.unclear)
-    got = 'several cameras' if several else repr(camera or 'no camera')
-    raise InputError(
-        f'{path}: camera: must be one of its cameras ({", ".join(cameras) or "none"}) or the '
-        f'topic of a depth image ({", ".join(images) or "none"}) (flexx2 convert --camera '
-        f'selects one), got {got}'
-    )
-
-
-def _choose_with_clean(
-    path: Path,
-    topics: dict[str, str],
-    samples: Mapping[str, Sample],
-    camera: str | None,
-    clean: str,
-) -> CameraTopics:
-    # The camera whose ground truth is on a topic of another name.
-    if topics.get(clean) != messages.IMAGE:
-        images = [topic for topic, kind in topics.items() if kind == messages.IMAGE]
-        raise InputError(
-            f'{path}: --clean: must be the topic of a depth image '
-            f'({", ".join(images) or "none"}), got {clean!r}'
-        )
-    info = (_info_of(clean, samples) if clean in samples else None) or (
-        clean.rpartition('/')[0] + _INFO
-    )
-    others = {topic: kind for topic, kind in topics.items() if topic not in (clean, info)}
-    found = choose_camera(
-        path, others, {topic: one for topic, one in samples.items() if topic in others}, camera
-    )
-    return replace(found, inputs={found.clean: clean, found.clean_info: info})

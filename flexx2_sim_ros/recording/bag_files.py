@@ -100,7 +100,9 @@ class Bag:
         for topic, kind, _, data in self.messages(wanted):
             if topic not in found:
                 try:
-                    found[topic] = sample(kind, data, f'{self.path}: {topic}')
+                    one = sample(kind, data, f'{self.path}: {topic}')
+                    if all(one.size):  # Else it does not say yet what it will be.
+                        found[topic] = one
                 except InputError as error:  # The next message may be intact.
                     if topic not in broken:
                         broken.add(topic)

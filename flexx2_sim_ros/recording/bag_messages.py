@@ -5,12 +5,14 @@ import struct
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.messages.compressed_depth import decompress, SUFFIX
 from flexx2_sim_ros.profiles.intrinsics import DISTORTION_MODELS
 import numpy as np
 from rosbags.typesys import get_typestore, Stores
 from rosbags.typesys.store import Typestore
 
 IMAGE = 'sensor_msgs/msg/Image'
+COMPRESSED = 'sensor_msgs/msg/CompressedImage'
 CAMERA_INFO = 'sensor_msgs/msg/CameraInfo'
 POINT_CLOUD = 'sensor_msgs/msg/PointCloud2'
 PARAMETER_EVENT = 'rcl_interfaces/msg/ParameterEvent'
@@ -19,6 +21,7 @@ BYTES = 'std_msgs/msg/UInt8MultiArray'
 STAMPED = frozenset(
     {
         IMAGE,
+        COMPRESSED,
         CAMERA_INFO,
         POINT_CLOUD,
         'sensor_msgs/msg/JointState',
@@ -62,6 +65,17 @@ def decode(kind: str, data: bytes, where: str) -> Any:
         return typestore().deserialize_cdr(data, kind)
     except Exception as error:  # Wrong bytes can raise any error.
         raise InputError(f'{where}: cannot be decoded as {kind}: {shown(error)}') from error
+
+
+def has_depth_pixels(topic: str, kind: str) -> bool:
+    """Say whether messages of a topic are images that `decode_pixels` reads."""
+    return kind == IMAGE or (kind == COMPRESSED and topic.endswith(SUFFIX))
+
+
+def decode_pixels(kind: str, data: bytes, where: str) -> Any:
+    """Return an image, also a compressed one; see `decode` and `decompress`."""
+    message = decode(kind, data, where)
+    return decompress(message, where) if kind == COMPRESSED else message
 
 
 def header_stamp(data: bytes, where: str) -> int:

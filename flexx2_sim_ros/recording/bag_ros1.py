@@ -13,6 +13,7 @@ from rosbags.rosbag1 import Reader
 _SAME_IN_ROS2 = frozenset(
     {
         messages.IMAGE,
+        messages.COMPRESSED,
         messages.CAMERA_INFO,
         messages.POINT_CLOUD,
         'geometry_msgs/msg/PoseStamped',

@@ -1,7 +1,6 @@
 """Recordings in bags, made with our nodes, the real driver or `flexx2 convert`."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,11 +11,13 @@ from flexx2_sim_ros.messages.decoding import decode_distortion, decode_image, im
 from flexx2_sim_ros.npz_arrays import decode_npy
 from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording import bag_messages as messages
-from flexx2_sim_ros.recording.bag_cameras import choose_camera, DEPTH_ENCODINGS, EVENTS, survey
+from flexx2_sim_ros.recording.bag_cameras import DEPTH_ENCODINGS, EVENTS
+from flexx2_sim_ros.recording.bag_choice import choose_camera, survey_bag
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.clean_view import looked_up, view_of
 from flexx2_sim_ros.recording.matching import ABSENT, match, Topic
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
+from flexx2_sim_ros.recording.stamps import stamps_of
 import numpy as np
 
 _GRAYS = ('mono8', '8UC1', 'mono16', '16UC1', '32FC1')
@@ -49,7 +50,7 @@ class BagRecording(RecordingReader):
     ----------
     path : pathlib.Path
         A folder, or a ``.mcap`` or ``.db3`` file.
-    camera, profile, clean
+    camera, profile, clean, infrared
         As for `open_recording`.
 
     Raises
@@ -65,10 +66,12 @@ class BagRecording(RecordingReader):
         camera: str | None = None,
         profile: Profile | None = None,
         clean: str | None = None,
+        infrared: str | None = None,
     ) -> None:
         """Read the bag once, keeping stamps but no images."""
         self._bag = Bag(path)
-        self._where = choose_camera(path, self._bag.topics, self._bag.samples, camera, clean)
+        self._where = choose_camera(self._bag, camera, infrared, clean)
+        self._infrared = infrared
         self._found: dict[str, Topic] = {}
         self._carried: dict[str, np.ndarray | None] = {}
         self._stacks: dict[str, _Stack] = {}
@@ -139,12 +142,14 @@ class BagRecording(RecordingReader):
                 f'{path}: depth: must be the images of {self._source}, got an array on '
                 f'{where.carried}'
             )
-        for topics in survey(self._bag.topics, self._bag.samples).unclear:
+        for topics in survey_bag(self._bag, self._infrared).unclear:
             if where.depth not in topics:
                 self._bag.notes.append(
                     f'{path}: {", ".join(topics)}: not read: they have the same camera info, so '
                     'it is not clear which one is the depth of a camera; --camera TOPIC reads one'
                 )
+        # A driver may send empty ones before it has read its calibration.
+        self._infos = [one for one in self._infos if any(one[1].k)] or self._infos
         content = Content({}, {}, self._bag.notes, frames=len(self._found[self._source].stamps))
         first = self._infos[0][1]
         self._size = int(first.height), int(first.width)
@@ -285,7 +290,7 @@ class BagRecording(RecordingReader):
         # damaged has fewer: their stamps say which.
         found = self._found[self._source].stamps
         left: list[int] = []
-        for number, stamp in enumerate(_nanoseconds(self._carried)):
+        for number, stamp in enumerate(stamps_of(self._carried)):
             if len(left) < len(found) and stamp == found[len(left)]:
                 left.append(number)
         return left if len(left) == len(found) else list(range(len(found)))
@@ -327,14 +332,16 @@ class BagRecording(RecordingReader):
 
     def _image(self, topic: str, encodings: tuple[str, ...], data: bytes) -> np.ndarray:
         label = f'{self._bag.path}: {topic}'
-        pixels = image_pixels(messages.decode(messages.IMAGE, data, label), label, encodings)
+        message = messages.decode_pixels(self._bag.topics[topic], data, label)
+        pixels = image_pixels(message, label, encodings)
         return pixels.astype(pixels.dtype.newbyteorder('='), copy=False)
 
     def _depth(self, topic: str, data: bytes) -> np.ndarray:
         label = f'{self._bag.path}: {topic}'
-        return self._valid(
-            decode_image(messages.decode(messages.IMAGE, data, label), label, DEPTH_ENCODINGS)
-        )
+        message = messages.decode_pixels(self._bag.topics[topic], data, label)
+        if message.encoding == 'mono16':
+            message.encoding = '16UC1'  # Another name of the same pixels.
+        return self._valid(decode_image(message, label, DEPTH_ENCODINGS))
 
     def _clean(self, data: bytes) -> np.ndarray:
         # float64 stays float64: a recording may have it.
@@ -384,13 +391,3 @@ class BagRecording(RecordingReader):
             return depth
         with np.errstate(invalid='ignore'):
             return np.where(np.isfinite(depth) & (depth > 0), depth, depth.dtype.type(np.nan))
-
-
-def _nanoseconds(arrays: Mapping[str, np.ndarray | None]) -> list[int]:
-    # The stamps of a recording as its messages have them; none where they cannot be stamps.
-    for key, unit in (('stamp_ns', 1), ('stamp', 1e9)):
-        array = arrays.get(key)
-        if array is not None and array.dtype.kind in 'fiu':
-            with suppress(OverflowError, ValueError):  # Not finite: refused later.
-                return [round(stamp * unit) for stamp in array.ravel().tolist()]
-    return []

@@ -68,7 +68,7 @@ def convert(
     if target.suffix not in ('.npz', *SUFFIXES):
         check_bag_name(target, 'an .npz, .mcap or .db3 file, or ')
     images = has_images(source)
-    cameras = [] if images else recording_cameras(source)
+    cameras = [] if images else recording_cameras(source, given.infrared)
     if camera is not None and target.suffix == '.npz' and (images or source.suffix == '.npz'):
         raise InputError(
             f'--camera: must be left out where neither A nor B is a bag, got {shown(camera)}'
@@ -96,8 +96,10 @@ def convert(
 def _open(
     source: Path, camera: str | None, given: Given, images: bool
 ) -> tuple[RecordingReader, Given]:
-    if given.clean is not None and (images or source.suffix == '.npz'):
-        raise InputError(f'--clean: must be left out where A is no bag, got {shown(given.clean)}')
+    for option in ('clean', 'infrared'):
+        value = getattr(given, option)
+        if value is not None and (images or source.suffix == '.npz'):
+            raise InputError(f'--{option}: must be left out where A is no bag, got {shown(value)}')
     if images:
         if given.keys:
             raise InputError('--key: must be left out for images, got some')
@@ -112,7 +114,7 @@ def _open(
         raise InputError(
             f'{given.of_files[0]}: must be left out for a bag, whose messages say it, got some'
         )
-    return open_recording(source, camera, clean=given.clean), given
+    return open_recording(source, camera, clean=given.clean, infrared=given.infrared), given
 
 
 def _path_by_camera(target: Path, cameras: list[str]) -> dict[str, Path]:

@@ -6,7 +6,9 @@ from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.messages.decoding import NO_DEPTH
+from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.png import read_mask_png
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.reader import ASSUMED, Content, RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
@@ -37,6 +39,10 @@ class Given:
         Whether the ground truth is unknown where `clean_depth` is NaN, and not "no return".
     clean : str or None
         The topic of a bag's clean depth images, if it is not ``clean/depth_image``.
+    infrared : str or None
+        The topic of the infrared image in a bag, where the bag does not tell.
+    radial : bool
+        Whether depth is measured along the ray of each pixel instead of along the optical axis.
 
     """
 
@@ -48,6 +54,8 @@ class Given:
     keys: Mapping[str, str] = field(default_factory=dict)
     partial_truth: bool = False
     clean: str | None = None
+    infrared: str | None = None
+    radial: bool = False
 
     @property
     def of_files(self) -> list[str]:
@@ -94,6 +102,8 @@ class CompletedRecording(RecordingReader):
         The file.
     arrays : mapping of str to numpy.ndarray
         Arrays of the recording format that are not stacks.
+    radial : bool
+        Whether `source` has depth along the ray.
 
     Raises
     ------
@@ -102,9 +112,12 @@ class CompletedRecording(RecordingReader):
 
     """
 
-    def __init__(self, source: RecordingReader, arrays: Mapping[str, np.ndarray]) -> None:
+    def __init__(
+        self, source: RecordingReader, arrays: Mapping[str, np.ndarray], radial: bool = False
+    ) -> None:
         """Check them."""
         self._source = source
+        self._radial = radial
         content = Content(
             source.layouts,
             {**source.arrays, **arrays},
@@ -116,7 +129,12 @@ class CompletedRecording(RecordingReader):
 
     def frames(self, key: str) -> Iterator[np.ndarray]:
         """Iterate over the images of a stack; see `RecordingReader.frames`."""
-        return self._source.frames(key)
+        images = self._source.frames(key)
+        if not self._radial or key != 'depth':
+            return images
+        camera = Intrinsics.from_matrix(self.K, *self.shape[:0:-1], self.distortion)
+        axis = (1 / np.sqrt(1 + (pixel_rays(camera) ** 2).sum(axis=0))).astype(np.float32)
+        return (image * axis for image in images)
 
 
 def complete(reader: RecordingReader, given: Given) -> RecordingReader:
@@ -128,7 +146,7 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
     reader : RecordingReader
         The file.
     given : Given
-        Its mode, mask, rate and whether the ground truth is partial are used.
+        Its mode, mask, rate, whether the ground truth is partial and depth along the ray are used.
 
     Raises
     ------
@@ -154,7 +172,8 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
                 f'--rate: must be left out for a recording with stamps, got {given.rate_hz:g}'
             )
         arrays['stamp'] = np.arange(len(reader.stamp)) / given.rate_hz
-    return CompletedRecording(reader, arrays) if arrays else reader
+    radial = given.radial
+    return CompletedRecording(reader, arrays, radial) if arrays or radial else reader
 
 
 def _where_known(reader: RecordingReader) -> np.ndarray:

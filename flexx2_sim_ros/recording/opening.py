@@ -13,6 +13,7 @@ def open_recording(
     camera: str | None = None,
     profile: Profile | None = None,
     clean: str | None = None,
+    infrared: str | None = None,
 ) -> RecordingReader:
     """
     Open a recording without reading its frames.
@@ -31,6 +32,8 @@ def open_recording(
         The camera whose modes give the rate of a file without stamps. Default: the Flexx2.
     clean : str, optional
         The topic of a bag's clean depth images, if it is not ``clean/depth_image``.
+    infrared : str, optional
+        The topic of the camera's infrared image in a bag, where the bag does not tell.
 
     Returns
     -------
@@ -49,7 +52,7 @@ def open_recording(
         # Bags need the library rosbags, .npz files do not.
         from flexx2_sim_ros.recording.bags import BagRecording
 
-        return BagRecording(path, camera, profile, clean)
+        return BagRecording(path, camera, profile, clean, infrared)
     except OSError as error:
         raise InputError(f'{path}: cannot be read: {error.strerror or error}') from error
 
@@ -78,12 +81,11 @@ def load_recording(path: str | Path, camera: str | None = None) -> Recording:
     return open_recording(path, camera).load()
 
 
-def recording_cameras(path: str | Path) -> list[str]:
+def recording_cameras(path: str | Path, infrared: str | None = None) -> list[str]:
     """Return the names of a bag's cameras; an empty list for an ``.npz``, which has one."""
     if Path(path).suffix == '.npz':
         return []
-    from flexx2_sim_ros.recording.bag_cameras import survey
+    from flexx2_sim_ros.recording.bag_choice import survey_bag
     from flexx2_sim_ros.recording.bag_files import Bag
 
-    bag = Bag(path)
-    return list(survey(bag.topics, bag.samples).cameras)
+    return list(survey_bag(Bag(path), infrared).cameras)

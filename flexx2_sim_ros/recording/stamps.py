@@ -1,6 +1,7 @@
 """The times of a recording's frames: the keys ``stamp`` and ``stamp_ns`` of its file."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
@@ -63,3 +64,13 @@ def read_stamps(path: str | Path, arrays: Mapping[str, np.ndarray]) -> tuple[np.
     if stamp.shape != exact.shape or (np.abs(stamp * 1e9 - exact) > _SAME_NANOSECONDS).any():
         raise InputError(f'{path}: stamp: must be stamp_ns in seconds, got other times')
     return stamp, exact
+
+
+def stamps_of(arrays: Mapping[str, np.ndarray | None]) -> list[int]:
+    """Return the stamps of a recording as its messages have them; none where they cannot be."""
+    for key, unit in (('stamp_ns', 1), ('stamp', 1e9)):
+        array = arrays.get(key)
+        if array is not None and array.dtype.kind in 'fiu':
+            with suppress(OverflowError, ValueError):  # Not finite: refused later.
+                return [round(stamp * unit) for stamp in array.ravel().tolist()]
+    return []
