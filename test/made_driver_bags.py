@@ -26,9 +26,12 @@ def millimetres(metres: np.ndarray) -> np.ndarray:
     return np.rint(1000 * metres).astype(np.uint16)
 
 
-def ros1_bag(path: Path, entries: list[Entry]) -> Path:
-    """Write the same messages as ROS 1 does."""
-    with Writer(path) as writer:
+def ros1_bag(path: Path, entries: list[Entry], compression: str = '') -> Path:
+    """Write the same messages as ROS 1 does; compression: BZ2 or LZ4."""
+    bag = Writer(path)
+    if compression:
+        bag.set_compression(Writer.CompressionFormat[compression])
+    with bag as writer:
         connections: dict[str, Any] = {}
         for topic, kind, received, message in entries:
             if topic not in connections:

@@ -13,7 +13,8 @@ from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.chunks import FILE_LIMIT, LIMIT
 from flexx2_sim_ros.recording.convert import convert
 import lz4.frame
-from made_bags import depths, driver_bag
+from made_bags import depths, driver_bag, EPOCH, image, info, SECOND
+from made_driver_bags import ros1_bag
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode
@@ -125,3 +126,49 @@ def test_compressed_messages_and_files_keep_to_a_limit(
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 30 * MB
+
+
+def flat_bag(path: Path, compression: str, side: int, count: int) -> Path:
+    """Write a ROS 1 bag of images of zeros, which compress to almost nothing."""
+    zeros = np.zeros((side, side), np.float32)
+    stamps = [EPOCH + number * SECOND for number in range(count)]
+    return ros1_bag(
+        path,
+        [image('/c/depth_image_0', stamp, zeros) for stamp in stamps]
+        + [info('/c/camera_info', stamp, zeros.shape) for stamp in stamps],
+        compression,
+    )
+
+
+@pytest.mark.parametrize('compression', ['BZ2', 'LZ4'])
+def test_chunks_of_ros1_keep_to_a_limit(
+    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(LIMIT, '4')
+    assert len(load_recording(flat_bag(tmp_path / 'good.bag', compression, 32, 3)).depth) == 3
+    path = flat_bag(tmp_path / 'bomb.bag', compression, 2048, 1)
+    assert path.stat().st_size < MB
+    tracemalloc.start()
+    with pytest.raises(InputError, match='bomb.bag: a chunk must not decompress to more than 4'):
+        load_recording(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 30 * MB
+
+
+@pytest.mark.parametrize('storage', ['ros1', 'mcap', 'sqlite3'])
+def test_all_messages_of_a_bag_keep_to_a_limit(
+    storage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FILE_LIMIT, '2')
+    if storage == 'ros1':
+        path = flat_bag(tmp_path / 'bomb.bag', 'BZ2', 256, 16)
+    else:
+        mode = CompressionMode.STORAGE if storage == 'mcap' else CompressionMode.MESSAGE
+        path = driver_bag(
+            tmp_path / 'bomb', np.zeros((16, 256, 256), 'f4'), storage, compression=mode
+        )
+    with pytest.raises(InputError, match='bomb.*: the messages of a bag must not decompress'):
+        load_recording(path)
+    monkeypatch.setenv(FILE_LIMIT, '64')
+    assert len(load_recording(path).depth) == 16

@@ -12,7 +12,7 @@ from flexx2_sim_ros.recording.bag_cameras import Sample, sample, unknown_topics
 from flexx2_sim_ros.recording.bag_remains import check_file, McapRemains, Message, SqliteRemains
 from flexx2_sim_ros.recording.bag_ros1 import Ros1Bag
 from flexx2_sim_ros.recording.checksums import Check
-from flexx2_sim_ros.recording.chunks import naming
+from flexx2_sim_ros.recording.chunks import limited, naming
 from flexx2_sim_ros.recording.sqlite_paths import BagReader
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
 from rosbags.rosbag2.errors import ReaderError
@@ -86,8 +86,12 @@ class Bag:
             Only these; all when left out.
 
         """
-        for part in self._parts:
-            yield from part.messages(self.topics if topics is None else topics)
+        wanted = self.topics if topics is None else topics
+        files = [self.path] if self.path.is_file() else filter(Path.is_file, self.path.iterdir())
+        with naming(self.path):
+            yield from limited(
+                (message for part in self._parts for message in part.messages(wanted)), files
+            )
 
     @cached_property
     def samples(self) -> dict[str, Sample]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_remains import Message
+from flexx2_sim_ros.recording.chunks import naming
 from rosbags.interfaces import ConnectionExtRosbag1
 from rosbags.rosbag1 import Reader
 
@@ -77,7 +78,7 @@ class Ros1Bag:
         """Iterate over messages, by the time they were received, as ROS 2 serializes them."""
         store = messages.typestore()
         try:
-            with Reader(self._path) as reader:
+            with naming(self._path), Reader(self._path) as reader:
                 wanted = [
                     item
                     for item in reader.connections
@@ -88,6 +89,8 @@ class Ros1Bag:
                 for item, time, data in reader.messages(wanted):
                     content = bytes(store.ros1_to_cdr(data, item.msgtype))
                     yield Message(item.topic, item.msgtype, time, content)
+        except InputError:
+            raise
         except Exception as error:  # A damaged file breaks the reader in any way.
             note = f'{self._path}: damaged: {shown(str(error))}; read up to there'
             if note not in self._notes:

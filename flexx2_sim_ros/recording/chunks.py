@@ -1,21 +1,24 @@
 """
-Compressed bags, decompressed within a limit: chunks of MCAP files, messages, and whole files.
+Compressed bags, decompressed within a limit: chunks, messages, and whole files.
 
 A few kilobytes can expand to gigabytes. rosbags does not limit this, so importing this module
-replaces its decompressors: those of chunks in their table, and those of compressed messages and
-files (`compression_mode` of ``metadata.yaml``) in the module that reads bags.
+replaces its decompressors: those of chunks in the tables of MCAP and of ROS 1, and those of
+compressed messages and files (`compression_mode` of ``metadata.yaml``) in the module that reads
+bags.
 """
 
-from collections.abc import Callable, Iterator
+from bz2 import BZ2Decompressor
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 import sys
 from types import SimpleNamespace
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Protocol, TypeVar
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.limits import file_limit_bytes, limit_bytes
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+from rosbags.rosbag1.reader import decompressors
 from rosbags.rosbag2 import reader
 from rosbags.rosbag2.storage_mcap import decompress, DECOMPRESSORS
 
@@ -24,13 +27,23 @@ if sys.version_info >= (3, 14):
 else:
     from backports.zstd import ZstdDecompressor, ZstdFile
 
-__all__ = ['ChunkLimitError', 'FILE_LIMIT', 'LIMIT', 'decompress', 'naming']
+__all__ = ['ChunkLimitError', 'FILE_LIMIT', 'LIMIT', 'decompress', 'limited', 'naming']
 
 LIMIT = 'FLEXX2_CHUNK_LIMIT_MB'
 # Writers close a chunk after 1 to 8 MB, or after one larger message.
 _LIMIT_MB = 128
 FILE_LIMIT = 'FLEXX2_BAG_LIMIT_MB'
 _FILE_LIMIT_MB = 512
+
+
+class _Message(Protocol):
+    """A message of a bag."""
+
+    @property
+    def data(self) -> bytes: ...
+
+
+_Sized = TypeVar('_Sized', bound=_Message)
 
 
 class ChunkLimitError(InputError):
@@ -96,18 +109,51 @@ class _LimitedFile(ZstdFile):
         return content
 
 
-def _message(data: bytes) -> bytes:
-    limit = limit_bytes(LIMIT, _LIMIT_MB)
-    content, whole = _expanded(ZstdDecompressor, data, limit)
-    if len(content) > limit:
-        raise _limit_error('a message', limit, 'more', LIMIT)
-    if not whole:
-        raise EOFError('a compressed message ends early')
-    return content
+def _whole(new_decompressor: Callable[[], Any], what: str) -> Callable[[bytes], bytes]:
+    def expand(data: bytes) -> bytes:
+        limit = limit_bytes(LIMIT, _LIMIT_MB)
+        content, whole = _expanded(new_decompressor, data, limit)
+        if len(content) > limit:
+            raise _limit_error(what, limit, 'more', LIMIT)
+        if not whole:
+            raise EOFError(f'{what} ends early')
+        return content
+
+    return expand
+
+
+def limited(messages: Iterable[_Sized], files: Iterable[Path]) -> Iterator[_Sized]:
+    """
+    Iterate over the messages of a bag up to the limit of their total size.
+
+    An index can also name one message many times.
+
+    Parameters
+    ----------
+    messages : iterable of Message
+        The messages.
+    files : iterable of pathlib.Path
+        All files of the bag.
+
+    Raises
+    ------
+    ChunkLimitError
+        When they are larger than the limit.
+
+    """
+    limit = file_limit_bytes(FILE_LIMIT, _FILE_LIMIT_MB, sum(one.stat().st_size for one in files))
+    total = 0
+    for message in messages:
+        total += len(message.data)
+        if total > limit:
+            raise _limit_error('the messages of a bag', limit, 'more', FILE_LIMIT)
+        yield message
 
 
 DECOMPRESSORS['zstd'] = _within_limit(ZstdDecompressor)
 DECOMPRESSORS['lz4'] = _within_limit(LZ4FrameDecompressor)
 reader.zstd = SimpleNamespace(  # type: ignore[attr-defined,assignment]
-    open=_LimitedFile, decompress=_message
+    open=_LimitedFile, decompress=_whole(ZstdDecompressor, 'a message')
 )
+decompressors['bz2'] = _whole(BZ2Decompressor, 'a chunk')
+decompressors['lz4'] = _whole(LZ4FrameDecompressor, 'a chunk')
