@@ -270,6 +270,7 @@ def test_planes_settle_where_measurements_agree() -> None:
     [
         ([{'name': 'a', 'distance': 1200}], {}, 'looks like millimetres'),
         ([{'name': 'a', 'distance': '1.2 m'}], {}, 'must be a number, or text as 1.20 +- 0.01'),
+        ([{'name': 'a', 'distance': '2.5 +- -1'}], {}, 'with a standard deviation above 0'),
         ([{'name': 'a', 'angles': {'b': 90}}], {}, "got 'b'"),
         ([{'name': 'a', 'colour': 1}], {}, "got 'colour'"),
         ([{'name': 'a'}, {'name': 'a'}], {}, 'must be unique'),
@@ -283,6 +284,11 @@ def test_planes_settle_where_measurements_agree() -> None:
             [{'name': 'a', 'angles': {'b': 90}}, {'name': 'b', 'angles': {'a': 80}}],
             {},
             'must be the same in both planes',
+        ),
+        (
+            [{'name': 'a', 'angles': {'b': '90 +- -1'}}, {'name': 'b'}],
+            {},
+            'with a standard deviation above 0',
         ),
         ([{'name': 'a', 'angles': {'b': 45}}, {'name': 'b'}], {}, 'must be that of the planes'),
     ],

@@ -262,7 +262,7 @@ def _measured(field: str, value: Any, usual: float) -> Measured:
     if match is None:
         raise InputError(f'{field}: must be a number, or text as 1.20 +- 0.01, got {shown(value)}')
     number, deviation = match.groups()
-    return Measured(float(number), usual if deviation is None else abs(float(deviation)))
+    return Measured(float(number), usual if deviation is None else float(deviation))
 
 
 def _numbers(field: str, value: Any, wanted: str, count: int) -> tuple[float, ...]:
