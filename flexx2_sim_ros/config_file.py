@@ -88,7 +88,7 @@ def read_mapping(path: Path, limits: Limits = _USUAL) -> dict[str, Any]:
     """
     name = shown_path(path)
     try:
-        text = _read_bytes(path, limits.size).decode('utf-8')
+        text = read_bytes(path, limits.size).decode('utf-8')
         _check_size(text, limits)
         content = yaml.load(text, Loader=_LOADER)  # noqa: S506
     except InputError as error:
@@ -102,7 +102,25 @@ def read_mapping(path: Path, limits: Limits = _USUAL) -> dict[str, Any]:
     return content
 
 
-def _read_bytes(path: Path, most: int) -> bytes:
+def read_bytes(path: Path, most: int) -> bytes:
+    """
+    Return the content of an ordinary file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        The file.
+    most : int
+        Bytes at most.
+
+    Raises
+    ------
+    InputError
+        When it is a folder, a pipe or a device, or larger.
+    OSError
+        When it cannot be read.
+
+    """
     # Looked at before it is opened: opening alone can set a device off, or wait for ever.
     if not S_ISREG(path.stat().st_mode):
         raise InputError('must be an ordinary file, got a folder, a pipe or a device')

@@ -1,6 +1,7 @@
 """The error for wrong input, and functions that make text from outside safe to show."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from os import PathLike
 from typing import Any
 
@@ -31,6 +32,26 @@ class InputError(ValueError):
     def __init__(self, message: str) -> None:
         """Make the message safe to show."""
         super().__init__(printable(message))
+
+
+@contextmanager
+def one_sentence(problem: str) -> Iterator[None]:
+    """
+    Turn any error of a library that reads what came from outside into an `InputError`.
+
+    Parameters
+    ----------
+    problem : str
+        Begins the message; the reason of the library follows.
+
+    """
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # Libraries raise errors of all kinds on damaged files.
+        reason = ' '.join(str(error).split())
+        raise InputError(f'{problem}: {unquoted(reason, 200) or type(error).__name__}') from error
 
 
 class MachineError(InputError):

@@ -1,6 +1,7 @@
 """A diagnosis is checked on recordings that it has never seen, from files to files."""
 
 import json
+import os
 from pathlib import Path
 import shutil
 
@@ -157,6 +158,12 @@ def test_what_is_no_diagnosis_is_refused(
     with pytest.raises(InputError, match=match):
         check(tmp_path, fresh, out=tmp_path / 'out')
     assert not (tmp_path / 'out').exists()
+
+
+def test_a_pipe_is_no_diagnosis(fresh: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'diagnosis.json')
+    with pytest.raises(InputError, match='diagnosis.json: must be an ordinary file'):
+        check(tmp_path, fresh)
 
 
 def test_a_folder_without_a_diagnosis_is_refused(fresh: Path, tmp_path: Path) -> None:

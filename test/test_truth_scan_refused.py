@@ -1,6 +1,11 @@
 """Ground truth from a scan: meshes with holes, and what cannot be used."""
 
+from collections.abc import Callable
+import json
+import os
 from pathlib import Path
+import struct
+from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
@@ -98,6 +103,80 @@ def test_a_mesh_that_cannot_be_used_is_one_sentence(
     files = [str(folder / 'in' / f'{i}.npz') for i in range(3)]
     scan = ['--scan', str(tmp_path / 'bad.ply'), '--out', str(out), '--jobs', '1']
     assert main(['gap', 'truth', *files, *scan]) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith('flexx2: error: ')
+    assert words in error
+    assert not out.exists()
+
+
+def chain(name: str, nodes: list[dict[str, Any]], **buffer: str) -> Callable[[Path], Path]:
+    """Return a function that writes a GLB of a box with other nodes or another buffer."""
+
+    def write(folder: Path) -> Path:
+        data = trimesh.Scene(trimesh.creation.box((4, 4, 4))).export(file_type='glb')
+        end = 20 + int.from_bytes(data[12:16], 'little')
+        table = json.loads(data[20:end])
+        if nodes:
+            table |= {'nodes': nodes, 'scenes': [{'nodes': [0]}]}
+        table['buffers'][0] |= buffer
+        text = json.dumps(table).encode()
+        text += b' ' * (-len(text) % 4)
+        body = struct.pack('<I4s', len(text), b'JSON') + text + data[end:]
+        (folder / name).write_bytes(struct.pack('<4sII', b'glTF', 2, 12 + len(body)) + body)
+        return folder / name
+
+    return write
+
+
+def text(name: str, content: str, box: bool = False) -> Callable[[Path], Path]:
+    """Return a function that writes a text file, with a box as in .obj files behind it."""
+
+    def write(folder: Path) -> Path:
+        (folder / 'plain.mtl').write_text('newmtl a\n')
+        solid = trimesh.exchange.obj.export_obj(trimesh.creation.box((4, 4, 4)))
+        (folder / name).write_text(content + (solid if box else ''))
+        return folder / name
+
+    return write
+
+
+def mjcf(name: str, assets: str, geom: str) -> Callable[[Path], Path]:
+    return text(name, f'<mujoco>{assets}<worldbody><geom {geom}/></worldbody></mujoco>')
+
+
+BOX = 'type="box" size="1 1 1"'
+MESH = '<asset><mesh name="m" file="pipe"/></asset>'
+BREAKING: dict[str, tuple[Callable[[Path], Path], str]] = {
+    'no colour in the .mtl': (text('a.obj', 'mtllib plain.mtl\nusemtl a\n', True), 'as a mesh'),
+    'no such vertex': (text('a.obj', 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n'), 'as a mesh'),
+    'huge vertex': (text('a.obj', 'v 1e308 0 0\nv -1e308 0 0\nv 0 1 0\nf 1 2 3\n'), 'inf x'),
+    'cycle': (chain('a.glb', [{'children': [1]}, {'children': [0], 'mesh': 0}]), 'as a mesh'),
+    'NaN': (chain('a.glb', [{'mesh': 0, 'matrix': [float('nan')] * 16}]), 'finite numbers'),
+    'buffer of a pipe': (chain('a.glb', [], uri='pipe'), 'pipe: must be an ordinary file'),
+    'pose of NaN': (mjcf('a.xml', '', f'{BOX} pos="nan 0 0"'), 'within 1e+06 m'),
+    'huge pose': (mjcf('a.xml', '', f'{BOX} pos="1e308 0 0"'), 'within 1e+06 m'),
+    'includes a pipe': (mjcf('a.xml', '<include file="pipe"/>', BOX), 'an ordinary file'),
+    'includes itself': (mjcf('a.xml', '<include file="a.xml"/>', BOX), 'does not compile'),
+    'mesh of a pipe': (mjcf('a.xml', MESH, 'type="mesh" mesh="m"'), 'an ordinary file'),
+    'memory': (mjcf('a.xml', '<size memory="100000G"/>', BOX), 'does not compile'),
+    'one wall': (text('a.obj', 'v 1 0 0\nv 1 2 0\nv 1 2 2\nf 1 2 3\n'), 'free places'),
+}
+
+
+@pytest.mark.parametrize('kind', BREAKING)
+def test_a_room_that_breaks_its_library_is_one_sentence(
+    tmp_path: Path,
+    plain: tuple[Path, ScannedCamera],
+    capsys: pytest.CaptureFixture[str],
+    kind: str,
+) -> None:
+    make, words = BREAKING[kind]
+    os.mkfifo(tmp_path / 'pipe')
+    room = make(tmp_path)
+    option = '--scene' if room.suffix == '.xml' else '--scan'
+    out = tmp_path / 'out'
+    command = ['gap', 'truth', str(plain[0] / 'in' / '0.npz'), option, str(room)]
+    assert main([*command, '--out', str(out), '--jobs', '1']) == 2
     error = capsys.readouterr().err.strip().splitlines()[-1]
     assert error.startswith('flexx2: error: ')
     assert words in error

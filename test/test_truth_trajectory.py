@@ -220,6 +220,7 @@ def test_odometry_of_its_own_frame_gives_the_motion(
         (f'{HEAD}\n0,1,2,3,0,0,0,1', 'must have two poses or more, lines of t x y'),
         (f'{HEAD}\n' + '1,1,2,3,0,0,0,1\n' * 2, 'must have poses at two times or more, got 1'),
         (f'{HEAD}\n0,1,2,3,0,0,0,0\n1,1,2,3,0,0,0,0', 'must have quaternions'),
+        (f'{HEAD}\n0,1,2,3,0,0,0,1e308\n1,1,2,3,0,0,0,1e308', 'must have quaternions'),
     ],
 )
 def test_a_trajectory_that_cannot_be_is_one_sentence(

@@ -4,10 +4,12 @@ Scenes, from files in ``config/models`` or built here.
 In each scene the robot stands at the origin and faces +x. The ground below it is at height 0.
 """
 
+from html import unescape
 from pathlib import Path
+import re
 
 from flexx2_sim_ros.config_file import is_regular_file
-from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.errors import InputError, one_sentence, shown, shown_path
 from flexx2_sim_ros.paths import config_dir
 import mujoco
 import numpy as np
@@ -32,6 +34,8 @@ _COLOURS = {
     'metal': (0.62, 0.65, 0.70),
     'black': (0.05, 0.05, 0.05),
 }
+# Attributes of MJCF and URDF that name files and folders.
+_PART = re.compile(r"""\b(file\w*|\w*dir)\s*=\s*["']([^"']+)""")
 _BOX = mujoco.mjtGeom.mjGEOM_BOX
 
 
@@ -71,15 +75,28 @@ def read_model(parameter: str, value: str, path: Path, names: tuple[str, ...]) -
             f'{parameter}: must be {", ".join(map(repr, names))} or the path of an MJCF file, '
             f'got {shown(value, 160)}'
         )
-    try:
+    with one_sentence(f'{parameter}: {path} does not compile'):
+        _check_parts(path, path.parent, set())
         spec = mujoco.MjSpec.from_file(str(path))
         if path.suffix.lower() == '.urdf':
             _free_urdf(spec)
         spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        cause = ' '.join(str(error).split())
-        raise InputError(f'{parameter}: {path} does not compile: {cause}') from error
     return spec
+
+
+def _check_parts(path: Path, base: Path, checked: set[Path]) -> None:
+    # MuJoCo waits for ever for a pipe, so all files that a model names are looked at first.
+    checked.add(path)
+    found = [(key, unescape(value)) for key, value in _PART.findall(path.read_text('latin-1'))]
+    folders = [base, *(base / value for key, value in found if key.endswith('dir'))]
+    names = [value for key, value in found if key.startswith('file')]
+    for part in {folder / name for name in names for folder in folders}:
+        for one in (part, base / part.name):
+            if one.exists() and not (is_regular_file(one) or one.is_dir()):
+                raise InputError(f'{shown_path(one)}: must be an ordinary file')
+        model = part.suffix in ('.xml', '.mjcf', '.urdf') and part not in checked
+        if model and is_regular_file(part):
+            _check_parts(part, base, checked)
 
 
 def _free_urdf(spec: mujoco.MjSpec) -> None:

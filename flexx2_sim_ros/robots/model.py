@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, one_sentence
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.rendering.cameras import add_camera, check_view, FAR, NEAR, set_view
 from flexx2_sim_ros.rendering.ground import SceneGround
@@ -77,17 +77,13 @@ def build_model(
         raise InputError(
             f'robot_model: {robot_path}: must have a body named {robot.trunk!r}, got {bodies}'
         )
-    try:
+    with one_sentence(f'robot and scene: {robot_path} and {scene_path} do not fit together'):
         spec.attach(room, prefix=PREFIX, frame=spec.worldbody.add_frame())
         spec.add_material(name='flexx2_housing', rgba=[0.2, 0.21, 0.23, 1.0])
         for mount in robot.mounts if mounts is None else mounts:
             _add_camera(trunk, mount, intrinsics)
         set_view(spec, intrinsics, near, far)
         return spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise InputError(
-            f'robot and scene: {robot_path} and {scene_path} do not fit together: {error}'
-        ) from error
 
 
 def _load_model(robot: Robot, value: str) -> tuple[mujoco.MjSpec, Path]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.config_file import is_regular_file
-from flexx2_sim_ros.errors import InputError, shown_path, unquoted
+from flexx2_sim_ros.errors import InputError, one_sentence, shown_path
 from flexx2_sim_ros.rendering.scenes import read_model
 from flexx2_sim_ros.truth.rooms import MeshRoom, MujocoRoom, Room, visible_geoms
 import numpy as np
@@ -18,7 +18,20 @@ MOST_TRIANGLES = 5_000_000
 _MOST_BYTES = 4 << 30
 # Metres. A ToF camera sees about 10 m; a scan in millimetres is 1000 times as large.
 _SMALLEST, _LARGEST = 0.2, 200.0
+_FARTHEST = 1e6
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. 709
+
+
+class _RegularFiles(trimesh.resolvers.FilePathResolver):
+    """Parts of a mesh (materials, textures, buffers): ordinary files only."""
+
+    def get(self, name: str) -> bytes:
+        """Return the content of a part."""
+        for part in (name.strip(), name.strip().lstrip('/'), Path(name).name):
+            path = Path(self.parent, part)
+            if path.exists() and not is_regular_file(path):
+                raise InputError(f'{shown_path(path)}: must be an ordinary file')
+        return bytes(super().get(name))
 
 
 @lru_cache(maxsize=2)  # A worker process registers many recordings to the same room.
@@ -44,10 +57,18 @@ def load_room(path: Path) -> Room:
     if path.suffix.lower() in SCENE_SUFFIXES:
         if not is_regular_file(path):
             raise InputError(f'--scene: {shown_path(path)}: must be a file, got none')
-        model = read_model('--scene', str(path), path, ()).compile()
-        if not visible_geoms(model).any():
-            raise InputError(f'--scene: {shown_path(path)}: must have visible geoms, got none')
-        return MujocoRoom(model)
+        spec = read_model('--scene', str(path), path, ())
+        with one_sentence(f'--scene: {shown_path(path)}: cannot be used'):
+            model = spec.compile()
+            if not visible_geoms(model).any():
+                raise InputError(f'--scene: {shown_path(path)}: must have visible geoms, got none')
+            room = MujocoRoom(model)
+            if not (np.abs(room.bounds) < _FARTHEST).all():
+                raise InputError(
+                    f'--scene: {shown_path(path)}: must have geoms within {_FARTHEST:g} m, got '
+                    'one that is farther away or at NaN'
+                )
+            return room
     return read_mesh(path)
 
 
@@ -76,7 +97,11 @@ def read_mesh(path: Path) -> MeshRoom:
         raise InputError(f'{name}: must be a mesh file ({", ".join(SUFFIXES)}), got no such file')
     if path.stat().st_size > _MOST_BYTES:
         raise InputError(f'{name}: must be at most 4 GiB, got {path.stat().st_size / 2**30:.1f}')
-    mesh = _load(name, path)
+    with one_sentence(f'{name}: cannot be read as a mesh'), np.errstate(all='ignore'):
+        return _room(name, _load(name, path))
+
+
+def _room(name: str, mesh: trimesh.Trimesh) -> MeshRoom:
     faces = np.asarray(mesh.faces)
     if len(faces) > MOST_TRIANGLES:
         raise InputError(
@@ -94,11 +119,7 @@ def read_mesh(path: Path) -> MeshRoom:
 
 
 def _load(name: str, path: Path) -> trimesh.Trimesh:
-    try:
-        scene = trimesh.load_scene(path, process=False)
-    except Exception as error:  # The readers of trimesh raise errors of many types.
-        reason = unquoted(str(error)) or type(error).__name__
-        raise InputError(f'{name}: cannot be read as a mesh: {reason}') from error
+    scene = trimesh.load_scene(path, resolver=_RegularFiles(path), process=False)
     meshes = [one for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
     if not meshes:
         points = sum(len(getattr(one, 'vertices', ())) for one in scene.geometry.values())

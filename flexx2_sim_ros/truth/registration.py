@@ -241,8 +241,8 @@ def _search(
             break
     best, number = min(tried, key=lambda one: one[0].fit.cost)
     mirrored = float('inf')
-    if best.fit.cost > _SUSPECT:
-        panoramas = _panoramas(job.room)
+    panoramas = _panoramas(job.room) if best.fit.cost > _SUSPECT else None
+    if panoramas is not None and len(panoramas.places):
         image = frame(footage, number) if footage.moving else footage.still
         mirrored = find(room, image.mirrored(), None, panoramas, up).fit.cost
     return best, number, mirrored

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 import math
 
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.truth.alignment import align, choose, Fit
 from flexx2_sim_ros.truth.observation import Observation
@@ -91,7 +92,8 @@ def look_around(room: Room) -> Panoramas:
     distance = room.distances(
         np.repeat(places, len(sky), axis=0), np.tile(sky, (len(places), 1))
     ).reshape(len(places), rows, columns)
-    free = np.percentile(distance.reshape(len(places), -1), 5, axis=1) > _NEAREST
+    with np.errstate(invalid='ignore'):  # Where hardly a ray hits anything.
+        free = np.percentile(distance.reshape(len(places), -1), 5, axis=1) > _NEAREST
     return Panoramas(places[free], np.ascontiguousarray(distance[free], np.float32))
 
 
@@ -118,12 +120,22 @@ def find(
     -------
     Found
 
+    Raises
+    ------
+    InputError
+        When there is no guess, and no free place in the room: a single wall.
+
     """
     if guess is not None:
         starts = [guess.moved(motion) for motion in _around()]
     else:
         assert panoramas is not None
         starts = _candidates(observation, panoramas, up)
+        if not starts:
+            raise InputError(
+                'the room: must have free places within its bounds, as a single wall has not; '
+                'give a rough pose (--pose or --trajectory)'
+            )
     fits = [Fit(start, 0.0, ()) for start in starts]
     for pixels, steps, reach, kept in _ROUNDS:
         target = choose(observation, pixels)

@@ -276,13 +276,16 @@ def _numbers(row: Sequence[str], columns: tuple[int, ...]) -> tuple[int, list[fl
 def _checked(
     name: str, stamps: Sequence[int], poses: np.ndarray, fixed: bool = False
 ) -> Trajectory:
-    stamp, first = np.unique(np.array(stamps, np.int64), return_index=True)
+    good = np.isfinite(poses).all(axis=1)  # Motion capture that has lost the body.
+    stamp, first = np.unique(np.array(stamps, np.int64)[good], return_index=True)
     if len(stamp) < 1 + (not fixed):
         raise InputError(f'{name}: must have poses at two times or more, got {len(stamp)}')
-    poses = poses[first]
-    turned = np.linalg.norm(poses[:, 3:], axis=1)
-    if (turned < 1e-6).any():
-        raise InputError(f'{name}: must have quaternions qx, qy, qz, qw, got zeros')
+    poses = poses[good][first]
+    turned = np.abs(poses[:, 3:]).max(axis=1)
+    if not ((turned > 1e-6) & (turned < _LARGEST)).all():
+        raise InputError(
+            f'{name}: must have quaternions qx, qy, qz, qw, got zeros or huge numbers'
+        )
     far = float(np.abs(poses[:, :3]).max())
     if far > _LARGEST:
         raise InputError(

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros.config_file import read_bytes
 from flexx2_sim_ros.effects import Effect, load_effects, parse_effects
 from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError, shown, shown_path
@@ -222,9 +223,9 @@ def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
 
 def _read_json(path: Path) -> Any:
     try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(f'{shown_path(path)}: must be at most {_LARGEST} bytes')
-        return json.loads(path.read_text(encoding='utf-8'))
+        return json.loads(read_bytes(path, _LARGEST))
+    except InputError as error:
+        raise InputError(f'{shown_path(path)}: {error}') from error
     except FileNotFoundError as error:
         raise InputError(
             f'DIAGNOSIS: must be a folder that flexx2 gap diagnose has written, got no '
