@@ -19,6 +19,7 @@ from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 from made_bags import Entry, header, image, info, make, SECOND, usecase, write
 import numpy as np
 import pytest
+from scans import box, SMALL_K
 import yaml
 
 WIDTH, HEIGHT, FRAMES = 112, 86, 8
@@ -93,6 +94,29 @@ def test_motion_capture_starts_a_walk_though_it_is_wrong(
     row = table['recordings'][0]
     assert 30 < row['told_off_mm'] < 80
     assert 2 < row['told_off_deg'] < 4.5
+
+
+@pytest.mark.parametrize(('off_by', 'moves'), [(0.0, 0.0), (0.0, 0.1), (0.45, 0.0)])
+def test_given_poses_tell_the_motion_and_are_never_left(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], off_by: float, moves: float
+) -> None:
+    pose, depth = box(tmp_path)
+    x, *others = map(float, pose.split(','))
+    seen = depth + np.random.default_rng(1).normal(0, 0.002, (8, *depth.shape))
+    file, stamp = tmp_path / 'r.npz', np.arange(8) / 30
+    np.savez(file, depth=seen.astype(np.float32), K=SMALL_K, stamp=stamp)
+    lines = [[t, x + off_by + moves * (t > 0.1), *others] for t in stamp]
+    path = tmp_path / 'vicon.txt'
+    path.write_text('\n'.join(' '.join(map(str, line)) for line in lines))
+    scan = ['--scan', str(tmp_path / 'room.ply'), '--jobs', '1', '--out', str(tmp_path / 'out')]
+    command = ['gap', 'truth', str(file), *scan, '--trajectory', str(path), '--clock-offset', '0']
+    assert main(command) == (2 if off_by else 0)
+    if off_by:
+        assert 'degrees from the given one' in ' '.join(capsys.readouterr().err.split())
+        assert not (tmp_path / 'out').exists()
+    else:
+        row = yaml.safe_load((tmp_path / 'out' / 'truth.yaml').read_text())['recordings'][0]
+        assert row['motion'] == ('moving' if moves else 'still')
 
 
 def transform(parent: str, child: str, stamp: int, pose: Pose) -> Any:

@@ -298,9 +298,12 @@ def _row(
     placed: _Placed, verdict: Verdict, writing: Writing | None, picture: Picture | None
 ) -> dict[str, Any]:
     where = placed.where
+    state, reasons = verdict.state, verdict.reasons
+    if picture is not None and not picture.known:
+        state, reasons = 'refused', ('the ground truth of none of its pixels is known', *reasons)
     row = placed.source.row(
-        verdict.state,
-        verdict.reasons,
+        state,
+        reasons,
         motion='moving' if where.moving else 'still',
         frames=len(where.poses) if where.moving else 1,
         fitting=round(verdict.fitting, 4),

@@ -119,7 +119,7 @@ def _room(name: str, mesh: trimesh.Trimesh) -> MeshRoom:
 
 
 def _load(name: str, path: Path) -> trimesh.Trimesh:
-    scene = trimesh.load_scene(path, resolver=_RegularFiles(path), process=False)
+    scene = trimesh.load_scene(path, resolver=_RegularFiles(str(path)), process=False)
     meshes = [one for one in scene.dump() if isinstance(one, trimesh.Trimesh) and len(one.faces)]
     if not meshes:
         points = sum(len(getattr(one, 'vertices', ())) for one in scene.geometry.values())

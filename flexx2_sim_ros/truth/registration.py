@@ -36,6 +36,7 @@ _PIXELS, _TRACKED = 5000, 2000
 LOST = 0.6
 # Cost above which the mirror image of the room is tried as well.
 _SUSPECT = 0.12
+_STANDS = 0.03, math.radians(1.5)  # metres, radians: noise of the poses of a camera that stands
 _PLAIN = 0.5  # reflectivity where it is unknown
 
 
@@ -139,8 +140,12 @@ def register(job: Job) -> Registered:
     """
     room = load_room(job.room)
     begin = time.perf_counter()
-    footage = observe(open_recording(job.path, job.camera, job.profile), job.profile, job.motion)
+    reader = open_recording(job.path, job.camera, job.profile)
     source = None if job.told is None else camera_trajectory(job.told, job.path)
+    motion = job.motion
+    if motion == 'auto' and _told_to_move(job, reader.stamp_ns, source):
+        motion = 'moving'
+    footage = observe(reader, job.profile, motion)
     told = _told(job, footage, source)
     found, first, mirrored = _search(job, footage, _start(job, told))
     clock = None
@@ -165,6 +170,17 @@ def register(job: Job) -> Registered:
         None if job.told is None or job.told.relative else _distance(told, fits),
         clock,
     )
+
+
+def _told_to_move(job: Job, stamp_ns: np.ndarray, source: CameraTrajectory | None) -> bool:
+    # An image that changes little may hide a motion: the sky, or a camera of few pixels.
+    if job.told is None or source is None:
+        return False
+    poses = source.at(stamp_ns - round((job.told.clock_offset or 0.0) * 1e9))
+    known = [Pose.from_numbers(one) for one in poses if np.isfinite(one).all()]
+    motions = np.array([known[0].motion_to(one) for one in known]).reshape(-1, 2, 3)
+    away = (np.linalg.norm(motions, axis=2) > _STANDS).any(axis=1)
+    return bool(away.sum() > len(away) / 10)
 
 
 def _told(

@@ -274,6 +274,11 @@ def write_table(
     page : callable
         Makes the HTML from the table.
 
+    Raises
+    ------
+    InputError
+        When all recordings are refused.
+
     Notes
     -----
     A diagnosis reads all recordings of the folder. So ground truth that an earlier run has written
@@ -285,6 +290,8 @@ def write_table(
     for row in rows:
         if row['verdict'] == 'refused' and has_truth(request.out / row['name']):
             (request.out / row['name']).unlink()
+    if not written:
+        raise InputError(f'{rows[0]["source"]}: cannot be used: {"; ".join(rows[0]["reasons"])}')
     others = [path.name for path in find_recordings(request.out) if path.name not in written]
     table = {
         'schema': 1,

@@ -15,6 +15,7 @@ _LEAST_FITTING = 0.6
 FITTING = 0.8
 _RIVAL = 1.3  # times the cost of the best pose
 _MOST_METRES, _MOST_DEGREES = 0.01, 0.5  # standard deviation of a pose
+_TOLD = 0.3, 20.0  # metres and degrees that a given pose may be wrong by
 _OUTLYING, _OUTLYING_METRES = 3.0, 0.01  # times the usual median residual; metres
 
 _LOST = 'the camera is lost: none of the frames that were tried fits the room'
@@ -74,6 +75,11 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]
         if i not in seen:
             out.append(Verdict('refused', (_LOST,), fitting, residual, deviation))
             continue
+        if one.told is not None and (one.told[0] > _TOLD[0] or one.told[1] > _TOLD[1]):
+            refused.append(
+                f'its pose is {one.told[0]:.2f} m and {one.told[1]:.0f} degrees from the given '
+                f'one, which may be off by {_TOLD[0]:g} m and {_TOLD[1]:g} degrees'
+            )
         if fitting < _LEAST_FITTING:
             refused.append(f'only {fitting:.0%} of its pixels fit the room')
         elif fitting < FITTING:
