@@ -186,6 +186,22 @@ def test_the_command_warns_of_a_frontal_wall(
     assert 'more than an offset can be' in table['recordings'][0]['reasons'][0]
 
 
+@pytest.mark.parametrize('left', [0, 20])
+def test_pixels_inside_a_plane_that_contradict_it_are_counted(tmp_path: Path, left: int) -> None:
+    """A dark card on a wall, at the border of the image or not, reads 0.2 m too far."""
+    stamp = np.arange(FRAMES) / 30
+    clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)
+    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
+    depth[:, 20:40, left : left + 20] += 0.2
+    np.savez(tmp_path / 'wall.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
+    planes = tmp_path / 'planes.yaml'
+    planes.write_text('schema: 1\nplanes:\n- name: wall\n  distance: 1.2 +- 0.003\n')
+    (row,) = make(tmp_path / 'wall.npz', planes, tmp_path / 'out')['recordings']
+    (said,) = row['reasons']
+    assert said.endswith('pixels inside it contradict it and are unknown')
+    assert int(said.split()[1]) == pytest.approx(400, rel=0.1)
+
+
 def test_planes_that_were_found_before_an_interruption_are_not_searched_again(
     plain: Path, tmp_path: Path
 ) -> None:

@@ -19,6 +19,7 @@ _TRIES, _NEAR, _SAMPLE = 400, 24, 4000
 _STEPS = 6
 _HOLE = 25  # pixels: smaller holes are noise, larger ones may be objects
 _BORDER = 2  # pixels
+_FEW = 0.01  # of a plane's pixels may be elsewhere inside it without a note
 _PATCH = 4  # pixels around a seed
 
 
@@ -88,6 +89,23 @@ def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[Surface]
         for mask in [_away_from_others(search, hint.name, found)]
         if mask.any()
     ]
+
+
+def contradicting(image: Observation, surfaces: Sequence[Surface]) -> dict[str, int]:
+    """
+    Return how many pixels between those of a plane, in a row or column, are not on any plane.
+
+    They are of another thing, or the camera measures them wrong. Planes where this is true of
+    hardly a pixel are left out.
+    """
+    search, out = _Search(image), {}
+    others = np.isfinite(image.depth) & ~np.any([one.mask for one in surfaces], axis=0)
+    for one in surfaces:
+        inside = _between(one.mask, 0) | _between(one.mask, 1)
+        count = int((inside & others & ~search.near(one.inverse)).sum())
+        if count > _FEW * one.mask.sum():
+            out[one.name] = count
+    return out
 
 
 class _Search:
@@ -160,6 +178,12 @@ class _Search:
             )[0]
             inverse = inverse + step
         return inverse
+
+
+def _between(mask: np.ndarray, axis: int) -> np.ndarray:
+    # Pixels with some of the mask on both sides.
+    back = np.logical_or.accumulate(np.flip(mask, axis), axis=axis)
+    return np.asarray(np.logical_or.accumulate(mask, axis=axis) & np.flip(back, axis))
 
 
 def _inside(box: tuple[float, ...], shape: tuple[int, ...]) -> np.ndarray:

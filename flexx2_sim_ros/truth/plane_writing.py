@@ -16,7 +16,7 @@ from flexx2_sim_ros.truth.gray_frames import gray_images
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.plane_constraints import Constraints, Placed, seen_angle, settle
 from flexx2_sim_ros.truth.plane_file import Angle, PlaneHint
-from flexx2_sim_ros.truth.plane_finding import find_planes, Surface
+from flexx2_sim_ros.truth.plane_finding import contradicting, find_planes, Surface
 from flexx2_sim_ros.truth.reflectivity import (
     gray_samples,
     GraySamples,
@@ -220,6 +220,10 @@ def _judged(job: PlaneJob) -> Judged:
         return Judged('refused', (reason,))
     doubts = _doubts(surfaces, constraints)
     notes = [f'{hint.name}: not found' for hint in missing]
+    notes += [
+        f'{name}: {count} pixels inside it contradict it and are unknown'
+        for name, count in contradicting(footage.still, surfaces).items()
+    ]
     return Judged(
         'doubtful' if doubts else 'used',
         tuple(doubts + notes),
