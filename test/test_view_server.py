@@ -234,7 +234,7 @@ def test_requests_of_a_page_do_not_fill_the_servers_memory(
 
     async def work() -> None:
         client = await connect_to(server)
-        for number in range(1000):
+        for number in range(900):
             await client.write_message(json.dumps({'drawn': f'camera_{number}'}))
         await client.write_message('{"drive": [1, 0, 0]}')
         await until(lambda: ('drive', (1.0, 0.0, 0.0)) in source.asked)

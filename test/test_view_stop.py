@@ -139,6 +139,29 @@ def test_invalid_messages_are_one_log_line_and_other_pages_drive_on(
     assert 'message: must be JSON as the page sends it, got' in view.errors
 
 
+def test_a_page_that_floods_is_closed_and_its_robot_stops(user: Listener, tmp_path: Path) -> None:
+    view = View(tmp_path, '--cmd-vel', '/view_flood/cmd_vel')
+    heard = user.listen('/view_flood/cmd_vel', Twist)
+
+    async def flood() -> None:
+        socket = await connect(view.url)
+        with suppress(WebSocketClosedError):
+            for _ in range(20_000):
+                await socket.write_message(json.dumps({'drive': FORWARD}))
+        while await socket.read_message() is not None:
+            pass
+
+    run(flood())
+    user.spin_until(lambda: heard and heard[-1].linear.x == 0, 'the stop')
+    count = len(heard)
+    assert count < 20_000
+    page = Page(view.url)
+    user.spin_until(lambda: len(heard) > count and heard[-1].angular.z, 'a command')
+    page.fall_silent()
+    assert view.end() == 130
+    assert 'messages: must be at most 1000 a second, got more' in view.errors
+
+
 def test_kill_9_of_the_viewer_leaves_the_robot_to_its_own_hold(
     user: Listener, tmp_path: Path
 ) -> None:

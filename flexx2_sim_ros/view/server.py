@@ -8,6 +8,7 @@ browser or a hidden tab gets fewer frames and does not delay the others.
 import asyncio
 import json
 import socket
+import time
 from typing import Any, Protocol
 
 from flexx2_sim_ros.errors import InputError
@@ -22,6 +23,9 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 # Frames of a camera in transit: one that is being drawn, and one that arrives meanwhile.
 _AHEAD = 2
 _MOST_PAGES = 100
+# Messages of a page in a second. A page sends one for each frame that it draws and ten to drive;
+# of one that sends more, what is in transit would be obeyed long after its keys are released.
+_MOST_MESSAGES = 1000
 
 
 class Source(Protocol):
@@ -157,6 +161,8 @@ class Live(Guarded, WebSocketHandler):
         self.news = asyncio.Event()
         self._status = ''
         self._obeyed = self._said_obeyed = True
+        self._is_out = False
+        self._second, self._count = 0.0, 0
         # By existing camera; names that a page sends are not stored.
         self._sent: dict[str, ViewedFrame] = {}
         self._undrawn: dict[str, int] = {}
@@ -183,13 +189,21 @@ class Live(Guarded, WebSocketHandler):
         self._task.cancel()
         self.server.leave(self)
 
-    def on_message(self, message: str | bytes) -> None:
+    async def on_message(self, message: str | bytes) -> None:
         """Handle a message of the page."""
+        # Messages of the other pages come in between.
+        await asyncio.sleep(0)
+        if self._is_out:
+            return
         source = self.server.source
         try:
+            self._check_pace()
             asked = parse(message)
         except InputError as error:
             source.complain(f'page at {self.request.remote_ip}: {error}')
+            # What it has sent meanwhile is not obeyed.
+            self._is_out = True
+            source.leave(self)
             self.close(1007, 'not understood')
             return
         match asked:
@@ -205,6 +219,16 @@ class Live(Guarded, WebSocketHandler):
                 source.choose(camera, usecase)
             case Adjust(camera, effect, strength):
                 source.adjust(camera, effect, strength)
+
+    def _check_pace(self) -> None:
+        now = time.monotonic()
+        if now - self._second > 1:
+            self._second, self._count = now, 0
+        self._count += 1
+        if self._count > _MOST_MESSAGES:
+            raise InputError(
+                f'messages: must be at most {_MOST_MESSAGES} a second, got more; it is closed'
+            )
 
     async def _feed(self) -> None:
         source = self.server.source
