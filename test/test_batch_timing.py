@@ -26,13 +26,18 @@ def late(seconds: float) -> dict:
     return {'time_offset': {'latency': 0.0, 'delay': seconds}}
 
 
+def gate_of(rate_hz: float, step_ns: int) -> FrameGate:
+    """Return a gate that has seen how long the steps are, as a batch knows it."""
+    gate = FrameGate(rate_hz)
+    for k in range(40):
+        gate.accept(10**15 + k * step_ns)
+    return gate
+
+
 def expected(rate_hz: float, step_ns: int, delay_ns: int, count: int) -> list[int]:
     """Return the stamp of the image at each step: the newest of those that the node would take."""
-    gate, taken, shown = FrameGate(rate_hz), [], []
-    stamps = range(0, count * step_ns, step_ns)
-    for stamp in stamps:  # A batch knows how long its steps are: the node has to see it.
-        gate.accept(stamp)
-    for stamp in stamps:
+    gate, taken, shown = gate_of(rate_hz, step_ns), [], []
+    for stamp in range(0, count * step_ns, step_ns):
         if gate.accept(stamp):
             taken.append(stamp)
         # Steps and delays are whole nanoseconds.
@@ -86,7 +91,7 @@ def test_a_latency_reaches_back_over_frames_that_are_close() -> None:
     """At 200 Hz, frames of 60 Hz are 15 or 20 ms apart: more of them are needed."""
     own = {'time_offset': {'latency': 0.032}}
     cameras = BatchCamera(1, 'Mode_5_60fps', effects=own, step_s=0.005, device='cpu', K=MATRIX)
-    alone, gate = Camera('Mode_5_60fps', effects=own), FrameGate(60.0)
+    alone, gate = Camera('Mode_5_60fps', effects=own), gate_of(60.0, 5 * MS)
     for step, clean in enumerate(moving(1, 40)):
         seen = cameras(clean)
         if gate.accept(step * 5 * MS):
@@ -106,12 +111,12 @@ def test_images_are_those_of_a_camera_that_takes_the_frames_that_are_due(
     cameras = BatchCamera(3, 'Mode_5_30fps', effects=effects, step_s=0.02, device=device, K=MATRIX)
     alone = [Camera('Mode_5_30fps', seed=i, effects=own) for i, own in enumerate(effects)]
     film = moving(3, 24)
-    gate = FrameGate(30.0)
+    gate = gate_of(30.0, 20 * MS)
     taken: dict[int, list[np.ndarray]] = {}
     for step, clean in enumerate(film):
         if step == 13:
             cameras.reset(np.ones(3, bool))
-            gate, taken = FrameGate(30.0), {}
+            gate, taken = gate_of(30.0, 20 * MS), {}
             for camera in alone:
                 camera.reset()
         stamp = step * 20 * MS
@@ -219,7 +224,7 @@ def test_no_more_frames_are_kept_than_are_needed() -> None:
         rate, step_hz = generator.uniform(5, 60), generator.uniform(5, 200)
         delay_ns, step_ns = int(generator.uniform(0, 2e8)), round(1e9 / step_hz)
         kept = timing.frames_kept(delay_ns, round(1e9 / rate), step_ns)
-        gate, taken, most = FrameGate(rate), [], 0
+        gate, taken, most = gate_of(rate, step_ns), [], 0
         for stamp in range(0, 60 * step_ns, step_ns):
             if gate.accept(stamp):
                 taken.append(stamp)
