@@ -229,3 +229,75 @@ def test_depth_along_the_ray_becomes_depth_along_the_axis(form: str, tmp_path: P
         camera = info('/d/camera_info', 0, SIZE, matrix, np.zeros(5))
         source = write(tmp_path / 'bag', [camera, image('/d/image', 0, along, '32FC1')])
     np.testing.assert_allclose(converted(source, '--radial').depth, 2.0, rtol=1e-5)
+
+
+def several(tmp_path: Path, form: str, stamps: list[int], **more: Any) -> Path:
+    """Return a file of frames that show their stamp: 1 m and as many metres as it has ds."""
+    depth = np.array([np.full(SIZE, 1 + stamp, np.float32) for stamp in stamps])
+    nanoseconds = np.array(stamps, np.int64) * 100_000_000
+    if form == 'npz':
+        path = tmp_path / 'in.npz'
+        clean, known = depth + 1, depth > 0
+        np.savez(path, depth=depth, clean_depth=clean, known=known, K=MATRIX, stamp_ns=nanoseconds)
+        return path
+    entries = [info('/d/camera_info', 0, SIZE)]
+    for number, (stamp, frame) in enumerate(zip(nanoseconds.tolist(), depth, strict=True)):
+        entries.append(image('/d/image', stamp, frame, '32FC1', received=number))
+    return write(tmp_path / 'bag', entries)
+
+
+@pytest.mark.parametrize('form', ['npz', 'bag'])
+@pytest.mark.parametrize(
+    ('stamps', 'notes'),
+    [
+        ([0, 1, 2, 2, 3], ['frames 3 (1 in all): the stamp of another frame']),
+        ([0, 0, 1, 1, 2, 3], ['frames 1, 3 (2 in all): the stamp of another frame']),
+        ([0, 2, 1, 3], ['frames 2 (1 in all): a stamp before that']),
+        ([1, 0, 2, 3], ['frames 1 (1 in all): a stamp before that']),
+        ([3, 2, 1, 0], ['frames 1, 2, 3 (3 in all): a stamp before that']),
+        ([0, 2, 1, 2, 3], ['frames 3 (1 in all): the st', 'frames 2 (1 in all): a stamp before']),
+    ],
+)
+def test_repeated_frames_are_left_out_and_late_ones_sorted(
+    form: str, stamps: list[int], notes: list[str], tmp_path: Path
+) -> None:
+    path = several(tmp_path, form, stamps)
+    for found in (load_recording(path), converted(path)):
+        assert found.stamp_ns.tolist() == [100_000_000 * n for n in sorted(set(stamps))]
+        assert (found.depth[:, 0, 0] - 1).tolist() == sorted(set(stamps))
+        if form == 'npz':
+            assert found.clean_depth is not None
+            np.testing.assert_array_equal(found.clean_depth, found.depth + 1)
+            assert found.extra['known'].shape == found.depth.shape
+    said = [note for note in load_recording(path).notes if ': stamp: ' in note]
+    assert len(said) == len(notes)
+    for note, part in zip(said, notes, strict=True):
+        assert f'{path}: stamp: {part}' in note
+
+
+@pytest.mark.parametrize(
+    ('key', 'scale', 'dtype', 'note'),
+    [
+        ('depth', 1000, np.float32, 'taken for millimetres'),
+        ('depth', 1000, np.float64, 'taken for millimetres'),
+        ('clean_depth', 1000, np.float32, 'taken for millimetres'),
+        ('clean_depth', 1000, np.uint16, 'taken for millimetres'),
+        ('reflectivity', 100, np.float32, 'taken for percent'),
+        ('reflectivity', 255, np.uint8, 'taken for bytes'),
+    ],
+)
+@pytest.mark.parametrize('frames', [True, False])
+def test_other_units_are_converted_with_a_note(
+    key: str, scale: int, dtype: type, note: str, frames: bool, tmp_path: Path
+) -> None:
+    ramp = np.tile(np.linspace(0.2, 0.8, 80).reshape(SIZE), (2, 1, 1))
+    given = {'depth': ramp + 1, 'clean_depth': ramp + 1, 'reflectivity': ramp, 'K': MATRIX}
+    wrong: np.ndarray = (given[key] * scale).round(2).astype(dtype)
+    whole = frames or key == 'depth'
+    wanted = given[key] if whole else given[key][0]
+    other = {key: wrong if whole else wrong[0]}
+    np.savez(tmp_path / 'in.npz', **(given | other))
+    found = load_recording(tmp_path / 'in.npz')
+    np.testing.assert_allclose(getattr(found, key), wanted, atol=0.006)
+    assert [one for one in found.notes if note in one]
+    assert found.depth.dtype == np.float32

@@ -16,14 +16,11 @@ from flexx2_sim_ros.recording.bag_choice import choose_camera, survey_bag
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.clean_view import looked_up, view_of
 from flexx2_sim_ros.recording.matching import ABSENT, match, Topic
-from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
+from flexx2_sim_ros.recording.reader import Content, Layout, ONE_EACH, RecordingReader, TIMES
 from flexx2_sim_ros.recording.stamps import stamps_of
 import numpy as np
 
 _GRAYS = ('mono8', '8UC1', 'mono16', '16UC1', '32FC1')
-_TIMES = ('stamp', 'stamp_ns', 'received', 'uptime')
-# Keys that can have an entry a frame; () or (H, W) is for all frames.
-_ONE_EACH = (*_TIMES, *STACKS, 'known', 'clean_sigma', 'incidence', 'reflectivity_spread')
 _FLOATS = {7: 'f4', 8: 'f8'}  # sensor_msgs/PointField
 
 Decoder = Callable[[bytes], np.ndarray]
@@ -281,7 +278,7 @@ class BagRecording(RecordingReader):
         left = self._left()
         for key, array in self._carried.items():
             if array is not None:
-                one_each = array.ndim == (1 if key in _TIMES else 3) and key in _ONE_EACH
+                one_each = array.ndim == (1 if key in TIMES else 3) and key in ONE_EACH
                 longer = one_each and len(array) > max(len(left), left[-1])
                 content.arrays[key] = array[left] if longer else array
 

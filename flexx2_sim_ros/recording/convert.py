@@ -15,6 +15,7 @@ from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
 from flexx2_sim_ros.recording.other_archive import OtherArchive
 from flexx2_sim_ros.recording.reader import RecordingReader
+from flexx2_sim_ros.recording.tidying import tidy
 import numpy as np
 
 _CHUNK = 64
@@ -103,12 +104,12 @@ def _open(
     if images:
         if given.keys:
             raise InputError('--key: must be left out for images, got some')
-        return ImageRecording(source, given), replace(
+        return tidy(ImageRecording(source, given), units=False), replace(
             given, mask=given.mask or mask_beside(source)
         )
     if source.suffix == '.npz':
         if given.of_files:
-            return OtherArchive(source, given), given
+            return tidy(OtherArchive(source, given), given.unit is None), given
         return open_recording(source), given
     if given.of_files:
         raise InputError(

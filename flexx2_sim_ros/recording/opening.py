@@ -6,6 +6,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording.npz_recording import NpzRecording
 from flexx2_sim_ros.recording.reader import Recording, RecordingReader
+from flexx2_sim_ros.recording.tidying import tidy
 
 
 def open_recording(
@@ -16,7 +17,9 @@ def open_recording(
     infrared: str | None = None,
 ) -> RecordingReader:
     """
-    Open a recording without reading its frames.
+    Open a recording without reading all its frames.
+
+    Frames are sorted by stamp, and repeated ones left out; depth is in metres (`tidy`).
 
     Parameters
     ----------
@@ -48,11 +51,11 @@ def open_recording(
     path = Path(path)
     try:
         if path.suffix == '.npz':
-            return NpzRecording(path, profile)
+            return tidy(NpzRecording(path, profile))
         # Bags need the library rosbags, .npz files do not.
         from flexx2_sim_ros.recording.bags import BagRecording
 
-        return BagRecording(path, camera, profile, clean, infrared)
+        return tidy(BagRecording(path, camera, profile, clean, infrared))
     except OSError as error:
         raise InputError(f'{path}: cannot be read: {error.strerror or error}') from error
 

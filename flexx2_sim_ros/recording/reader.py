@@ -14,6 +14,9 @@ import numpy as np
 
 # Keys that can have one image a frame; all other arrays are the recording's as a whole.
 STACKS = ('depth', 'clean_depth', 'reflectivity', 'amplitude')
+# Keys that can have an entry a frame; () or (H, W) is for all frames.
+TIMES = ('stamp', 'stamp_ns', 'received', 'uptime')
+ONE_EACH = (*TIMES, *STACKS, 'known', 'clean_sigma', 'incidence', 'reflectivity_spread')
 _KNOWN = {*STACKS, 'K', 'stamp', 'stamp_ns', 'usecase'}
 _USUAL_RATE = 30.0  # Hz
 ASSUMED = 'stamp: not in the file'  # part of a note

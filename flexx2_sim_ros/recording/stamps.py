@@ -74,3 +74,55 @@ def stamps_of(arrays: Mapping[str, np.ndarray | None]) -> list[int]:
             with suppress(OverflowError, ValueError):  # Not finite: refused later.
                 return [round(stamp * unit) for stamp in array.ravel().tolist()]
     return []
+
+
+def in_time(stamp_ns: np.ndarray, path: str) -> tuple[np.ndarray | None, list[str]]:
+    """
+    Find the order of time of frames, each stamp once.
+
+    Parameters
+    ----------
+    stamp_ns : numpy.ndarray
+        (T,) of frames as they are in a file.
+    path : str
+        The file, for notes.
+
+    Returns
+    -------
+    order : numpy.ndarray or None
+        The numbers of frames by stamp, the first of each stamp; None where nothing is to be
+        changed: stamps rise, or begin again, as those of a simulation that was reset.
+    notes : list of str
+        Which frames repeat a stamp or come late.
+
+    """
+    if (np.diff(stamp_ns) > 0).all() or _begins_again(stamp_ns):
+        return None, []
+    _, order = np.unique(stamp_ns, return_index=True)
+    repeated = np.setdiff1d(np.arange(len(stamp_ns)), order)
+    kept = np.sort(order)
+    late = kept[stamp_ns[kept] < np.maximum.accumulate(stamp_ns[kept])]
+    whats = (
+        (repeated, 'the stamp of another frame: left out'),
+        (late, 'a stamp before that of an earlier frame: sorted by stamp'),
+    )
+    return order, [
+        f'{path}: stamp: frames {_some(numbers)} ({len(numbers)} in all): {what}'
+        for numbers, what in whats
+        if len(numbers)
+    ]
+
+
+def _begins_again(stamps: np.ndarray) -> bool:
+    # Goes back to the first stamp or before it, and rises again from there.
+    first, last = stamps[0], stamps[0]
+    for stamp, after in zip(stamps[1:-1].tolist(), stamps[2:].tolist(), strict=True):
+        if stamp <= first and stamp < after < last:
+            return True
+        last = max(last, stamp)
+    return False
+
+
+def _some(numbers: np.ndarray) -> str:
+    text = ', '.join(map(str, numbers[:8].tolist()))
+    return f'{text}, ...' if len(numbers) > 8 else text

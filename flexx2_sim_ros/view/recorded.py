@@ -24,7 +24,6 @@ REFERENCES = {
 _STACKS = ('depth', 'clean_depth', 'reflectivity')
 # Frames before a chosen one that are simulated too, for effects that remember them.
 _WARM_UP = 10
-_TOO_FAR = 100.0  # metres, for any depth camera; images in millimetres are beyond it
 
 Images = Mapping[str, np.ndarray]
 
@@ -148,7 +147,6 @@ class RecordedCamera:
                 self._simulate(EFFECTS, effects, profile)
         else:
             self.notes.append('no clean_depth: depth is compared with nothing')
-        self._note_units()
 
     @property
     def count(self) -> int:
@@ -194,18 +192,6 @@ class RecordedCamera:
         return ViewedFrame(
             number, int(self._reader.stamp_ns[number]), images['depth'], compared, self._intrinsics
         )
-
-    def _note_units(self) -> None:
-        # Reads the first frames without keeping the file open, as a folder may have many.
-        reader = self._reader
-        for key in ('depth', 'clean_depth'):
-            image = reader.arrays.get(key)
-            if key in reader.layouts:
-                image = next(reader.frames(key), None)
-            seen = [] if image is None else image[np.isfinite(image) & (image > 0)]
-            if len(seen) and (middle := float(np.median(seen))) > _TOO_FAR:
-                how = ' (flexx2 convert --unit)' if key == 'depth' else ''  # scales depth alone
-                self.notes.append(f'{key}: must be metres, got a median of {middle:.4g}{how}')
 
     def _clean(self, number: int) -> np.ndarray:
         clean = self._image('clean_depth', number)
