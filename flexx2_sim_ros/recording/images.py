@@ -1,6 +1,8 @@
 """Recordings in PNG files: one image a frame, with a calibration file."""
 
 from collections.abc import Iterator
+from contextlib import suppress
+from datetime import datetime, UTC
 from pathlib import Path
 import re
 
@@ -17,6 +19,11 @@ _DEPTH = 'depth'
 _GRAYS = ('gray', 'ir', 'infra', 'amplitude')
 _YAML = ('.yaml', '.yml')
 _STAMP = re.compile(r'(\d+)(?:\.(\d{1,9}))?$')
+# 2026-11-27_10-20-30.250: the fraction after a point, or of whole milli- to nanoseconds.
+_CALENDAR = re.compile(
+    r'(?<!\d)(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_T. ]?(\d\d)[-_.:]?(\d\d)[-_.:]?(\d\d)'
+    r'(?:[.,](\d{1,9})|[-_](\d{3}|\d{6}|\d{9}))?$'
+)
 _END_OF_TIME = 2**63  # nanoseconds in int64
 _NANOSECONDS = {19: 1, 16: 1_000, 13: 1_000_000}  # of a unit, by the digits since 1970
 
@@ -139,6 +146,12 @@ def _in_order(files: list[Path]) -> tuple[list[Path], list[int] | None]:
 
 def _stamp(file: Path) -> int | None:
     # Nanoseconds, or None for a name that has only a frame's number, or none.
+    if (date := _CALENDAR.search(file.stem)) is not None:
+        year, month, day, hour, minute, second = map(int, date.groups()[:6])
+        with suppress(ValueError):  # A month 13: another number.
+            time = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+            nanoseconds = int((date[7] or date[8] or '').ljust(9, '0'))
+            return int(time.timestamp()) * 1_000_000_000 + nanoseconds
     found = _STAMP.search(file.stem)
     if found is None:
         return None
