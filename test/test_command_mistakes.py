@@ -10,6 +10,7 @@ import sys
 
 from flexx2_sim_ros.cli import commands, gap
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.recording import load_scene
 import numpy as np
 import pytest
 
@@ -239,7 +240,8 @@ def test_a_scene_in_millimetres_is_noticed(
     np.savez('mm.npz', clean_depth=np.full((43, 56), 1500.0, np.float32), K=K)
     assert main(['simulate', 'mm.npz', 'out.npz', '--frames', '1']) == 0
     said = ' '.join(capsys.readouterr().err.split())
-    assert 'clean_depth: must be metres, from 0.1 to 7 in this mode, got a median of 1500' in said
+    assert 'mm.npz: clean_depth: its median is 1500: taken for millimetres' in said
+    assert load_scene('out.npz').clean_depth.max() == pytest.approx(1.5)
     np.savez('mm.npz', clean_depth=np.full((43, 56), 1500, np.uint16), K=K)
     assert main(['simulate', 'mm.npz', 'whole.npz', '--frames', '1']) == 2
     assert 'clean_depth: must be metres, got uint16' in ' '.join(capsys.readouterr().err.split())

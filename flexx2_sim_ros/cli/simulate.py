@@ -113,6 +113,14 @@ def run(arguments: argparse.Namespace) -> int:
     # Stamps of a clock are exact in nanoseconds only; the noise depends on them.
     exact = None if scene.stamp_ns is None else scene.stamp_ns[:count]
     times = stamps if exact is None or len(exact) < count else exact
+    notes = list(scene.notes)
+    if repeated := count - len(np.unique(times)):
+        notes.append(
+            f'{arguments.input}: stamp: {repeated} of {count} frames have the stamp of another '
+            'one, and so its noise'
+        )
+    for note in notes:
+        console.print(printable(note), style='yellow', highlight=False)
     invalid = 0
     with (
         RecordingWriter(arguments.output, count, *scene.clean_depth.shape[-2:]) as writer,

@@ -12,6 +12,7 @@ from flexx2_sim_ros.atomic import checked_target, named, whole
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.recording.stamps import read_stamps
+from flexx2_sim_ros.recording.units import factor_of
 import numpy as np
 
 
@@ -34,6 +35,8 @@ class Scene:
         (T,) int64 nanoseconds, if the file has them: `stamp` cannot hold those of a clock exactly.
     extra : dict
         All other arrays of the file.
+    notes : tuple of str
+        Units that were converted.
 
     """
 
@@ -43,6 +46,7 @@ class Scene:
     stamp: np.ndarray | None = None
     stamp_ns: np.ndarray | None = None
     extra: dict[str, np.ndarray] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 def load_scene(path: str | Path) -> Scene:
@@ -91,6 +95,11 @@ def load_scene(path: str | Path) -> Scene:
     stamp, stamp_ns = (
         read_stamps(path, arrays) if {'stamp', 'stamp_ns'} & arrays.keys() else (None, None)
     )
+    notes: list[str] = []
+    if clean.dtype.kind == 'f':
+        clean = _converted('clean_depth', clean, path, notes)
+    if reflectivity is not None:
+        reflectivity = _converted('reflectivity', reflectivity, path, notes)
     known = {'clean_depth', 'K', 'reflectivity', 'stamp', 'stamp_ns'}
     return Scene(
         clean,
@@ -99,7 +108,16 @@ def load_scene(path: str | Path) -> Scene:
         stamp,
         stamp_ns if 'stamp_ns' in arrays else None,
         {key: value for key, value in arrays.items() if key not in known},
+        tuple(notes),
     )
+
+
+def _converted(key: str, image: np.ndarray, path: str | Path, notes: list[str]) -> np.ndarray:
+    factor, note = factor_of(key, image, str(path))
+    if not note:
+        return image
+    notes.append(note)
+    return np.asarray(image.astype(np.float32) * np.float32(factor))
 
 
 def _read(path: Path) -> dict[str, np.ndarray]:
