@@ -252,3 +252,16 @@ def test_bad_archives_are_refused_in_one_sentence(
     assert convert(source, out, *options) == 2
     assert said in ' '.join(capsys.readouterr().err.split())
     assert not out.exists()
+
+
+@pytest.mark.parametrize('name', ['0.tiff', 'depth/0.TIF', 'depth/0.exr', '0.npy'])
+@pytest.mark.parametrize('single', [False, True])
+def test_other_images_are_refused_with_a_way_out(
+    name: str, single: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / 'in' / name
+    file.parent.mkdir(parents=True)
+    file.write_bytes(b'')
+    assert convert(file if single else tmp_path / 'in', tmp_path / 'out.npz') == 2
+    said = ' '.join(capsys.readouterr().err.split())
+    assert f'{name}: must be a gray PNG of 16 bits, or an .npz file' in said

@@ -17,6 +17,7 @@ import numpy as np
 MASK = 'mask.png'
 _DEPTH = 'depth'
 _GRAYS = ('gray', 'ir', 'infra', 'amplitude')
+_OTHERS = ('.tif', '.tiff', '.exr', '.npy', '.pgm', '.raw', '.jpg', '.jpeg', '.pcd', '.ply')
 _YAML = ('.yaml', '.yml')
 _STAMP = re.compile(r'(\d+)(?:\.(\d{1,9}))?$')
 # 2026-11-27_10-20-30.250: the fraction after a point, or of whole milli- to nanoseconds.
@@ -106,7 +107,23 @@ def has_images(path: Path) -> bool:
     """Say whether a path is a PNG file or a folder of them, and no bag beside which one lies."""
     if path.suffix.lower() == '.png':
         return True
-    return path.is_dir() and not has_bag_files(path) and bool(_depth_files(path))
+    if path.is_dir() and has_bag_files(path):
+        return False
+    found = path.is_dir() and bool(_depth_files(path))
+    if not found:
+        _refuse_others(path)
+    return found
+
+
+def _refuse_others(path: Path) -> None:
+    folders = (path, path / _DEPTH) if path.is_dir() else ()
+    files = [path, *(file for folder in folders if folder.is_dir() for file in folder.iterdir())]
+    other = next((file for file in files if file.suffix.lower() in _OTHERS), None)
+    if other is not None:
+        raise InputError(
+            f'{shown_path(other)}: must be a gray PNG of 16 bits, or an .npz file with depth '
+            f'(T, H, W) and K, got a {other.suffix} file: save the images in one of these forms'
+        )
 
 
 def mask_beside(path: Path) -> Path | None:
