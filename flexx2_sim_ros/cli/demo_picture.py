@@ -70,11 +70,13 @@ def draw(
             f'sigma_x {mode.noise.sigma_x:.2f} px',
             fontsize=11,
         )
-    bar = figure.colorbar(depth, ax=axes[:, -1], shrink=0.9, ticks=[0.3, 0.5, 1, 2, 3, 5])
+    ticks = [0.3, 0.5, 1, 2, 3, 5]
+    bar = figure.colorbar(depth, ax=axes[:, -1], shrink=0.9, ticks=ticks, label='depth [m]')
     bar.ax.minorticks_off()
-    bar.ax.set_yticklabels(['0.3', '0.5', '1', '2', '3', '5 m'])
-    figure.colorbar(difference, ax=axes[:, -1], shrink=0.9, label='difference [mm]')
-    figure.suptitle(f'Two simulated {profile.model} on a Go1 (gray: invalid)', fontsize=13)
+    bar.ax.set_yticklabels([f'{tick:g}' for tick in ticks])
+    label = 'simulated - clean [mm]: red is nearer, blue farther'
+    figure.colorbar(difference, ax=axes[:, -1], shrink=0.9, label=label)
+    figure.suptitle(f'Two simulated {profile.model} on a Go1 (dark gray: no depth)', fontsize=13)
     with whole(path) as part:
         figure.savefig(part, dpi=100, format='png')
     pyplot.close(figure)
