@@ -1,5 +1,6 @@
 """Read YAML files, those in ``config/`` and those that users give."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -76,9 +77,13 @@ def read_config(path: Path, limits: Limits = _USUAL) -> dict[str, Any]:
     return content
 
 
-def read_mapping(path: Path, limits: Limits = _USUAL) -> dict[str, Any]:
+def read_mapping(
+    path: Path, limits: Limits = _USUAL, as_yaml: Callable[[str], str] = str
+) -> dict[str, Any]:
     """
     Return a YAML file of any content; otherwise as `read_config`.
+
+    ``as_yaml`` turns the text of a file of another kind into YAML.
 
     Raises
     ------
@@ -88,7 +93,7 @@ def read_mapping(path: Path, limits: Limits = _USUAL) -> dict[str, Any]:
     """
     name = shown_path(path)
     try:
-        text = read_bytes(path, limits.size).decode('utf-8')
+        text = as_yaml(read_bytes(path, limits.size).decode('utf-8'))
         _check_size(text, limits)
         content = yaml.load(text, Loader=_LOADER)  # noqa: S506
     except InputError as error:

@@ -13,6 +13,7 @@ INFO = 'sensor_msgs/msg/CameraInfo'
 SIZE = 12, 16
 RATIONAL = np.array([2.09, 1.36, 1e-4, -2e-5, 0.07, 2.42, 2.05, 0.37])
 COUNT = 3
+COLOUR_MATRIX = np.diag([2.0, 2.0, 1.0]) @ MATRIX
 
 
 def depths() -> np.ndarray:
@@ -115,7 +116,7 @@ def _as_colour_sees_it(
     seen = image(f'{space}/image_raw', stamp, pixels, 'rgb8' if colour else '16UC1')
     return [
         with_frame(seen, frame, width=width),
-        with_frame(info(f'{space}/camera_info', stamp, SIZE, 2 * MATRIX), frame),
+        with_frame(info(f'{space}/camera_info', stamp, SIZE, COLOUR_MATRIX), frame),
     ]
 
 

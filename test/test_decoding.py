@@ -191,6 +191,33 @@ def test_camera_infos_of_pinholes() -> None:
         decode_camera_info(_info(d=[0.0] * 4, distortion_model='equidistant'))
 
 
+@pytest.mark.parametrize(
+    ('model', 'coefficients', 'kept'),
+    [('plumb_bob', 5, 8), ('rational_polynomial', 8, 12), ('rational_polynomial', 8, 14)],
+)
+def test_zeros_at_the_end_are_no_distortion(model: str, coefficients: int, kept: int) -> None:
+    given = [0.1 * (i + 1) for i in range(coefficients)]
+    zeros = [0.0] * (kept - coefficients)
+    assert decode_camera_info(_info(d=[*given, *zeros], distortion_model=model)).distortion == (
+        tuple(given)
+    )
+
+
+@pytest.mark.parametrize(
+    'k',
+    [
+        (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        (0.0,) * 9,
+        (211.0, 0.0, 0.5, 0.0, 213.0, 0.5, 0.0, 0.0, 1.0),
+        (211.0, 3.0, 111.5, 0.0, 213.0, 85.5, 0.0, 0.0, 1.0),
+    ],
+    ids=['unit matrix', 'zeros', 'fractions', 'skew'],
+)
+def test_a_matrix_that_is_no_calibration_is_refused(k: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match='camera_info: K: must be'):
+        decode_camera_info(_info(k=k))
+
+
 @given(st.integers(-(2**31), 2**31 - 1), UINT32)
 def test_stamps(sec: int, nanosec: int) -> None:
     """Assert whole nanoseconds, and that what is no time is refused."""

@@ -189,6 +189,41 @@ def _bytes(name: str, content: bytes) -> Any:
     return lambda folder: (folder / name).write_bytes(content)
 
 
+# As programs write them: fx 211, fy 213, cx 4.5, cy 3.5, and for some k1 0.1.
+LENSES = {
+    'OpenCV': (
+        '%YAML:1.0\n---\ncameraMatrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n'
+        '   data: [ 2.11e+02, 0., 4.5, 0.,\n       213., 3.5, 0., 0., 1. ]\n'
+        'distortionCoefficients: !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n'
+        '   data: [ 1.0e-01, 0., 0., 0., 0. ]\n'
+    ),
+    'a topic': (
+        'header:\n  frame_id: cam\nheight: 8\nwidth: 10\ndistortion_model: plumb_bob\n'
+        'd:\n- 0.1\n- 0.0\nk:\n- 211.0\n- 0.0\n- 4.5\n- 0.0\n- 213.0\n- 3.5\n- 0.0\n- 0.0\n- 1.0\n'
+        '---\nheader:\n  frame_id: cam\n---\n'
+    ),
+    'Open3D': (
+        '{"width": 10, "height": 8,\n\t"intrinsic_matrix": [211, 0, 0, 0, 213, 0, 4.5, 3.5, 1]}'
+    ),
+    'librealsense': '{"width": 10, "height": 8, "fx": 211, "fy": 213, "ppx": 4.5, "ppy": 3.5}',
+    'perception': '{"_cy": 3.5, "_cx": 4.5, "_fy": 213, "_height": 8, "_fx": 211, "_width": 10}',
+    'text': '211 0 4.5\n0 213 3.5\n0 0 1\n',
+    'text of 4 x 4': '211 0 4.5 0\n0 213 3.5 0\n0 0 1 0\n0 0 0 1\n',
+}
+
+
+@pytest.mark.parametrize('program', LENSES)
+def test_a_lens_is_read_from_the_files_of_other_programs(program: str, tmp_path: Path) -> None:
+    folder = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png'])
+    lens, out = tmp_path / 'lens.txt', tmp_path / 'out.npz'
+    lens.write_text(LENSES[program])
+    assert convert(folder, out, '--calibration', lens) == 0
+    with np.load(out) as recording:
+        K, distortion = recording['K'], recording.get('distortion', np.zeros(5))
+    assert K.ravel().tolist() == [211.0, 0.0, 4.5, 0.0, 213.0, 3.5, 0.0, 0.0, 1.0]
+    assert distortion[0] == (0.1 if program in ('OpenCV', 'a topic') else 0.0)
+
+
 def _ost(**changes: Any) -> Any:
     return lambda folder: (folder / 'ost.yaml').write_text(ost(**changes))
 

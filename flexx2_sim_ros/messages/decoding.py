@@ -176,8 +176,8 @@ def decode_distortion(
             f'{field}: distortion_model: must be {" or ".join(DISTORTION_MODELS.values())}, or no '
             f'distortion, got {shown(model)} with coefficients {shown(given)}'
         )
-    if not any(given):
-        given = []  # However many zeros: no distortion.
+    while given and not given[-1]:  # Zeros at the end are no distortion, however many.
+        given.pop()
     most = max((size for size, name in DISTORTION_MODELS.items() if name == model), default=0)
     if len(given) > most:
         raise InputError(

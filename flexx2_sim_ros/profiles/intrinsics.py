@@ -10,6 +10,9 @@ import numpy as np
 
 # By the number of coefficients; names of sensor_msgs/CameraInfo.
 DISTORTION_MODELS = {5: 'plumb_bob', 8: 'rational_polynomial'}
+# Focal lengths of a unit matrix are 1 pixel; 0.02 image sizes see 176 degrees, more than any lens.
+_LEAST_FOCAL_SIZES = 0.02
+_SMALLEST = 8  # pixels; in such images the principal point may well be in the first one
 
 
 @dataclass(frozen=True)
@@ -107,7 +110,7 @@ class Intrinsics:
             raise InputError(
                 f'K: must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {matrix.tolist()}'
             )
-        return cls(
+        camera = cls(
             int(width),
             int(height),
             float(matrix[0, 0]),
@@ -116,6 +119,19 @@ class Intrinsics:
             float(matrix[1, 2]),
             full_distortion(distortion),
         )
+        camera._refuse_other_units()
+        return camera
+
+    def _refuse_other_units(self) -> None:
+        # A matrix that was never calibrated, or whose numbers are fractions of the image.
+        unit = min(self.fx / self.width, self.fy / self.height) < _LEAST_FOCAL_SIZES
+        large = min(self.width, self.height) > _SMALLEST
+        if unit or (large and 0 < self.cx < 1 and 0 < self.cy < 1):
+            raise InputError(
+                f'K: must be a calibrated camera matrix in pixels, got fx {self.fx:g}, '
+                f'fy {self.fy:g}, cx {self.cx:g}, cy {self.cy:g} for {self.width} x {self.height} '
+                'pixels'
+            )
 
     @classmethod
     def from_field_of_view(

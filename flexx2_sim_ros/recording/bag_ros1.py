@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.recording import bag_messages as messages
@@ -23,6 +24,12 @@ _SAME_IN_ROS2 = frozenset(
         'tf2_msgs/msg/TFMessage',
     }
 )
+# TF of bags up to ROS Hydro, the same by content.
+_NOW = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}
+
+
+def _kind(item: Any) -> str:
+    return _NOW.get(item.msgtype, str(item.msgtype))
 
 
 class Ros1Bag:
@@ -59,14 +66,14 @@ class Ros1Bag:
                 connections = [
                     item
                     for item in reader.connections
-                    if item.msgtype in _SAME_IN_ROS2 and item.msgcount
+                    if _kind(item) in _SAME_IN_ROS2 and item.msgcount
                 ]
         except Exception as error:  # A damaged file breaks the reader in any way.
             raise InputError(
                 f'{path}: must be a closed and indexed ROS 1 bag (rosbag reindex repairs one), '
                 f'got {shown(str(error))}'
             ) from error
-        self.topics = {item.topic: item.msgtype for item in connections}
+        self.topics = {item.topic: _kind(item) for item in connections}
         self.latched = {
             item.topic
             for item in connections
@@ -82,13 +89,13 @@ class Ros1Bag:
                 wanted = [
                     item
                     for item in reader.connections
-                    if item.topic in topics and item.msgtype == self.topics.get(item.topic)
+                    if item.topic in topics and _kind(item) == self.topics.get(item.topic)
                 ]
                 if not wanted:
                     return
                 for item, time, data in reader.messages(wanted):
-                    content = bytes(store.ros1_to_cdr(data, item.msgtype))
-                    yield Message(item.topic, item.msgtype, time, content)
+                    content = bytes(store.ros1_to_cdr(data, _kind(item)))
+                    yield Message(item.topic, _kind(item), time, content)
         except InputError:
             raise
         except Exception as error:  # A damaged file breaks the reader in any way.

@@ -9,6 +9,7 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.messages.decoding import decode_distortion, decode_image, image_pixels
 from flexx2_sim_ros.npz_arrays import decode_npy
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import DEPTH_ENCODINGS, EVENTS
@@ -247,9 +248,12 @@ class BagRecording(RecordingReader):
         content.notes.extend(content.changes)
         content.arrays['camera'] = np.array(self._where.name)
         content.arrays['frame_id'] = np.array(str(first.header.frame_id))
-        distortion = decode_distortion(
-            first.distortion_model, first.d, f'{self._bag.path}: {self._where.info}'
-        )
+        name = f'{self._bag.path}: {self._where.info}'
+        distortion = decode_distortion(first.distortion_model, first.d, name)
+        try:  # Some drivers leave the size out.
+            Intrinsics.from_matrix(first.k, first.width or 1, first.height or 1, distortion)
+        except InputError as error:
+            raise InputError(f'{name}: {error}') from error
         if any(distortion):
             content.arrays['distortion'] = np.array(distortion)
 
