@@ -12,7 +12,8 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.message_types import message_class
-from flexx2_sim_ros.nodes.subscriptions import LossCounter, matching, remapped
+from flexx2_sim_ros.nodes.remapped import remapped
+from flexx2_sim_ros.nodes.subscriptions import LossCounter, matching
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import (
     EVENTS,

@@ -1,14 +1,11 @@
 """Subscriptions that adapt to the QoS of publishers and count lost messages."""
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import replace
 from typing import Any
 
-from flexx2_sim_ros.recording.bag_cameras import CameraTopics
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
-from rclpy.node import Node, NodeNameNonExistentError
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
@@ -46,34 +43,6 @@ def matching(offers: Sequence[QoSProfile]) -> tuple[ReliabilityPolicy, Durabilit
     return (
         ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
-
-
-def remapped(node: Node, camera: CameraTopics) -> CameraTopics:
-    """
-    Return the topics of a camera with those of clean images that its node subscribes to.
-
-    Simulators have names of their own for them. Of two images with such names, depth is the one
-    that says so in its name.
-    """
-    space, _, name = camera.node.rpartition('/')
-    found: dict[str, list[str]] = {'Image': [], 'CameraInfo': []}
-    with suppress(NodeNameNonExistentError):
-        for topic, kinds in node.get_subscriber_names_and_types_by_node(name, space or '/'):
-            found.setdefault(kinds[0].rpartition('/')[2], []).append(topic)
-    usual = replace(camera, inputs={})
-    images = [topic for topic in found['Image'] if topic != usual.reflectivity]
-    depths = images if len(images) == 1 else [topic for topic in images if 'depth' in topic]
-    if len(depths) != 1:
-        return usual
-    inputs = {
-        usual.clean: depths,
-        usual.reflectivity: [topic for topic in images if topic not in depths],
-        usual.clean_info: found['CameraInfo'],
-    }
-    return replace(
-        usual,
-        inputs={name: there[0] for name, there in inputs.items() if there and name not in there},
     )
 
 

@@ -10,7 +10,8 @@ from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.decoding import decode_camera_info, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes.gating import RateMeter
-from flexx2_sim_ros.nodes.subscriptions import matching, remapped
+from flexx2_sim_ros.nodes.remapped import remapped
+from flexx2_sim_ros.nodes.subscriptions import matching
 from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics
