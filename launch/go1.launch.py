@@ -3,12 +3,15 @@
 from flexx2_sim_ros.paths import config_dir, executable
 from flexx2_sim_ros.robots.robot import load_robot
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
-PASSED_ON = ('robot', 'motion', 'scene', 'renderer')  # to go1_cameras
+ROBOT = ('robot', 'motion', 'scene', 'renderer', 'profile', 'rate')  # parameters of go1_cameras
+CAMERA = ('usecase', 'effects', 'profile', 'use_sim_time')  # of each flexx2_camera
+KINDS = {'rate': float, 'use_sim_time': bool}  # all others are text, whatever it looks like
 ARGUMENTS = {
     'robot': ('go1', 'The robot: go1, go2, or the path of a YAML file.'),
     'motion': ('cmd_vel', 'What moves the robot: stand, cmd_vel or external.'),
@@ -17,18 +20,19 @@ ARGUMENTS = {
         'The scene: lab, stairs, corner, board, rubble, or the path of an MJCF file.',
     ),
     'renderer': ('auto', 'How images are rendered: auto, egl, osmesa or ray.'),
+    'rate': ('60.0', 'Frames a second that go1_cameras renders of each camera, Hz.'),
     'usecase': ('Mode_9_30fps', 'Mode of all cameras.'),
+    'effects': ('', 'Effects of all cameras: a preset, e.g. typical, or the path of a YAML file.'),
+    'profile': ('', 'Profile of all cameras; empty for the Flexx2.'),
+    'namespace': ('', 'Namespace of all nodes.'),
+    'use_sim_time': ('true', 'Whether the cameras follow /clock.'),
     'rviz': ('false', 'Whether to start RViz: true or false.'),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start go1_cameras, a flexx2_camera for each of its cameras, and RViz on request."""
-    robot = Node(
-        executable=str(executable('go1_cameras')),
-        output='screen',
-        parameters=[{name: LaunchConfiguration(name) for name in PASSED_ON}],
-    )
+    """Start RViz on request, go1_cameras, and a flexx2_camera for each of its cameras."""
+    # First: where it is not installed, nothing else has been started.
     rviz = Node(
         package='rviz2',
         executable='rviz2',
@@ -37,22 +41,38 @@ def generate_launch_description() -> LaunchDescription:
         parameters=[{'use_sim_time': True}],
         condition=IfCondition(LaunchConfiguration('rviz')),
     )
+    robot = Node(
+        executable=str(executable('go1_cameras')),
+        namespace=LaunchConfiguration('namespace'),
+        output='screen',
+        parameters=[_values(ROBOT)],
+        on_exit=Shutdown(reason='go1_cameras ended'),
+    )
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in ARGUMENTS.items()
     ]
-    return LaunchDescription([*arguments, robot, OpaqueFunction(function=_cameras), rviz])
+    return LaunchDescription([*arguments, rviz, robot, OpaqueFunction(function=_cameras)])
+
+
+def _values(names: tuple[str, ...]) -> dict[str, ParameterValue]:
+    return {
+        name: ParameterValue(LaunchConfiguration(name), value_type=KINDS.get(name, str))
+        for name in names
+    }
 
 
 def _cameras(context: LaunchContext) -> list[Node]:
     # Which cameras there are is known when the argument `robot` is.
     robot = load_robot(LaunchConfiguration('robot').perform(context))
+    space = LaunchConfiguration('namespace').perform(context)
     return [
         Node(
             executable=str(executable('flexx2_camera')),
-            namespace=mount.name,
+            namespace=f'{space}/{mount.name}' if space else mount.name,
             output='screen',
-            parameters=[{'usecase': LaunchConfiguration('usecase'), 'use_sim_time': True}],
+            parameters=[_values(CAMERA)],
+            on_exit=Shutdown(reason=f'the camera {mount.name} ended'),
         )
         for mount in robot.mounts
     ]
