@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
 from os import PathLike
 from typing import Any
 
+_LONGEST_NAME = 100  # that is compared with others
 # Import name: what pip installs. Not every command and node needs these.
 _OPTIONAL = {
     'cv2': 'opencv-python-headless',
@@ -110,6 +112,13 @@ def unquoted(text: Any, most: int = 80) -> str:
 def shown_path(path: str | PathLike[str]) -> str:
     """Return a path as an error message shows it: as `unquoted`, longer."""
     return unquoted(str(path), 160)
+
+
+def did_you_mean(name: str, names: Iterable[str]) -> str:
+    """Return the hint ``, did you mean ...?`` with the most similar name, whatever its case."""
+    known = {one.lower(): one for one in names}
+    close = get_close_matches(name[:_LONGEST_NAME].strip().lower(), known, 1)
+    return f', did you mean {known[close[0]]}?' if close else ''
 
 
 def each_once(said: Iterable[tuple[str, str]]) -> list[str]:

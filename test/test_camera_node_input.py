@@ -123,6 +123,47 @@ def test_other_cameras_input_shows_the_same_plane(
         assert not seen.logged('outside the view')
 
 
+@pytest.mark.parametrize('lens', ['raw', 'rectified', 'auto'])
+def test_rectified_input_has_the_projection_and_no_distortion(lens: str) -> None:
+    source = Intrinsics(640, 480, 370.0, 360.0, 330.0, 230.0, BENT)
+    straight = Intrinsics(640, 480, 350.0, 345.0, 319.5, 239.5)
+    info = info_message(source, START)
+    info.p = np.hstack([straight.matrix, np.zeros((3, 1))]).ravel().tolist()
+    with stream(DEPTH, input_lens=lens) as seen:
+        rectified = lens == 'rectified'
+        image = plane(undistorted(straight if rectified else source))
+        assert seen.send(image_message(image, START), info)
+        expected = library(seen, plane(pixel_rays(FLEXX2)), START)
+        np.testing.assert_allclose(seen.depths()[0], expected.depth, rtol=0, atol=3e-5)
+        settings = seen.camera.settings
+        assert settings.is_rectified('/sim/image_rect') == (lens != 'raw')
+        assert settings.is_rectified('/sim/image_rect_raw') == rectified
+
+
+@pytest.mark.parametrize('form', ['binning', 'unit matrix'])
+def test_a_camera_info_that_is_not_of_the_image_is_converted_and_said(form: str) -> None:
+    source = Intrinsics(640, 480, 370.0, 360.0, 319.5, 239.5)
+    info = info_message(source, START)
+    if form == 'binning':
+        info.width, info.height, info.binning_x, info.binning_y = 1280, 960, 2, 2
+        info.k = [740.0, 0.0, 639.5, 0.0, 720.0, 479.5, 0.0, 0.0, 1.0]
+    else:
+        info.p = np.hstack([source.matrix, np.zeros((3, 1))]).ravel().tolist()
+        info.k = np.eye(3).ravel().tolist()
+    with stream(DEPTH) as seen:
+        image = plane(pixel_rays(source))
+        for stamp in (START, START + SECOND):
+            assert seen.send(image_message(image, stamp), info_at(info, stamp))
+        expected = library(seen, plane(pixel_rays(FLEXX2)), START)
+        np.testing.assert_allclose(seen.depths()[0], expected.depth, rtol=0, atol=3e-5)
+        assert len(seen.logged('clean/camera_info: K: ')) == 1
+
+
+def info_at(info: Any, stamp: int) -> Any:
+    info.header.stamp.sec, info.header.stamp.nanosec = divmod(stamp, SECOND)
+    return info
+
+
 def test_depth_is_never_blended_across_a_jump() -> None:
     """
     Assert every pixel of two boards, seen at another resolution, is on one of them.

@@ -6,9 +6,9 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.messages.camera_info import CameraFields, decode_camera_info
 from flexx2_sim_ros.messages.decoding import (
     check_stamp,
-    decode_camera_info,
     decode_image,
     little_endian_bytes,
     stamp_nanoseconds,
@@ -126,7 +126,7 @@ def test_doubles_beyond_float32_are_invalid() -> None:
 NUMBERS = st.floats() | st.sampled_from([0.0, 1.0, 211.0, np.nan])
 GOOD_K = [211.0, 0.0, 111.5, 0.0, 213.0, 85.5, 0.0, 0.0, 1.0]
 INFOS = st.builds(
-    SimpleNamespace,
+    CameraFields,
     width=UINT32,
     height=UINT32,
     k=st.lists(NUMBERS, min_size=9, max_size=9) | st.just(GOOD_K),
@@ -136,7 +136,7 @@ INFOS = st.builds(
 
 
 @given(INFOS)
-def test_any_camera_info_is_decoded_or_refused(message: SimpleNamespace) -> None:
+def test_any_camera_info_is_decoded_or_refused(message: CameraFields) -> None:
     """Assert a camera, or an InputError that names the topic and what it must be."""
     try:
         camera = decode_camera_info(message, 'topic')
@@ -156,17 +156,8 @@ def test_any_camera_info_is_decoded_or_refused(message: SimpleNamespace) -> None
     assert not any(message.d) or message.distortion_model in ('plumb_bob', 'rational_polynomial')
 
 
-def _info(**fields: Any) -> SimpleNamespace:
-    return SimpleNamespace(
-        **{
-            'width': 224,
-            'height': 172,
-            'k': GOOD_K,
-            'd': [],
-            'distortion_model': 'plumb_bob',
-            **fields,
-        }
-    )
+def _info(**fields: Any) -> CameraFields:
+    return CameraFields(**{'width': 224, 'height': 172, 'k': GOOD_K, **fields})
 
 
 def test_camera_infos_of_pinholes() -> None:
@@ -185,10 +176,14 @@ def test_camera_infos_of_pinholes() -> None:
     assert rational.distortion_model == 'rational_polynomial'
     with pytest.raises(InputError, match='at most 8 coefficients .rational_polynomial., got 12'):
         decode_camera_info(_info(d=[0.1] * 12, distortion_model='rational_polynomial'))
-    with pytest.raises(
-        InputError, match='distortion_model: must be plumb_bob.*, got .equidistant'
-    ):
-        decode_camera_info(_info(d=[0.0] * 4, distortion_model='equidistant'))
+    for model in ('equidistant', 'Inverse Brown Conrady', 'Modified Brown Conrady'):
+        with pytest.raises(
+            InputError, match=f'distortion_model: must be plumb_bob.*, got .{model}'
+        ):
+            decode_camera_info(_info(d=[0.1] * 4, distortion_model=model))
+        assert decode_camera_info(_info(d=[0.0] * 4, distortion_model=model)) == plain
+    five = [0.1, -0.2, 0.01, 0.02, 0.3]
+    assert decode_camera_info(_info(d=five, distortion_model='Brown Conrady')) == bent
 
 
 @pytest.mark.parametrize(

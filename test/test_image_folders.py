@@ -1,5 +1,6 @@
 """Recordings from PNG files and from archives of other programs."""
 
+import json
 from pathlib import Path
 import struct
 from typing import Any
@@ -9,6 +10,7 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.bag_messages import header_stamp
+from flexx2_sim_ros.recording.calibration import read_calibration
 from made_bags import driver_bag
 from made_images import counts, EIGHT, folder_of, K, metres, ost, save, SIZE
 import numpy as np
@@ -207,7 +209,31 @@ LENSES = {
     ),
     'librealsense': '{"width": 10, "height": 8, "fx": 211, "fy": 213, "ppx": 4.5, "ppy": 3.5}',
     'perception': '{"_cy": 3.5, "_cx": 4.5, "_fy": 213, "_height": 8, "_fx": 211, "_width": 10}',
-    'text': '211 0 4.5\n0 213 3.5\n0 0 1\n',
+    'librealsense in Python': (
+        '{"width": 10, "height": 8, "fx": 2.11e2, "fy": 213, "ppx": 4.5, "ppy": 3.5,'
+        ' "model": "distortion.brown_conrady", "coeffs": [1e-1, 0, 0, 0, 0]}'
+    ),
+    'Open3D with a pose': (
+        '{"class_name": "PinholeCameraParameters", "extrinsic": [1], "intrinsic": '
+        '{"width": 10, "height": 8, "intrinsic_matrix": [211, 0, 0, 0, 213, 0, 4.5, 3.5, 1]}}'
+    ),
+    'rows': '{"K": [[211, 0, 4.5], [0, 213, 3.5], [0, 0, 1]], "D": [[1e-01, 0, 0, 0, 0]]}',
+    'Kalibr': (
+        'cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0.1, 0.0, 0.0, 0.0]\n'
+        '  distortion_model: radtan\n  intrinsics: [211.0, 213.0, 4.5, 3.5]\n'
+        '  resolution: [10, 8]\n'
+    ),
+    'ROS 1': (
+        'header: \n  seq: 1\nheight: 8\nwidth: 10\ndistortion_model: "plumb_bob"\nD: [0.1, 0.0]\n'
+        'K: [211.0, 0.0, 4.5, 0.0, 213.0, 3.5, 0.0, 0.0, 1.0]\nbinning_x: 0\nroi: \n'
+        '  x_offset: 0\n---\n'
+    ),
+    'of twice the size': (
+        'height: 16\nwidth: 20\nk: [422.0, 0.0, 9.5, 0.0, 426.0, 7.5, 0.0, 0.0, 1.0]\n'
+        'binning_x: 2\nbinning_y: 2\n'
+    ),
+    'text': '# fx 0 cx\n211 0 4.5\n0 213 3.5\n0 0 1\n',
+    'four numbers': '211 213 4.5 3.5',
     'text of 4 x 4': '211 0 4.5 0\n0 213 3.5 0\n0 0 1 0\n0 0 0 1\n',
 }
 
@@ -221,7 +247,105 @@ def test_a_lens_is_read_from_the_files_of_other_programs(program: str, tmp_path:
     with np.load(out) as recording:
         K, distortion = recording['K'], recording.get('distortion', np.zeros(5))
     assert K.ravel().tolist() == [211.0, 0.0, 4.5, 0.0, 213.0, 3.5, 0.0, 0.0, 1.0]
-    assert distortion[0] == (0.1 if program in ('OpenCV', 'a topic') else 0.0)
+    bent = any(word in LENSES[program] for word in ('0.1', '1.0e-01', '1e-'))
+    assert distortion[0] == (0.1 if bent else 0.0)
+
+
+# The raw calibration of a camera's depth sensor: cx, cy, fx, fy, k1 to k6, two zeros, p2, p1.
+AZURE = [0.513, 0.517, 0.4928, 0.4929, 0.55, -0.02, -0.003, 0.89, 0.09, -0.01, 0, 0, -7e-5, 2e-5]
+
+
+def _azure(**changes: Any) -> str:
+    kind = 'CALIBRATION_LensDistortionModelBrownConrady'
+    camera = {
+        'Intrinsics': {'ModelParameters': AZURE, 'ModelType': kind},
+        'Purpose': 'CALIBRATION_CameraPurposeDepth',
+        'SensorHeight': 1024,
+        'SensorWidth': 1024,
+    }
+    colour = {'Purpose': 'CALIBRATION_CameraPurposePhotoVideo'}
+    return json.dumps({'CalibrationInformation': {'Cameras': [colour, camera | changes]}})
+
+
+@pytest.mark.parametrize(
+    ('size', 'binning', 'offset'),
+    [
+        ((576, 640), 1, (192, 180)),
+        ((288, 320), 2, (96, 90)),
+        ((1024, 1024), 1, (0, 0)),
+        ((512, 512), 2, (0, 0)),
+    ],
+)
+def test_the_calibration_of_an_azure_kinect_is_that_of_the_mode(
+    size: tuple[int, int], binning: int, offset: tuple[int, int], tmp_path: Path
+) -> None:
+    """Assert the arithmetic of the vendor's SDK for each of its modes."""
+    path = tmp_path / 'calibration.json'
+    path.write_text(_azure())
+    camera = read_calibration(path).intrinsics(size)
+    side = 1024 / binning
+    expected = [
+        AZURE[2] * side,
+        AZURE[3] * side,
+        AZURE[0] * side - offset[0] - 0.5,
+        AZURE[1] * side - offset[1] - 0.5,
+    ]
+    assert [camera.fx, camera.fy, camera.cx, camera.cy] == pytest.approx(expected)
+    assert camera.distortion == (0.55, -0.02, 2e-5, -7e-5, -0.003, 0.89, 0.09, -0.01)
+
+
+@pytest.mark.parametrize(
+    ('content', 'said'),
+    [
+        (_azure(), 'must be 10 x 8, the size of the images, got 1024 x 1024 with roi 640 x 576'),
+        (_azure(Purpose='x'), 'CalibrationInformation: must have a depth camera'),
+        (_azure(SensorWidth=640), 'SensorWidth, SensorHeight: must be 1024 x 1024'),
+        (_azure(Intrinsics={'ModelType': 'Theta'}), 'ModelType: must be CALIBRATION_Lens'),
+        (_azure(Intrinsics=None), 'ModelType: must be CALIBRATION_Lens'),
+        ('{"CalibrationInformation": []}', 'CalibrationInformation: must have a depth camera'),
+        (LENSES['Kalibr'].replace('radtan', 'equi'), 'distortion_model: must be plumb_bob or'),
+        (LENSES['OpenCV'] + 'fisheye_model: 1\n', 'distortion_model: must be plumb_bob or'),
+        (
+            LENSES['librealsense in Python'].replace('n.brown', 'n.inverse_brown'),
+            'distortion_model: must be plumb_bob or',
+        ),
+        ('1 2 3\n4 5 6\n7 8 9\n', 'K: must be [[fx, 0, cx]'),
+        ('1 2 3\n', 'must be a YAML mapping'),
+        ('K: [[1, 0], [nan, 1e999]]', 'K: must have data, a list of nine numbers'),
+        ('K: ' + '[' * 5000, 'at most 30 levels'),
+    ],
+)
+def test_other_calibrations_are_refused_in_one_sentence(
+    content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png'])
+    lens = tmp_path / 'lens.txt'
+    lens.write_text(content)
+    assert convert(folder, tmp_path / 'out.npz', '--calibration', lens) == 2
+    assert said in ' '.join(capsys.readouterr().err.split())
+
+
+@pytest.mark.parametrize('given', ['ost', 'option'])
+def test_rectified_images_have_the_projection_of_the_calibration(
+    given: str, tmp_path: Path
+) -> None:
+    folder, out = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png']), tmp_path / 'out.npz'
+    projection = {'data': [50.0, 0, 4, 0, 0, 51, 3, 0, 0, 0, 1, 0]}
+    lens = (folder if given == 'ost' else tmp_path) / 'ost.yaml'
+    lens.write_text(ost(projection_matrix=projection))
+    options = [] if given == 'ost' else ['--calibration', lens]
+    assert convert(folder, out, '--rectified', *options) == 0
+    found = load_recording(out)
+    assert found.K.ravel().tolist() == [50.0, 0.0, 4.0, 0.0, 51.0, 3.0, 0.0, 0.0, 1.0]
+    assert 'distortion' not in found.extra
+
+
+def test_intrinsics_in_numbers(tmp_path: Path) -> None:
+    folder, out = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png']), tmp_path / 'out.npz'
+    (folder / 'ost.yaml').unlink()
+    assert convert(folder, out, '--intrinsics', 60, 61, 4.5, 3.5) == 0
+    np.testing.assert_array_equal(load_recording(out).K.ravel(), K)
+    assert 'distortion' not in load_recording(out).extra
 
 
 def _ost(**changes: Any) -> Any:
@@ -242,7 +366,7 @@ def _ost(**changes: Any) -> Any:
         (_bytes('ost.yaml', b'!!python/object:os.system x'), 'cannot be read as YAML'),
         (_bytes('b.yaml', b'a: b'), '--calibration: must be a YAML file'),
         (_ost(camera_matrix=None), 'camera_matrix: must have data'),
-        (_ost(camera_matrix={'data': [0.0] * 9}), 'camera_matrix: K: must be'),
+        (_ost(camera_matrix={'data': [0.0] * 9}), 'ost.yaml: K: must be'),
         (_ost(image_width=640), 'image_width, image_height: must be 10 x 8'),
         (_ost(image_width='x'), 'image_width, image_height: must be whole'),
         (_ost(distortion_model='equidistant'), 'distortion_model: must be plumb_bob or rational'),

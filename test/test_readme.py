@@ -8,7 +8,7 @@ import sys
 
 from flexx2_sim_ros.recording import load_recording
 from made_bags import write
-from made_driver_bags import azure_kinect, pico_flexx, realsense, ros1_bag
+from made_driver_bags import azure_kinect, INFO, pico_flexx, realsense, ros1_bag
 from made_images import counts, folder_of, metres, ost, save, SIZE
 import numpy as np
 from programs import first_line
@@ -88,6 +88,8 @@ def write_files_of_other_cameras(folder: Path) -> None:
     ros1_bag(folder / 'pico_flexx.bag', pico_flexx())
     write(folder / 'realsense_bag', realsense())
     ros1_bag(folder / 'azure_kinect.bag', azure_kinect())
+    without = [entry for entry in realsense() if entry[1] != INFO]
+    ros1_bag(folder / 'no_camera_info.bag', without)
     folder_of(folder / 'images', ['1.png', '2.png', '3.png'])
     save(folder / 'frame.png', counts()[0])
     save(folder / 'known.png', np.eye(*SIZE, dtype=bool))

@@ -168,7 +168,7 @@ def test_values_of_types_that_do_not_exist_are_ignored(watched: Watched) -> None
     user, camera = watched.user, watched.viewer._cameras['view_parts/left']
     events = user.node.create_publisher(ParameterEvent, '/parameter_events', 10)
     user.spin_until(events.get_subscription_count, 'a subscription to parameter events')
-    names = ('x', 'input_depth', 'effect.offset.strength', 'usecase')
+    names = ('x', 'input_depth', 'input_lens', 'effect.offset.strength', 'usecase')
     good = ParameterEvent(node='/view_parts/left/flexx2_camera')
     good.changed_parameters = [Parameter('effect.wiggling.strength', value=0.5).to_parameter_msg()]
     bad = ParameterEvent(node=good.node)

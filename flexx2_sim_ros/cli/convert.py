@@ -21,7 +21,8 @@ _EXAMPLES = """examples:
   flexx2 convert walk walk.npz --camera front_left
   flexx2 convert pico_flexx.bag wall.npz --usecase MODE_9_5FPS_2000
   flexx2 convert realsense_bag wall.npz --usecase depth
-  flexx2 convert images/ wall.npz --usecase NFOV_UNBINNED --rate 15
+  flexx2 convert images/ wall.npz --usecase NFOV_unbinned_30fps --rate 15
+  flexx2 convert no_camera_info wall.npz --intrinsics 210.6 212.9 111.5 85.5
   flexx2 convert frame.png frame.npz --unit 0.0002 --mask known.png
   flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
 
@@ -58,11 +59,31 @@ def add_parser(commands: Any) -> None:
 def _add_given(parser: argparse.ArgumentParser) -> None:
     parser.add_argument('--usecase', metavar='MODE', help="the camera's mode, if A does not say")
     parser.add_argument(
+        '--profile',
+        metavar='NAME',
+        help='the camera, which must have the mode: a shipped profile or the path of one '
+        '(default: the mode may be that of any camera)',
+    )
+    parser.add_argument(
         '--calibration',
         type=Path,
         metavar='FILE',
-        help='for images and other .npz: YAML of camera_calibration with camera matrix and '
-        'distortion (default: the only YAML file in the folder)',
+        help='the lens, if A does not say it or is wrong: a file of camera_calibration, OpenCV, '
+        'Open3D, librealsense, Azure Kinect or Kalibr, an echoed camera info, or 3 x 3 numbers '
+        '(default for images: the only YAML file in the folder)',
+    )
+    parser.add_argument(
+        '--intrinsics',
+        type=number(-1e6, 1e6),
+        nargs=4,
+        metavar=('FX', 'FY', 'CX', 'CY'),
+        help='the lens in pixels, without distortion, instead of --calibration',
+    )
+    parser.add_argument(
+        '--rectified',
+        action=argparse.BooleanOptionalAction,
+        help='depth of A is rectified: it has the projection matrix P of the camera info or '
+        'calibration, and no distortion (default: only for a topic image_rect)',
     )
     parser.add_argument(
         '--infrared',
@@ -129,6 +150,7 @@ def _keys(pairs: list[str]) -> dict[str, str]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Convert with a progress bar, and print what was converted."""
+    from flexx2_sim_ros.profiles.files import find_profile
     from flexx2_sim_ros.recording.convert import convert
     from flexx2_sim_ros.recording.given import Given
 
@@ -143,6 +165,9 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.clean,
         arguments.infrared,
         arguments.radial,
+        None if arguments.intrinsics is None else tuple(arguments.intrinsics),
+        arguments.rectified,
+        None if arguments.profile is None else find_profile(arguments.profile),
     )
     console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
     with progress_bar(console) as progress:

@@ -10,7 +10,7 @@ import sys
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.profiles.intrinsics import DISTORTION_MODELS, full_distortion, Intrinsics
+from flexx2_sim_ros.profiles.intrinsics import DISTORTION_MODELS, full_distortion
 import numpy as np
 
 # dtype kind and size, and metres a unit (REP-118: 32FC1 in metres, 16UC1 in millimetres).
@@ -25,8 +25,9 @@ _ENCODINGS = {
 NO_DEPTH = 65535  # of 16 bits: what some drivers write where there is no depth
 _NANOSECONDS = 1_000_000_000
 _LARGEST_SIDE = 1 << 14
-# Without coefficients, they are no pinhole cameras either.
-_FISHEYES = ('equidistant', 'fisheye')
+_FISHEYES = ('equidistant', 'fisheye', 'equi', 'kannala_brandt', 'kannala_brandt4')
+# As plumb_bob: of librealsense ("inverse" and "modified" are others), and of Kalibr.
+_PLUMB_BOBS = ('brown_conrady', 'radtan')
 
 
 def stamp_nanoseconds(stamp: Any) -> int:
@@ -125,23 +126,6 @@ def image_pixels(message: Any, field: str, encodings: tuple[str, ...]) -> np.nda
     return np.ndarray((height, width), dtype, message.data, strides=(step, dtype.itemsize))
 
 
-def decode_camera_info(message: Any, field: str = 'camera_info') -> Intrinsics:
-    """
-    Decode a ``sensor_msgs/CameraInfo``.
-
-    Raises
-    ------
-    InputError
-        When it cannot be a pinhole camera with plumb_bob or rational_polynomial distortion.
-
-    """
-    distortion = decode_distortion(message.distortion_model, message.d, field)
-    try:
-        return Intrinsics.from_matrix(message.k, message.width, message.height, distortion)
-    except InputError as error:
-        raise InputError(f'{field}: {error}') from error
-
-
 def decode_distortion(
     model: str, coefficients: Iterable[float], field: str = 'camera_info'
 ) -> tuple[float, ...]:
@@ -151,7 +135,7 @@ def decode_distortion(
     Parameters
     ----------
     model : str
-        ``plumb_bob`` or ``rational_polynomial``; any other, except that of a fisheye lens, if all
+        ``plumb_bob`` (or another name of it) or ``rational_polynomial``; any other if all
         coefficients are 0.
     coefficients : iterable of float
         In the order of `Intrinsics.distortion`; zeros at the end may be left out.
@@ -170,8 +154,9 @@ def decode_distortion(
 
     """
     given = [float(value) for value in coefficients]
-    known = model in DISTORTION_MODELS.values()
-    if model in _FISHEYES or (any(given) and not known):
+    if _simple(model) in _PLUMB_BOBS:
+        model = 'plumb_bob'
+    if any(given) and model not in DISTORTION_MODELS.values():
         raise InputError(
             f'{field}: distortion_model: must be {" or ".join(DISTORTION_MODELS.values())}, or no '
             f'distortion, got {shown(model)} with coefficients {shown(given)}'
@@ -185,6 +170,15 @@ def decode_distortion(
             f'{len(given)}'
         )
     return full_distortion(given)
+
+
+def is_fisheye(model: str) -> bool:
+    """Say whether a distortion model is that of a fisheye lens."""
+    return _simple(model) in _FISHEYES
+
+
+def _simple(model: str) -> str:
+    return model.strip().lower().replace(' ', '_').replace('-', '_')
 
 
 def little_endian_bytes(array: np.ndarray) -> memoryview:

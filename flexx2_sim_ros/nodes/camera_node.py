@@ -12,12 +12,8 @@ from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
 from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.messages.decoding import (
-    check_stamp,
-    decode_camera_info,
-    decode_image,
-    stamp_nanoseconds,
-)
+from flexx2_sim_ros.messages.camera_info import decode_camera_info, size_words
+from flexx2_sim_ros.messages.decoding import check_stamp, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
@@ -285,11 +281,15 @@ class Flexx2Camera(SteadyNode):
                 'clean/camera_info: must come with every image of clean/depth_image, or once '
                 'and latched, got none'
             )
-        source = decode_camera_info(match.info, 'clean/camera_info')
+        notes: list[str] = []
+        rectified = self.settings.is_rectified(self._inputs['clean/depth_image'].topic)
+        source = decode_camera_info(match.info, 'clean/camera_info', image.shape, rectified, notes)
+        for note in notes:
+            self._say_once(note)
         if (source.height, source.width) != image.shape:
             raise InputError(
                 'clean/camera_info: size: must be that of clean/depth_image, '
-                f'{image.shape[1]} x {image.shape[0]}, got {source.width} x {source.height}'
+                f'{image.shape[1]} x {image.shape[0]}, got {size_words(match.info)}'
             )
         radial = self.settings.radial
         view = self._view

@@ -7,6 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.effects.effect import check_maps
 from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.messages.camera_info import is_rectified
 from flexx2_sim_ros.nodes.effect_parameters import EffectParameters
 from flexx2_sim_ros.nodes.parameters import declare, declare_text
 from flexx2_sim_ros.physics.frame_state import check_frequencies
@@ -29,6 +30,7 @@ _LONGEST_FRAME_ID = 255
 _CHOICES = {
     'invalid_value': ('nan', 'zero'),
     'input_depth': ('planar', 'radial'),
+    'input_lens': ('auto', 'raw', 'rectified'),
     'cloud_layout': ('organised', 'driver'),
 }
 
@@ -138,6 +140,12 @@ class CameraParameters:
             'What the input holds: planar (along the optical axis) or radial (along the ray).',
         )
         self._declare(
+            'input_lens',
+            'auto',
+            'Whose pixels the input has: raw (K and distortion of its camera info), '
+            'rectified (P), or auto (rectified for a topic image_rect).',
+        )
+        self._declare(
             'cloud_layout',
             'organised',
             "Size of the point cloud: organised (the image's "
@@ -154,6 +162,11 @@ class CameraParameters:
     def radial(self) -> bool:
         """Return whether the input contains distances along the ray."""
         return bool(self._node.get_parameter('input_depth').value == 'radial')
+
+    def is_rectified(self, topic: str) -> bool:
+        """Return whether the images of a topic are rectified."""
+        lens = self._node.get_parameter('input_lens').value
+        return is_rectified(topic) if lens == 'auto' else bool(lens == 'rectified')
 
     @property
     def invalid_is_zero(self) -> bool:

@@ -18,6 +18,7 @@ from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import (
     EVENTS,
     find_cameras,
+    INPUTS,
     Sample,
     sample,
     survey,
@@ -295,8 +296,8 @@ class Recorder(Node):
             self._questions[node] = client
         if node not in self._asked and client.service_is_ready():
             self._asked.add(node)
-            # One request each: the real driver has no input_depth, and would return no values.
-            for name in ('usecase', 'input_depth'):
+            # One request each: the real driver has none of INPUTS, and would return no values.
+            for name in ('usecase', *INPUTS):
                 future = client.call_async(GetParameters.Request(names=[name]))
                 future.add_done_callback(partial(self._on_parameter, node, name))
 

@@ -1,12 +1,11 @@
 """A node that survives every service request and warns of misspelt parameters."""
 
 from collections.abc import Callable
-from difflib import get_close_matches
 from traceback import format_exception
 from typing import Any
 from weakref import ref
 
-from flexx2_sim_ros.errors import InputError, shown, unquoted
+from flexx2_sim_ros.errors import did_you_mean, InputError, shown, unquoted
 from flexx2_sim_ros.nodes.runtime import Throttle
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import SetParametersResult
@@ -19,7 +18,6 @@ _Answer = Callable[[Any, Any], Any]
 _TYPES = {kind.value for kind in Parameter.Type}
 _MOST_NAMES = 10
 _MOST_ITEMS = 1000
-_LONGEST_NAME = 100
 
 
 class SteadyNode(Node):
@@ -112,8 +110,7 @@ class SteadyNode(Node):
             )
 
     def _no_such(self, name: str) -> str:
-        close = get_close_matches(name[:_LONGEST_NAME], self._parameters, 1)
-        hint = f', did you mean {close[0]}?' if close else ''
+        hint = did_you_mean(name, self._parameters)
         return f'{unquoted(name)}: this node has no such parameter{hint}'
 
     def _set_parameters_service(

@@ -2,19 +2,21 @@
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 import statistics
 import time
 from typing import Any
 
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.messages.decoding import decode_camera_info, decode_image, stamp_nanoseconds
+from flexx2_sim_ros.messages.camera_info import decode_camera_info, is_rectified
+from flexx2_sim_ros.messages.decoding import decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes.gating import RateMeter
 from flexx2_sim_ros.nodes.remapped import remapped
 from flexx2_sim_ros.nodes.subscriptions import matching
 from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.recording.bag_cameras import CameraTopics
+from flexx2_sim_ros.recording.bag_cameras import CameraTopics, INPUTS
 from flexx2_sim_ros.view.packing import ViewedFrame
 import numpy as np
 from rcl_interfaces.msg import ParameterType, ParameterValue
@@ -50,6 +52,7 @@ class ViewedCamera:
         self.shot: ViewedFrame | None = None
         self._node, self._show = node, show
         self._radial = False
+        self._rectified: bool | None = None  # None: the name of the topic says it
         # Kept while no page is open: a simulator may send it once.
         self._clean_info: CameraInfo | None = None
         self._listening: list[Any] = []
@@ -107,9 +110,10 @@ class ViewedCamera:
         if self.asked is None and self.client.services_are_ready():
             self.asked = self.client.get_parameters(['usecase', 'available_usecases'])
             self.asked.add_done_callback(self._on_modes)
-            # In its own request: the real driver does not have this parameter and would return no
-            # values.
-            self.client.get_parameters(['input_depth']).add_done_callback(self._on_input)
+            # In requests of their own: the real driver does not have these parameters and would
+            # return no values.
+            for name in INPUTS:
+                self.client.get_parameters([name]).add_done_callback(partial(self._on_input, name))
             self.client.list_parameters(['effect']).add_done_callback(self._on_listed)
 
     def _on_modes(self, future: Any) -> None:
@@ -119,9 +123,9 @@ class ViewedCamera:
                 self.usecase = usecase.string_value
                 self.usecases = list(usecases.string_array_value)
 
-    def _on_input(self, future: Any) -> None:
+    def _on_input(self, name: str, future: Any) -> None:
         for value in future.result().values:
-            self.take_input(value)
+            self.take_input(name, value)
 
     def _on_listed(self, future: Any) -> None:
         # Only effects that the node has: for a request with any other it returns no values.
@@ -145,9 +149,12 @@ class ViewedCamera:
         ):
             self.strengths[effect] = value.double_value
 
-    def take_input(self, value: ParameterValue) -> None:
-        """Set how clean depth is interpreted, from a value of the parameter ``input_depth``."""
-        self._radial = value.string_value == 'radial'
+    def take_input(self, name: str, value: ParameterValue) -> None:
+        """Set how clean depth is interpreted, from a value of a parameter of `INPUTS`."""
+        if name == 'input_depth':
+            self._radial = value.string_value == 'radial'
+        else:
+            self._rectified = {'raw': False, 'rectified': True}.get(value.string_value)
 
     def _on_info(self, message: CameraInfo) -> None:
         self._info = message
@@ -179,8 +186,10 @@ class ViewedCamera:
         try:
             if self._info is None:
                 raise InputError(f'{self.topics.info}: must come with the depth images, got none')
-            camera = decode_camera_info(self._info, self.topics.info)
             depth = decode_image(message, self.topics.depth, _ENCODINGS)
+            camera = decode_camera_info(
+                self._info, self.topics.info, depth.shape, is_rectified(self.topics.depth)
+            )
             if depth.shape != (camera.height, camera.width):
                 raise InputError(
                     f'{self.topics.info}: must have the height and width of the image, '
@@ -202,8 +211,11 @@ class ViewedCamera:
         # Clean depth at the camera's pixels, along its optical axis.
         if message is None or self._clean_info is None:
             return None
-        source = decode_camera_info(self._clean_info, self.topics.clean_info)
         image = decode_image(message, self.topics.clean, _ENCODINGS)
+        rectified = is_rectified(self.topics.clean) if self._rectified is None else self._rectified
+        source = decode_camera_info(
+            self._clean_info, self.topics.clean_info, image.shape, rectified
+        )
         if image.shape != (source.height, source.width):
             return None
         if source == camera and not self._radial:

@@ -7,7 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.nodes.runtime import Throttle
 from flexx2_sim_ros.nodes.viewed_camera import strength_of, ViewedCamera
-from flexx2_sim_ros.recording.bag_cameras import EVENTS, find_cameras
+from flexx2_sim_ros.recording.bag_cameras import EVENTS, find_cameras, INPUTS
 from flexx2_sim_ros.view.driving import Driving, Velocity
 from flexx2_sim_ros.view.packing import ViewedFrame
 from geometry_msgs.msg import Twist
@@ -171,8 +171,8 @@ class Viewer(Node):
                     camera.usecase = parameter.value.string_value
                     camera.rate.clear()
                     self._tell()
-                elif parameter.name == 'input_depth':
-                    camera.take_input(parameter.value)
+                elif parameter.name in INPUTS:
+                    camera.take_input(parameter.name, parameter.value)
                 else:
                     camera.take_strength(parameter.name, parameter.value)
 

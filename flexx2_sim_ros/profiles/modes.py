@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.config_file import read_config
-from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.errors import did_you_mean, InputError, shown
 from flexx2_sim_ros.formulas.surfaces import surface_factor
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -235,7 +235,10 @@ class Profile:
         for mode in self.modes:
             if isinstance(usecase, str) and mode.name.lower() == usecase.strip().lower():
                 return mode
-        raise InputError(f'usecase: must be one of {", ".join(self.names)}, got {shown(usecase)}')
+        hint = did_you_mean(usecase, self.names) if isinstance(usecase, str) else ''
+        raise InputError(
+            f'usecase: must be one of {", ".join(self.names)}, got {shown(usecase)}{hint}'
+        )
 
 
 @dataclass(frozen=True)

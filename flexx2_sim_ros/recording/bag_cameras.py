@@ -5,10 +5,12 @@ from dataclasses import dataclass, field
 from os.path import commonprefix
 import re
 
+from flexx2_sim_ros.messages.camera_info import image_sizes
 from flexx2_sim_ros.messages.compressed_depth import SUFFIX
 from flexx2_sim_ros.recording import bag_messages as messages
 
 EVENTS = '/parameter_events'
+INPUTS = 'input_depth', 'input_lens'  # parameters of a camera's node that say what it receives
 CARRIED = '/recording'
 DEPTH_ENCODINGS = ('32FC1', '64FC1', '16UC1')
 # Also 16UC1 by another name, where the topic's name says that it is depth: of RealSense Viewer.
@@ -101,12 +103,15 @@ class Sample:
         Of its header.
     encoding : str
         Of the pixels; empty for a camera info.
+    part : tuple of int or None
+        (height, width) of the images by binning and region of a camera info, if it has any.
 
     """
 
     size: tuple[int, int]
     frame_id: str
     encoding: str = ''
+    part: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -148,11 +153,11 @@ def sample(kind: str, data: bytes, where: str) -> Sample:
 
     """
     message = messages.decode_pixels(kind, data, where)
-    return Sample(
-        (int(message.height), int(message.width)),
-        str(message.header.frame_id),
-        '' if kind == messages.CAMERA_INFO else message.encoding,
-    )
+    frame = str(message.header.frame_id)
+    if kind == messages.CAMERA_INFO:
+        own, *part = image_sizes(message)
+        return Sample(own, frame, part=part[0] if part else None)
+    return Sample((int(message.height), int(message.width)), frame, message.encoding)
 
 
 def topics_of(name: str) -> CameraTopics:
@@ -224,7 +229,7 @@ def unknown_topics(topics: dict[str, str]) -> list[str]:
     return images + infos if images else []
 
 
-def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
+def survey(topics: dict[str, str], samples: Mapping[str, Sample], lens: bool = False) -> Survey:
     """
     Find the cameras among topics, by names or else by the content of messages.
 
@@ -238,6 +243,8 @@ def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
         Types by topic.
     samples : mapping of str to Sample
         Properties of the `unknown_topics`.
+    lens : bool
+        Whether the lens is known from elsewhere: depth images need no camera info.
 
     Returns
     -------
@@ -250,8 +257,13 @@ def survey(topics: dict[str, str], samples: Mapping[str, Sample]) -> Survey:
     depths = [topic for topic in unknown_topics(topics) if may_be_depth(topic, samples)]
     for topic in depths:
         info = info_of(topic, samples)
-        if info is not None and info not in taken and not _is_copy(topic, depths):
+        if _is_copy(topic, depths) or info in taken:
+            continue
+        if info is not None:
             groups.setdefault(info, []).append(topic)
+        elif lens:
+            camera = by_shape(topic, '', topics, samples)
+            cameras[camera.name] = camera
     for info, images in groups.items():
         if len(images) == 1:
             camera = by_shape(images[0], info, topics, samples)
@@ -276,7 +288,8 @@ def info_of(depth: str, samples: Mapping[str, Sample]) -> str | None:
         topic
         for topic, found in samples.items()
         if not found.encoding
-        and (found.size, found.frame_id) == (of_depth.size, of_depth.frame_id)
+        and of_depth.size in (found.size, found.part)
+        and found.frame_id == of_depth.frame_id
     ]
     return max(
         sorted(infos),

@@ -18,15 +18,23 @@ from flexx2_sim_ros.recording.bag_cameras import (
 from flexx2_sim_ros.recording.bag_files import Bag
 
 
-def survey_bag(bag: Bag, infrared: str | None = None, *clean: str) -> Survey:
-    """Return the cameras of a bag; the topics `infrared` and `clean` are not the depth of one."""
+def survey_bag(bag: Bag, infrared: str | None = None, *clean: str, lens: bool = False) -> Survey:
+    """
+    Return the cameras of a bag; the topics `infrared` and `clean` are not the depth of one.
+
+    With `lens`, depth images need no camera info.
+    """
     samples = {topic: one for topic, one in bag.samples.items() if topic not in (infrared, *clean)}
     topics = {topic: kind for topic, kind in bag.topics.items() if topic not in clean}
-    return survey(topics, samples)
+    return survey(topics, samples, lens)
 
 
 def choose_camera(
-    bag: Bag, camera: str | None, infrared: str | None = None, clean: str | None = None
+    bag: Bag,
+    camera: str | None,
+    infrared: str | None = None,
+    clean: str | None = None,
+    lens: bool = False,
 ) -> CameraTopics:
     """
     Return a camera of a bag.
@@ -41,6 +49,8 @@ def choose_camera(
         The topic of its infrared image, where the bag does not tell.
     clean : str, optional
         The topic of its clean depth images, if it is not ``clean/depth_image``.
+    lens : bool
+        Whether its lens is known: it needs no camera info.
 
     Raises
     ------
@@ -56,11 +66,11 @@ def choose_camera(
                 f'got {topic!r}'
             )
     if clean is None:
-        chosen = _choose(bag, camera, survey_bag(bag, infrared))
+        chosen = _choose(bag, camera, survey_bag(bag, infrared, lens=lens))
     else:
         seen = info_of(clean, bag.samples) if clean in bag.samples else None
         info = seen or clean.rpartition('/')[0] + '/camera_info'
-        chosen = _choose(bag, camera, survey_bag(bag, infrared, clean, info))
+        chosen = _choose(bag, camera, survey_bag(bag, infrared, clean, info, lens=lens))
         chosen = replace(chosen, inputs={chosen.clean: clean, chosen.clean_info: info})
     return chosen if infrared is None else replace(chosen, gray=infrared)
 
@@ -106,4 +116,7 @@ def _reasons(bag: Bag) -> Iterator[str]:
             yield f'{topic}: {found.encoding} under this name is no depth'
         else:
             size = f'{found.size[1]} x {found.size[0]}'
-            yield f'{topic}: no camera info has its size {size} and frame {found.frame_id!r}'
+            yield (
+                f'{topic}: no camera info has its size {size} and frame {found.frame_id!r} '
+                '(flexx2 convert --calibration FILE says the lens)'
+            )

@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, unquoted
-from flexx2_sim_ros.messages.decoding import decode_distortion, decode_image, image_pixels
+from flexx2_sim_ros.messages.camera_info import is_rectified
+from flexx2_sim_ros.messages.decoding import decode_image, image_pixels
 from flexx2_sim_ros.npz_arrays import decode_npy
-from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording import bag_messages as messages
-from flexx2_sim_ros.recording.bag_cameras import DEPTH_ENCODINGS, EVENTS
+from flexx2_sim_ros.recording.bag_cameras import DEPTH_ENCODINGS, EVENTS, INPUTS
 from flexx2_sim_ros.recording.bag_choice import choose_camera, survey_bag
 from flexx2_sim_ros.recording.bag_files import Bag
+from flexx2_sim_ros.recording.bag_lens import BagLens
+from flexx2_sim_ros.recording.calibration import Calibration
 from flexx2_sim_ros.recording.clean_view import looked_up, view_of
 from flexx2_sim_ros.recording.matching import ABSENT, match, Topic
 from flexx2_sim_ros.recording.reader import Content, Layout, ONE_EACH, RecordingReader, TIMES
@@ -48,13 +50,13 @@ class BagRecording(RecordingReader):
     ----------
     path : pathlib.Path
         A folder, or a ``.mcap`` or ``.db3`` file.
-    camera, profile, clean, infrared
+    camera, profile, clean, infrared, lens, rectified
         As for `open_recording`.
 
     Raises
     ------
     InputError
-        When there is no such bag or camera, or no camera info.
+        When there is no such bag or camera, or no lens.
 
     """
 
@@ -65,17 +67,20 @@ class BagRecording(RecordingReader):
         profile: Profile | None = None,
         clean: str | None = None,
         infrared: str | None = None,
+        lens: Calibration | None = None,
+        rectified: bool | None = None,
     ) -> None:
         """Read the bag once, keeping stamps but no images."""
         self._bag = Bag(path)
-        self._where = choose_camera(self._bag, camera, infrared, clean)
+        self._where = choose_camera(self._bag, camera, infrared, clean, lens is not None)
         self._infrared = infrared
+        self._given = lens, rectified
         self._found: dict[str, Topic] = {}
         self._carried: dict[str, np.ndarray | None] = {}
         self._stacks: dict[str, _Stack] = {}
         self._usecases: list[tuple[int, str, str, bool]] = []
         self._infos: list[tuple[int, Any]] = []
-        self._input_depths: dict[str, str] = {}  # by node
+        self._inputs: dict[str, dict[str, str]] = {name: {} for name in INPUTS}  # by node
         self._index()
         super().__init__(path, self._where.name, self._content(path), profile)
 
@@ -122,18 +127,14 @@ class BagRecording(RecordingReader):
         if self._where.node in ('', node):
             if 'usecase' in texts:
                 self._usecases.append((time, node, *texts['usecase']))
-            if 'input_depth' in texts:
-                self._input_depths[node], _ = texts['input_depth']
+            for name in texts.keys() & self._inputs.keys():
+                self._inputs[name][node], _ = texts[name]
 
     def _content(self, path: Path) -> Content:
         where = self._where
         if self._source not in self._found:
             raise InputError(
                 f'{path}: {self._source}: must have depth images, got no complete message'
-            )
-        if not self._infos:
-            raise InputError(
-                f'{path}: {where.info}: must have the camera matrix, got no complete message'
             )
         if self._carried.get('depth') is not None:
             raise InputError(
@@ -149,14 +150,18 @@ class BagRecording(RecordingReader):
         # A driver may send empty ones before it has read its calibration.
         self._infos = [one for one in self._infos if any(one[1].k)] or self._infos
         content = Content({}, {}, self._bag.notes, frames=len(self._found[self._source].stamps))
-        first = self._infos[0][1]
-        self._size = int(first.height), int(first.width)
+        first = self._infos[0][1] if self._infos else None
+        self._lens_of = BagLens(str(self._bag.path), where, first, *self._given)
         depth = partial(
             self._cloud_depth if self._source == where.cloud else self._depth, self._source
         )
         self._add_stack(content, 'depth', self._source, depth)
-        self._check_size(*content.layouts['depth'].shape)
+        size = content.layouts['depth'].shape
+        if self._source == where.depth:  # A cloud is read in the size of the lens.
+            self._lens_of.check_size(size)
         own = not self._carried
+        if own or self._given[0] is not None:
+            self._camera = self._lens_of.camera(size, content.notes)
         self._add_clean_stacks(content)
         if own or 'amplitude' in self._carried:
             self._add_stack(
@@ -166,16 +171,12 @@ class BagRecording(RecordingReader):
             self._add_own_arrays(content)
         else:
             self._add_carried_arrays(content)
+        if own or self._given[0] is not None:
+            content.arrays['K'] = self._camera.matrix
+            content.arrays.pop('distortion', None)
+            if any(self._camera.distortion):
+                content.arrays['distortion'] = np.array(self._camera.distortion)
         return content
-
-    def _check_size(self, height: int, width: int) -> None:
-        # The camera matrix of another size would give another camera. A cloud is read in the size
-        # of the camera info, and a size of 0 says nothing.
-        if self._source == self._where.depth and self._size != (height, width) and all(self._size):
-            raise InputError(
-                f'{self._bag.path}: {self._where.info}: size: must be that of {self._source}, '
-                f'{width} x {height}, got {self._size[1]} x {self._size[0]}'
-            )
 
     def _add_stack(self, content: Content, key: str, topic: str, decoder: Decoder) -> None:
         if topic not in self._found or self._carried.get(key) is not None:
@@ -212,8 +213,10 @@ class BagRecording(RecordingReader):
             label = f'{self._bag.path}: {where.clean_info}'
             data = self._found[where.clean_info].first
             source = messages.decode(messages.CAMERA_INFO, data, label)
-            radial = set(self._input_depths.values()) == {'radial'}
-            view = view_of(self._infos[0][1], source, radial)
+            radial = set(self._inputs['input_depth'].values()) == {'radial'}
+            lens = set(self._inputs['input_lens'].values()) - {'auto'}
+            rectified = lens == {'rectified'} if lens else is_rectified(where.clean)
+            view = view_of(self._camera, source, radial, rectified)
         if view is not None:
             clean = looked_up(clean, view, depth=True)
             reflectivity = looked_up(reflectivity, view, depth=False)
@@ -229,15 +232,13 @@ class BagRecording(RecordingReader):
             )
 
     def _add_own_arrays(self, content: Content) -> None:
-        first = self._infos[0][1]
-        content.arrays['K'] = np.array(first.k, np.float64).reshape(3, 3)
         stamps = np.array(self._found[self._source].stamps, np.int64)
         content.arrays['stamp'] = stamps / 1e9
         if (np.rint(content.arrays['stamp'] * 1e9).astype(np.int64) != stamps).any():
             content.arrays['stamp_ns'] = stamps
         content.arrays['received'] = np.array(self._found[self._source].times, np.int64) / 1e9
-        for time, info in self._infos[1:]:
-            frame = self._frame(time)
+        for time, info in self._infos[1:] if self._given[0] is None else ():
+            frame, first = self._frame(time), self._infos[0][1]
             if self._before_the_end(frame) and not np.array_equal(info.k, first.k):
                 content.changes.append(
                     f'{self._bag.path}: K: changes at frame {frame} from {first.k.tolist()} to '
@@ -247,15 +248,14 @@ class BagRecording(RecordingReader):
         self._add_usecases(content)
         content.notes.extend(content.changes)
         content.arrays['camera'] = np.array(self._where.name)
-        content.arrays['frame_id'] = np.array(str(first.header.frame_id))
-        name = f'{self._bag.path}: {self._where.info}'
-        distortion = decode_distortion(first.distortion_model, first.d, name)
-        try:  # Some drivers leave the size out.
-            Intrinsics.from_matrix(first.k, first.width or 1, first.height or 1, distortion)
-        except InputError as error:
-            raise InputError(f'{name}: {error}') from error
-        if any(distortion):
-            content.arrays['distortion'] = np.array(distortion)
+        content.arrays['frame_id'] = np.array(self._frame_id())
+
+    def _frame_id(self) -> str:
+        if self._infos:
+            return str(self._infos[0][1].header.frame_id)
+        topic = self._source
+        first, label = self._found[topic].first, f'{self._bag.path}: {topic}'
+        return str(messages.decode(self._bag.topics[topic], first, label).header.frame_id)
 
     def _add_usecases(self, content: Content) -> None:
         nodes = sorted({node for _, node, _, _ in self._usecases})
@@ -363,9 +363,12 @@ class BagRecording(RecordingReader):
             )
         # The real driver exchanges width and height of the cloud, but not its points. The camera
         # info is right.
-        height, width = self._size
+        count = cloud.width * cloud.height
+        sizes = self._lens_of.sizes or [(0, 0)]
+        height, width = next((one for one in sizes if one[0] * one[1] == count), sizes[0])
         if (
-            cloud.width * cloud.height != height * width
+            count != height * width
+            or not count
             or len(cloud.data) != height * width * cloud.point_step
         ):
             raise InputError(

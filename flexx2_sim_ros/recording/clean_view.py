@@ -4,30 +4,37 @@ from collections.abc import Callable
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.messages.decoding import decode_camera_info
+from flexx2_sim_ros.messages.camera_info import decode_camera_info
 from flexx2_sim_ros.physics.geometry import Reprojection
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 
 
-def view_of(info: Any, clean_info: Any, radial: bool = False) -> Reprojection | None:
+def view_of(
+    camera: Intrinsics, clean_info: Any, radial: bool = False, rectified: bool = False
+) -> Reprojection | None:
     """
     Return how the recorded camera looks through the clean images of a simulator.
 
     Parameters
     ----------
-    info, clean_info : message
-        The ``sensor_msgs/CameraInfo`` of the recorded and of the clean images.
+    camera : Intrinsics
+        The recorded camera.
+    clean_info : message
+        The ``sensor_msgs/CameraInfo`` of the clean images.
     radial : bool
         Whether the clean images hold distances along the ray instead of along the axis.
+    rectified : bool
+        Whether the clean images are rectified.
 
     Returns
     -------
     Reprojection or None
-        None where both have the same pixels, or where one of the messages describes no camera.
+        None where both have the same pixels, or where the message describes no camera.
 
     """
     try:
-        camera, source = decode_camera_info(info), decode_camera_info(clean_info)
+        source = decode_camera_info(clean_info, rectified=rectified)
     except InputError:
         return None
     if camera == source and not radial:

@@ -8,7 +8,9 @@ from pathlib import Path
 
 from flexx2_sim_ros.atomic import check_distinct
 from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_writer import check_bag_name, SUFFIXES, write_bag
+from flexx2_sim_ros.recording.calibration import WAY_OUT
 from flexx2_sim_ros.recording.given import complete, Given
 from flexx2_sim_ros.recording.images import has_images, ImageRecording, mask_beside
 from flexx2_sim_ros.recording.npz import RecordingWriter
@@ -69,10 +71,16 @@ def convert(
     if target.suffix not in ('.npz', *SUFFIXES):
         check_bag_name(target, 'an .npz, .mcap or .db3 file, or ')
     images = has_images(source)
-    cameras = [] if images else recording_cameras(source, given.infrared)
+    lens = None if images else given.lens
+    cameras = [] if images else recording_cameras(source, given.infrared, lens is not None)
     if camera is not None and target.suffix == '.npz' and (images or source.suffix == '.npz'):
         raise InputError(
             f'--camera: must be left out where neither A nor B is a bag, got {shown(camera)}'
+        )
+    if camera is None and lens is not None and len(cameras) > 1:
+        raise InputError(
+            f'{given.of_lens[0]}: must come with --camera for a bag with several cameras '
+            f'({", ".join(cameras)}), got none'
         )
     if camera is None and given.clean is None and len(cameras) > 1 and target.suffix == '.npz':
         paths = _path_by_camera(target, cameras)
@@ -83,6 +91,7 @@ def convert(
         ]
     progress(f'reading {source.name}', 0.0)
     reader = complete(*_open(source, camera, given, images))
+    _check_lens(reader)
     written = partial(progress, f'writing {target.name}')
     if target.suffix == '.npz':
         write_npz(reader, target, written)
@@ -108,14 +117,28 @@ def _open(
             given, mask=given.mask or mask_beside(source)
         )
     if source.suffix == '.npz':
-        if given.of_files:
+        if given.of_files or given.of_lens:
             return tidy(OtherArchive(source, given), given.unit is None), given
         return open_recording(source), given
     if given.of_files:
         raise InputError(
             f'{given.of_files[0]}: must be left out for a bag, whose messages say it, got some'
         )
-    return open_recording(source, camera, clean=given.clean, infrared=given.infrared), given
+    return open_recording(
+        source,
+        camera,
+        clean=given.clean,
+        infrared=given.infrared,
+        lens=given.lens,
+        rectified=given.rectified,
+    ), given
+
+
+def _check_lens(reader: RecordingReader) -> None:
+    try:
+        Intrinsics.from_matrix(reader.K, *reader.shape[:0:-1], reader.distortion)
+    except InputError as error:
+        raise InputError(f'{reader.path}: {error}; {WAY_OUT}') from error
 
 
 def _path_by_camera(target: Path, cameras: list[str]) -> dict[str, Path]:

@@ -1,14 +1,18 @@
 """What a user says of a recording, where its file does not."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
-from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.errors import did_you_mean, InputError, shown, shown_path
 from flexx2_sim_ros.messages.decoding import NO_DEPTH
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.png import read_mask_png
+from flexx2_sim_ros.profiles.files import find_profile, shipped
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.modes import Profile
+from flexx2_sim_ros.recording.calibration import Calibration, calibration_of, read_calibration
 from flexx2_sim_ros.recording.reader import ASSUMED, Content, RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
@@ -30,7 +34,7 @@ class Given:
     rate_hz : float or None
         Frames a second, for files without stamps.
     calibration : pathlib.Path or None
-        A YAML file of camera_calibration, for images and ``.npz`` files of other programs.
+        A file with the lens; see `read_calibration`.
     unit : float or None
         Metres of a count of depth, for images and ``.npz`` files of other programs.
     keys : mapping of str to str
@@ -43,6 +47,13 @@ class Given:
         The topic of the infrared image in a bag, where the bag does not tell.
     radial : bool
         Whether depth is measured along the ray of each pixel instead of along the optical axis.
+    intrinsics : tuple of float or None
+        fx, fy, cx, cy, pixels, instead of a calibration file.
+    rectified : bool or None
+        Whether depth is rectified: it has the projection matrix of the calibration or camera info,
+        and no distortion. None: the name of a bag's topic says it.
+    profile : Profile or None
+        The camera: it has the mode. None: the mode may be that of any camera.
 
     """
 
@@ -56,12 +67,34 @@ class Given:
     clean: str | None = None
     infrared: str | None = None
     radial: bool = False
+    intrinsics: tuple[float, ...] | None = None
+    rectified: bool | None = None
+    profile: Profile | None = None
 
     @property
     def of_files(self) -> list[str]:
         """Return the options that only images and ``.npz`` files of other programs have."""
-        values = {'--calibration': self.calibration, '--unit': self.unit, '--key': self.keys}
+        values = {'--unit': self.unit, '--key': self.keys}
         return [name for name, value in values.items() if value]
+
+    @property
+    def of_lens(self) -> list[str]:
+        """Return the options that say the lens."""
+        values = {
+            '--calibration': self.calibration,
+            '--intrinsics': self.intrinsics,
+            '--rectified': self.rectified,
+        }
+        return [name for name, value in values.items() if value is not None]
+
+    @cached_property
+    def lens(self) -> Calibration | None:
+        """Return the lens, or None if it is not given; raise `InputError` as its file does."""
+        if self.intrinsics is None:
+            return None if self.calibration is None else read_calibration(self.calibration)
+        if self.calibration is not None:
+            raise InputError('--intrinsics: must be left out with --calibration, got both')
+        return calibration_of(self.intrinsics)
 
 
 def in_metres(depth: np.ndarray, unit: float | None = None) -> np.ndarray:
@@ -104,6 +137,10 @@ class CompletedRecording(RecordingReader):
         Arrays of the recording format that are not stacks.
     radial : bool
         Whether `source` has depth along the ray.
+    profile : Profile, optional
+        The camera, instead of that of `source`.
+    notes : sequence of str
+        Further notes.
 
     Raises
     ------
@@ -113,7 +150,12 @@ class CompletedRecording(RecordingReader):
     """
 
     def __init__(
-        self, source: RecordingReader, arrays: Mapping[str, np.ndarray], radial: bool = False
+        self,
+        source: RecordingReader,
+        arrays: Mapping[str, np.ndarray],
+        radial: bool = False,
+        profile: Profile | None = None,
+        notes: Sequence[str] = (),
     ) -> None:
         """Check them."""
         self._source = source
@@ -121,11 +163,11 @@ class CompletedRecording(RecordingReader):
         content = Content(
             source.layouts,
             {**source.arrays, **arrays},
-            [note for note in source.notes if ASSUMED not in note],
+            [*(note for note in source.notes if ASSUMED not in note), *notes],
             source.changes,
             len(source.stamp),
         )
-        super().__init__(source.path, source.camera, content, source.profile)
+        super().__init__(source.path, source.camera, content, profile or source.profile)
 
     def frames(self, key: str) -> Iterator[np.ndarray]:
         """Iterate over the images of a stack; see `RecordingReader.frames`."""
@@ -146,18 +188,24 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
     reader : RecordingReader
         The file.
     given : Given
-        Its mode, mask, rate, whether the ground truth is partial and depth along the ray are used.
+        Its mode, profile, mask, rate, whether the ground truth is partial and depth along the ray
+        are used.
 
     Raises
     ------
     InputError
-        When the mask cannot be read or has another size, the file has stamps and a rate is given,
-        or its ground truth is partial and it has none.
+        When the profile lacks the mode, the mask cannot be read or has another size, the file has
+        stamps and a rate is given, or its ground truth is partial and it has none.
 
     """
     arrays: dict[str, np.ndarray] = {}
-    if given.usecase is not None:
+    notes: list[str] = []
+    usecase = given.usecase or reader.usecase
+    if given.profile is not None and usecase is not None:
+        arrays['usecase'] = np.array(given.profile.mode(usecase).name)
+    elif given.usecase is not None:
         arrays['usecase'] = np.array(given.usecase)
+        notes += _unknown_mode(given.usecase)
     if given.mask is not None:
         arrays['known'] = _read_mask(given.mask, reader.shape[1:])
     if given.partial_truth:
@@ -173,7 +221,19 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
             )
         arrays['stamp'] = np.arange(len(reader.stamp)) / given.rate_hz
     radial = given.radial
-    return CompletedRecording(reader, arrays, radial) if arrays or radial else reader
+    if not (arrays or radial):
+        return reader
+    return CompletedRecording(reader, arrays, radial, given.profile, notes)
+
+
+def _unknown_mode(usecase: str) -> list[str]:
+    modes = [name for profile in shipped() for name in find_profile(profile).names]
+    if usecase.strip().lower() in (name.lower() for name in modes):
+        return []
+    return [
+        f'usecase: {shown(usecase)} is a mode of no shipped profile'
+        f'{did_you_mean(usecase, modes)} (--profile checks it against that of your camera)'
+    ]
 
 
 def _where_known(reader: RecordingReader) -> np.ndarray:

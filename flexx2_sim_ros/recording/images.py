@@ -63,8 +63,10 @@ class ImageRecording(RecordingReader):
                 f'{shown_path(path)}: must be a PNG image or a folder of them, got none'
             )
         size = _common_size(files, (16,))
-        camera = read_calibration(given.calibration or _only_yaml(root)).intrinsics(size)
-        content = Content({}, {'K': camera.matrix}, frames=len(files))
+        lens = given.lens or read_calibration(_only_yaml(root))
+        notes: list[str] = []
+        camera = lens.intrinsics(size, bool(given.rectified), notes)
+        content = Content({}, {'K': camera.matrix}, notes, frames=len(files))
         if any(camera.distortion):
             content.arrays['distortion'] = np.array(camera.distortion)
         if stamps is not None:
@@ -206,6 +208,6 @@ def _only_yaml(folder: Path) -> Path:
         names = shown(', '.join(file.name for file in found)) if found else 'none'
         raise InputError(
             f'--calibration: must be a YAML file of camera_calibration, or the only one in '
-            f'{shown_path(folder)}, got {names}'
+            f'{shown_path(folder)}, got {names} (--intrinsics says the lens in numbers)'
         )
     return found[0]

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.modes import Profile
+from flexx2_sim_ros.recording.calibration import Calibration
 from flexx2_sim_ros.recording.npz_recording import NpzRecording
 from flexx2_sim_ros.recording.reader import Recording, RecordingReader
 from flexx2_sim_ros.recording.tidying import tidy
@@ -15,6 +16,8 @@ def open_recording(
     profile: Profile | None = None,
     clean: str | None = None,
     infrared: str | None = None,
+    lens: Calibration | None = None,
+    rectified: bool | None = None,
 ) -> RecordingReader:
     """
     Open a recording without reading all its frames.
@@ -37,6 +40,11 @@ def open_recording(
         The topic of a bag's clean depth images, if it is not ``clean/depth_image``.
     infrared : str, optional
         The topic of the camera's infrared image in a bag, where the bag does not tell.
+    lens : Calibration, optional
+        The lens of a bag's camera, instead of that of its camera info.
+    rectified : bool, optional
+        Whether the depth images of a bag are rectified; left out, those of a topic ``image_rect``
+        are.
 
     Returns
     -------
@@ -55,7 +63,7 @@ def open_recording(
         # Bags need the library rosbags, .npz files do not.
         from flexx2_sim_ros.recording.bags import BagRecording
 
-        return tidy(BagRecording(path, camera, profile, clean, infrared))
+        return tidy(BagRecording(path, camera, profile, clean, infrared, lens, rectified))
     except OSError as error:
         raise InputError(f'{path}: cannot be read: {error.strerror or error}') from error
 
@@ -84,11 +92,17 @@ def load_recording(path: str | Path, camera: str | None = None) -> Recording:
     return open_recording(path, camera).load()
 
 
-def recording_cameras(path: str | Path, infrared: str | None = None) -> list[str]:
-    """Return the names of a bag's cameras; an empty list for an ``.npz``, which has one."""
+def recording_cameras(
+    path: str | Path, infrared: str | None = None, lens: bool = False
+) -> list[str]:
+    """
+    Return the names of a bag's cameras; an empty list for an ``.npz``, which has one.
+
+    With `lens`, depth images need no camera info.
+    """
     if Path(path).suffix == '.npz':
         return []
     from flexx2_sim_ros.recording.bag_choice import survey_bag
     from flexx2_sim_ros.recording.bag_files import Bag
 
-    return list(survey_bag(Bag(path), infrared).cameras)
+    return list(survey_bag(Bag(path), infrared, lens=lens).cameras)

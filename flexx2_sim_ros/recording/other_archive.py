@@ -5,7 +5,6 @@ from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.npz_arrays import open_npz
-from flexx2_sim_ros.recording.calibration import read_calibration
 from flexx2_sim_ros.recording.given import Given, in_metres
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
@@ -45,8 +44,14 @@ class OtherArchive(RecordingReader):
             }
             arrays = {key: archive.read(name) for key, name in {**names, **given.keys}.items()}
         depth = _metres(path, arrays, given.unit)
-        if given.calibration is not None:
-            camera = read_calibration(given.calibration).intrinsics(depth.shape[1:])
+        lens = given.lens
+        notes: list[str] = []
+        if given.rectified is not None and lens is None:
+            raise InputError(
+                '--rectified: must come with --calibration for an .npz file, got none'
+            )
+        if lens is not None:
+            camera = lens.intrinsics(depth.shape[1:], bool(given.rectified), notes)
             arrays |= {'K': camera.matrix, 'distortion': np.array(camera.distortion)}
         self._stacks = {'depth': depth}
         for key in STACKS:
@@ -55,7 +60,7 @@ class OtherArchive(RecordingReader):
         layouts = {
             key: Layout(stack.dtype, stack.shape[1:]) for key, stack in self._stacks.items()
         }
-        super().__init__(path, None, Content(layouts, arrays, frames=len(depth)))
+        super().__init__(path, None, Content(layouts, arrays, notes, frames=len(depth)))
         for key, stack in self._stacks.items():
             if stack.shape != self.shape:
                 raise InputError(

@@ -141,7 +141,9 @@ def register(job: Job) -> Registered:
     room = load_room(job.room)
     begin = time.perf_counter()
     reader = open_recording(job.path, job.camera, job.profile)
-    source = None if job.told is None else camera_trajectory(job.told, job.path)
+    source = (
+        None if job.told is None else camera_trajectory(job.told, job.path, reader.camera or '')
+    )
     motion = job.motion
     if motion == 'auto' and _told_to_move(job, reader.stamp_ns, source):
         motion = 'moving'

@@ -5,24 +5,22 @@ import csv
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.config_file import is_regular_file
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.recording import bag_messages
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.folders import BAG_FILES, is_bag
+from flexx2_sim_ros.truth.transforms import FARTHEST, listed, pose_of, stamp_of, transforms_between
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 ODOMETRY = 'nav_msgs/msg/Odometry'
 POSE = 'geometry_msgs/msg/PoseStamped'
-TF = 'tf2_msgs/msg/TFMessage'
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _COLUMNS = 't', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
 _TIMES = 't', 'time', 'stamp', 'timestamp'
 _LONGEST_GAP = 500_000_000  # longest time between two poses for interpolation, nanoseconds
-_LARGEST = 200.0  # metres from the origin; larger values are millimetres
 _MOST_BYTES = 1 << 30
 
 
@@ -157,7 +155,7 @@ class CameraTrajectory:
         )
 
 
-def camera_trajectory(source: PoseSource, path: Path) -> CameraTrajectory:
+def camera_trajectory(source: PoseSource, path: Path, camera: str = '') -> CameraTrajectory:
     """
     Read the rough poses of the camera during a recording.
 
@@ -167,6 +165,8 @@ def camera_trajectory(source: PoseSource, path: Path) -> CameraTrajectory:
         The source of the poses.
     path : pathlib.Path
         The recording.
+    camera : str
+        The name of its camera: of several robots' TF, that of the camera's namespace is used.
 
     Returns
     -------
@@ -178,7 +178,7 @@ def camera_trajectory(source: PoseSource, path: Path) -> CameraTrajectory:
         When the poses cannot be read.
 
     """
-    return CameraTrajectory(path, tuple(_chain(source, path)), source.camera_in_body)
+    return CameraTrajectory(path, tuple(_chain(source, path, camera)), source.camera_in_body)
 
 
 def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
@@ -191,7 +191,7 @@ def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
     return out
 
 
-def _chain(source: PoseSource, path: Path) -> list[Trajectory]:
+def _chain(source: PoseSource, path: Path, camera: str) -> list[Trajectory]:
     if source.file is not None:
         return [read_trajectory(source.file)]
     if not (is_bag(path) or path.suffix in BAG_FILES):
@@ -199,7 +199,7 @@ def _chain(source: PoseSource, path: Path) -> list[Trajectory]:
         raise InputError(f'{option}: must be given with bags only, got {shown_path(path)}')
     if source.topic:
         return [_of_topic(path, source.topic)]
-    return _of_frames(path, source.frames[0], source.frames[1])
+    return _of_frames(path, source.frames, camera)
 
 
 @lru_cache(maxsize=2)  # A worker process places many recordings along the same trajectory.
@@ -282,14 +282,14 @@ def _checked(
         raise InputError(f'{name}: must have poses at two times or more, got {len(stamp)}')
     poses = poses[good][first]
     turned = np.abs(poses[:, 3:]).max(axis=1)
-    if not ((turned > 1e-6) & (turned < _LARGEST)).all():
+    if not ((turned > 1e-6) & (turned < FARTHEST)).all():
         raise InputError(
             f'{name}: must have quaternions qx, qy, qz, qw, got zeros or huge numbers'
         )
     far = float(np.abs(poses[:, :3]).max())
-    if far > _LARGEST:
+    if far > FARTHEST:
         raise InputError(
-            f'{name}: x, y, z: must be metres, at most {_LARGEST:g} from the origin, got {far:.4g}'
+            f'{name}: x, y, z: must be metres, at most {FARTHEST:g} from the origin, got {far:.4g}'
         )
     return Trajectory(name, stamp, poses, fixed)
 
@@ -301,55 +301,20 @@ def _of_topic(path: Path, topic: str) -> Trajectory:
         known = [one for one, of in bag.topics.items() if of in (ODOMETRY, POSE)]
         raise InputError(
             f'--odometry: must be a topic of odometry or poses with stamps in '
-            f'{shown_path(path)}, one of {_listed(known)}, got {shown(topic)}'
+            f'{shown_path(path)}, one of {listed(known)}, got {shown(topic)}'
         )
     stamps, poses = [], []
     for _, _, _, data in bag.messages({topic}):
         message = bag_messages.decode(kind, data, f'{shown_path(path)}: {topic}')
-        stamps.append(_stamp(message))
+        stamps.append(stamp_of(message))
         pose = message.pose.pose if kind == ODOMETRY else message.pose
-        poses.append(_seven(pose.position, pose.orientation))
+        poses.append(pose_of(pose.position, pose.orientation))
     return _checked(f'{shown_path(path)}: {topic}', stamps, np.array(poses))
 
 
-def _of_frames(path: Path, parent: str, child: str) -> list[Trajectory]:
-    # The transforms from the parent to the child, each with its own poses.
-    bag = Bag(path)
-    topics = {topic for topic, kind in bag.topics.items() if kind == TF}
-    parents: dict[str, str] = {}
-    found: dict[str, list[tuple[int, list[float]]]] = {}
-    fixed = set()
-    for topic, _, _, data in bag.messages(topics):
-        for one in bag_messages.decode(TF, data, f'{shown_path(path)}: {topic}').transforms:
-            name = one.child_frame_id.lstrip('/')
-            parents[name] = one.header.frame_id.lstrip('/')
-            place = one.transform
-            pose = _seven(place.translation, place.rotation)
-            found.setdefault(name, []).append((_stamp(one), pose))
-            if topic.endswith('tf_static'):
-                fixed.add(name)
-    chain: list[Trajectory] = []
-    name = child
-    while name != parent and name in parents and len(chain) <= len(parents):
-        stamps, poses = zip(*found[name], strict=True)
-        label = f'{shown_path(path)}: tf of {shown(name)}'
-        chain.append(_checked(label, stamps, np.array(poses), name in fixed))
-        name = parents[name]
-    if name != parent or not chain:
-        raise InputError(
-            f'--tf: must be two frames of {shown_path(path)}, the second under the first, got '
-            f'{shown(parent)},{shown(child)}; it has {_listed([*parents, *parents.values()])}'
-        )
-    return chain[::-1]
-
-
-def _listed(names: Sequence[str]) -> str:
-    return shown(', '.join(sorted(set(names)))) if names else 'none'
-
-
-def _stamp(message: Any) -> int:
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
-
-
-def _seven(place: Any, turn: Any) -> list[float]:
-    return [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
+def _of_frames(path: Path, frames: tuple[str, ...], camera: str) -> list[Trajectory]:
+    name = shown_path(path)
+    return [
+        _checked(f'{name}: tf of {shown(link.child)}', link.stamps, link.poses, link.fixed)
+        for link in transforms_between(Bag(path), frames[0], frames[1], camera)
+    ]

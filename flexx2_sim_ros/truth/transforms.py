@@ -1,0 +1,196 @@
+"""Transforms between two frames in the TF of a bag, of one robot only."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.recording import bag_messages
+from flexx2_sim_ros.recording.bag_files import Bag
+import numpy as np
+
+TF = 'tf2_msgs/msg/TFMessage'
+_STATIC = 'tf_static'
+_FASTEST = 10.0  # metres a second: faster than any robot with a depth camera
+_SHORTEST_JUMP = 0.1  # metres: corrections of odometry are smaller, mostly
+_MOST_JUMPS = 0.05  # of the steps: corrections are rare, poses of two robots take turns
+FARTHEST = 200.0  # metres from the origin; larger values are millimetres
+_SAME = 1e-6  # metres and quaternion: rounding
+
+
+@dataclass
+class Link:
+    """
+    The transforms of one frame.
+
+    Attributes
+    ----------
+    child, parent : str
+        The frames.
+    stamps : list of int
+        Nanoseconds.
+    rows : list of list of float
+        x, y, z, qx, qy, qz, qw of the child in its parent, one for each stamp.
+    fixed : bool
+        Whether it was on ``tf_static``.
+
+    """
+
+    child: str
+    parent: str
+    stamps: list[int] = field(default_factory=list)
+    rows: list[list[float]] = field(default_factory=list)
+    fixed: bool = False
+
+    @property
+    def poses(self) -> np.ndarray:
+        """Return (N, 7)."""
+        return np.array(self.rows)
+
+
+_Tree = dict[str, dict[str, Link]]  # by child, then by parent
+
+
+def transforms_between(bag: Bag, parent: str, child: str, camera: str = '') -> list[Link]:
+    """
+    Return the transforms from a frame to one under it.
+
+    Frames of topics in different namespaces (``/robot1/tf``, ``/robot2/tf``) may have the same
+    names and are never mixed.
+
+    Parameters
+    ----------
+    bag : Bag
+        The bag.
+    parent, child : str
+        The frames.
+    camera : str
+        Name of the recorded camera. Where several namespaces have these frames, that of the camera
+        is used.
+
+    Raises
+    ------
+    InputError
+        When there are none, or they are of several robots.
+
+    """
+    trees, name = _read(bag), shown_path(bag.path)
+    links = _of_camera(trees, parent, child, camera)
+    if links is None:
+        spaces = {space: _chain_from(trees, space, parent, child) for space in trees}
+        found = {space: chain for space, chain in spaces.items() if chain}
+        if len(found) > 1:
+            raise InputError(
+                f'--tf: must be frames of one robot, got {shown(parent)},{shown(child)}, which '
+                f'{listed([f"{one}/tf" for one in found])} of {name} have each, and the camera '
+                f'{shown(camera)} is in none of these namespaces'
+            )
+        links = next(iter(found.values()), [])
+    if not links:
+        frames = {
+            one for tree in trees.values() for links in tree.values() for one in _ends(links)
+        }
+        raise InputError(
+            f'--tf: must be two frames of {name}, the second under the first, got '
+            f'{shown(parent)},{shown(child)}; it has {listed(frames)}'
+        )
+    for link in links:
+        _check(link, name)
+    return links
+
+
+def _of_camera(
+    trees: Mapping[str, _Tree], parent: str, child: str, camera: str
+) -> list[Link] | None:
+    # In the namespaces around the camera, the nearest first; None if none of them has the child.
+    around = [space for space in trees if f'/{camera}/'.startswith(f'{space}/')]
+    for space in sorted(around, key=len, reverse=True):
+        links = _chain_from(trees, space, parent, child)
+        if links or child in trees[space]:
+            return links
+    return None
+
+
+def _chain_from(trees: Mapping[str, _Tree], space: str, parent: str, child: str) -> list[Link]:
+    # In one namespace, or also in those around it, if no frame is in two of them.
+    links = _chain(trees[space], parent, child)
+    if links:
+        return links
+    parts = [tree for other, tree in trees.items() if f'{space}/'.startswith(f'{other}/')]
+    frames = [frame for tree in parts for frame in tree]
+    if len(frames) > len(set(frames)):
+        return []
+    return _chain({k: v for tree in parts for k, v in tree.items()}, parent, child)
+
+
+def _read(bag: Bag) -> dict[str, _Tree]:
+    # By the namespace of the topic.
+    trees: dict[str, _Tree] = {}
+    topics = {topic for topic, kind in bag.topics.items() if kind == TF}
+    for topic, _, _, data in bag.messages(topics):
+        space, _, last = topic.rpartition('/')
+        tree = trees.setdefault(space, {})
+        for one in bag_messages.decode(TF, data, f'{shown_path(bag.path)}: {topic}').transforms:
+            child, parent = one.child_frame_id.lstrip('/'), one.header.frame_id.lstrip('/')
+            link = tree.setdefault(child, {}).setdefault(parent, Link(child, parent))
+            link.stamps.append(stamp_of(one))
+            link.rows.append(pose_of(one.transform.translation, one.transform.rotation))
+            link.fixed |= last == _STATIC
+    return trees
+
+
+def _chain(tree: Mapping[str, Mapping[str, Link]], parent: str, child: str) -> list[Link]:
+    # The links from the parent to the child; none if there are none.
+    links: list[Link] = []
+    name = child
+    while name != parent and name in tree and len(links) <= len(tree):
+        above = tree[name]
+        if len(above) > 1:
+            raise InputError(
+                f'--tf: {shown(name)}: must have one parent, got {listed(above)}: transforms of '
+                'two robots with the same frames?'
+            )
+        links.append(next(iter(above.values())))
+        name = links[-1].parent
+    return links[::-1] if name == parent else []
+
+
+def _check(link: Link, name: str) -> None:
+    # Transforms of two robots on one topic: the frame is in two places at once.
+    order = np.argsort(link.stamps, kind='stable')
+    poses, stamps = link.poses[order], np.array(link.stamps, np.int64)[order]
+    good = np.isfinite(poses).all(axis=1)
+    poses, stamps = poses[good], stamps[good]
+    if (np.abs(poses[:, :3]) > FARTHEST).any():
+        return  # millimetres, which are refused elsewhere
+    if link.fixed:
+        two = len(poses) > 1 and bool((np.ptp(poses, axis=0) > _SAME).any())
+    else:
+        steps = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+        fast = steps > _FASTEST * np.diff(stamps) / 1e9
+        two = bool((fast & (steps > _SHORTEST_JUMP)).sum() > _MOST_JUMPS * len(steps))
+    if two:
+        raise InputError(
+            f'{name}: tf of {shown(link.child)}: must be at one place at a time, got poses that '
+            f'{"differ" if link.fixed else "jump to and fro"}: those of two robots with the same '
+            'frames?'
+        )
+
+
+def _ends(links: Mapping[str, Link]) -> set[str]:
+    return {name for link in links.values() for name in (link.child, link.parent)}
+
+
+def listed(names: Collection[str]) -> str:
+    """Return names as words, each once."""
+    return shown(', '.join(sorted(set(names)))) if names else 'none'
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp of a message with a header, nanoseconds."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def pose_of(place: Any, turn: Any) -> list[float]:
+    """Return x, y, z, qx, qy, qz, qw."""
+    return [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
