@@ -232,6 +232,17 @@ LENSES = {
         'height: 16\nwidth: 20\nk: [422.0, 0.0, 9.5, 0.0, 426.0, 7.5, 0.0, 0.0, 1.0]\n'
         'binning_x: 2\nbinning_y: 2\n'
     ),
+    'text of Windows': '\ufeff211 0 4.5\r\n0 213 3.5\r\n0 0 1\r\n',
+    **{
+        f'OpenCV, {name}': f'K: [211, 0, 4.5, 0, 213, 3.5, 0, 0, 1]\n{name}: [0.1, 0, 0, 0, 0]\n'
+        for name in (
+            'Distortion_Coefficients',
+            'distCoeffs',
+            'dist_coeffs',
+            'dist_coeff',
+            'distortion',
+        )
+    },
     'text': '# fx 0 cx\n211 0 4.5\n0 213 3.5\n0 0 1\n',
     'four numbers': '211 213 4.5 3.5',
     'text of 4 x 4': '211 0 4.5 0\n0 213 3.5 0\n0 0 1 0\n0 0 0 1\n',
@@ -312,6 +323,8 @@ def test_the_calibration_of_an_azure_kinect_is_that_of_the_mode(
         ('1 2 3\n4 5 6\n7 8 9\n', 'K: must be [[fx, 0, cx]'),
         ('1 2 3\n', 'must be a YAML mapping'),
         ('K: [[1, 0], [nan, 1e999]]', 'K: must have data, a list of nine numbers'),
+        (LENSES['rows'].replace('D', 'distortion_params'), "'distortion_params': must be called"),
+        (LENSES['perception'].replace('}', ', "_skew": 3.0}'), 'K: must be [[fx, 0, cx]'),
         ('K: ' + '[' * 5000, 'at most 30 levels'),
     ],
 )

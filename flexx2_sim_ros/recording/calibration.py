@@ -135,7 +135,15 @@ def read_calibration(path: Path) -> Calibration:
 
 # By the programs above: camera_calibration, OpenCV, camera info, Open3D, librealsense, Kalibr.
 _WITHIN = 'intrinsic', 'intrinsics', 'depth', 'depth_intrinsics', 'cam0'
-_MATRICES = 'camera_matrix', 'cameraMatrix', 'k', 'K', 'intrinsic_matrix', 'intrinsics'
+_MATRICES = (
+    'camera_matrix',
+    'cameraMatrix',
+    'Camera_Matrix',
+    'k',
+    'K',
+    'intrinsic_matrix',
+    'intrinsics',
+)
 _DISTORTIONS = (
     'distortion_coefficients',
     'distortionCoefficients',
@@ -143,9 +151,15 @@ _DISTORTIONS = (
     'D',
     'coeffs',
     'distortion_coeffs',
+    'Distortion_Coefficients',
+    'distCoeffs',
+    'dist_coeffs',
+    'dist_coeff',
+    'distortion',
 )
 _PROJECTIONS = 'projection_matrix', 'p', 'P'
 _PINHOLES = ('fx', 'fy', 'cx', 'cy'), ('fx', 'fy', 'ppx', 'ppy'), ('_fx', '_fy', '_cx', '_cy')
+_SKEWS = '_skew', 'skew'
 _SIZES = ('image_height', 'image_width'), ('height', 'width'), ('_height', '_width')
 _REGION = 'x_offset', 'y_offset', 'height', 'width'
 _NO_LENS = ('', 'none', 'pinhole')
@@ -165,7 +179,7 @@ def _pinhole(fx: float, fy: float, cx: float, cy: float) -> list[float]:
 
 def _as_yaml(text: str) -> str:
     # OpenCV has a first line and tags of its own, and topics end each message with a line.
-    text = re.sub(r'\A\s*%YAML[^\n]*\n', '', text).replace('!!opencv-matrix', '')
+    text = re.sub(r'\A\ufeff?(\s*%YAML[^\n]*\n)?', '', text).replace('!!opencv-matrix', '')
     text = re.split(r'^---\s*$', re.sub(r'\A\s*---\s*\n', '', text), maxsplit=1, flags=re.M)[0]
     lines = (line for line in text.splitlines() if not line.lstrip().startswith('#'))
     words = [word for word in _NUMBERS.split('\n'.join(lines)) if word]
@@ -197,7 +211,9 @@ def _matrix(content: dict[str, Any], name: str) -> list[float]:
     for names in _PINHOLES:
         found = [_number(content.get(one)) for one in names]
         if None not in found:
-            return _pinhole(*(float(one) for one in found if one is not None))
+            matrix = _pinhole(*(float(one) for one in found if one is not None))
+            matrix[1] = _number(content.get(_first(content, _SKEWS))) or 0.0  # else refused
+            return matrix
     key = _first(content, _MATRICES) or 'camera_matrix'
     matrix = _numbers(content, name, key, (4, 9) if key == 'intrinsics' else (9,))
     if len(matrix) == 4:  # Kalibr
@@ -209,7 +225,18 @@ def _matrix(content: dict[str, Any], name: str) -> list[float]:
 
 def _distortion(content: dict[str, Any], name: str) -> list[float]:
     key = _first(content, _DISTORTIONS)
+    # A lens must not be lost for the name of its coefficients.
+    other = next((one for one in content if _is_distortion(one, content[one])), '')
+    if other and not key:
+        raise InputError(
+            f'{name}: {shown(other)}: must be called {_DISTORTIONS[0]} to be read as distortion'
+        )
     return _numbers(content, name, key, range(15)) if key else []
+
+
+def _is_distortion(key: Any, value: Any) -> bool:
+    word = str(key).lower().replace('_', '')
+    return word.startswith(('distor', 'distcoef')) and isinstance(value, list | dict)
 
 
 def _model(content: dict[str, Any], name: str, distortion: Sequence[float]) -> str:
@@ -269,7 +296,7 @@ def _numbers(content: dict[str, Any], name: str, key: str, lengths: Any) -> list
     numbers = [number for number in map(_number, values) if number is not None]
     whole = isinstance(data, list) and len(numbers) == len(values)
     if not whole or len(numbers) not in lengths:
-        wanted = 'numbers' if key in _DISTORTIONS else 'nine numbers'
+        wanted = 'nine numbers' if lengths == (9,) else 'numbers'
         raise InputError(
             f'{name}: {key}: must have data, a list of {wanted}, as camera_calibration writes it, '
             f'got {"none" if found is None else shown(data)}'
