@@ -32,7 +32,7 @@ ARGUMENTS = {
 
 def generate_launch_description() -> LaunchDescription:
     """Start RViz on request, go1_cameras, and a flexx2_camera for each of its cameras."""
-    # First: where it is not installed, nothing else has been started.
+    # Before the others: where it is not installed, nothing else has been started.
     rviz = Node(
         package='rviz2',
         executable='rviz2',
@@ -52,7 +52,8 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, (default, text) in ARGUMENTS.items()
     ]
-    return LaunchDescription([*arguments, rviz, robot, OpaqueFunction(function=_cameras)])
+    check, cameras = (OpaqueFunction(function=function) for function in (_check, _cameras))
+    return LaunchDescription([*arguments, check, rviz, robot, cameras])
 
 
 def _values(names: tuple[str, ...]) -> dict[str, ParameterValue]:
@@ -60,6 +61,15 @@ def _values(names: tuple[str, ...]) -> dict[str, ParameterValue]:
         name: ParameterValue(LaunchConfiguration(name), value_type=KINDS.get(name, str))
         for name in names
     }
+
+
+def _check(context: LaunchContext) -> None:
+    # An exception ends the launch, but not the nodes that it has started: hence before all.
+    load_robot(LaunchConfiguration('robot').perform(context))
+    for name in ('go1_cameras', 'flexx2_camera'):
+        executable(name)
+    for value in _values((*ROBOT, *CAMERA)).values():
+        value.evaluate(context)
 
 
 def _cameras(context: LaunchContext) -> list[Node]:
