@@ -2,6 +2,7 @@
 
 from html.parser import HTMLParser
 from pathlib import Path
+import re
 import subprocess
 import sys
 from urllib.parse import unquote, urlsplit
@@ -69,3 +70,14 @@ def test_the_reference_documents_the_public_functions(site: Path) -> None:
     assert 'flexx2_sim_ros.camera.camera.Camera.capture' in camera
     diagnosis = Links(site / 'api' / 'flexx2_sim_ros.gap.html').places
     assert 'flexx2_sim_ros.gap.diagnosis.diagnose' in diagnosis
+
+
+def test_measurements_that_pages_name_exist() -> None:
+    pages = [*ROOT.glob('*.md'), *(ROOT / 'docs').glob('*.md'), *(ROOT / 'config').rglob('*.yaml')]
+    named = {
+        (page.name, name)
+        for page in pages
+        for name in re.findall(r'python\s+-m\s+bench\.(\w+)', page.read_text(encoding='utf-8'))
+    }
+    assert named
+    assert not {pair for pair in named if not (ROOT / 'bench' / f'{pair[1]}.py').is_file()}
