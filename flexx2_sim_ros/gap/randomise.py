@@ -30,8 +30,8 @@ _UNDECIDED = 0.5  # probability that a camera has an effect that the diagnosis c
 _TWICE = 2.0  # times the typical value
 _SAME = 1e-9
 # Relative error that all recordings share and a jackknife cannot show, such as that of sigma_z.
-# python -m bench.gap_randomise --recordings 5 --frames 8 --seeds 1400,...,1413: without it, 14 of
-# 23 truths are within 90 % of the draws.
+# python -m bench.gap_randomise of aac5156 --recordings 5 --frames 8 --seeds 1400,...,1413:
+# without it, 14 of 23 truths are within 90 % of the draws.
 _SHARED = 0.1
 _WIDE = 2 * 1.645  # standard deviations from the 5 % to the 95 % quantile of a normal distribution
 

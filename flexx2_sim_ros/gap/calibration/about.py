@@ -17,7 +17,9 @@ from types import MappingProxyType
 from typing import TypeVar
 
 T = TypeVar('T')
-DEVELOPMENT = 'python -m bench.gap_development --seeds <below 100>; by hand, tables not kept'
+DEVELOPMENT = (
+    'python -m bench.gap_development of aac5156 --seeds <below 100>; by hand, tables not kept'
+)
 FIRST_RELEASE = (
     'raised from 4.5 after flexx2 gap benchmark --seed-set test --release of commit e3bc15f, '
     'new test seeds were drawn after that'

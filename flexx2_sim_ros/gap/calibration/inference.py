@@ -121,14 +121,14 @@ class Thresholds:
         0.1,
         '',
         'effects that, simulated, make the gap larger by more than this are not named',
-        'python -m bench.gap_larger: no effect of such a campaign was a true one',
+        'python -m bench.gap_larger of aac5156: no effect of such a campaign was a true one',
     )
     varies: float = constant(
         0.1,
         '',
         'an effect whose form varies less in the recordings acts like a constant',
-        'python -m bench.gap_flat: 0.157 or more of the cause itself, 0.057 or less of an '
-        'amplitude_bias in the place of an offset',
+        'python -m bench.gap_flat of aac5156: 0.157 or more of the cause itself, 0.057 or less of '
+        'an amplitude_bias in the place of an offset',
     )
     likely: float = constant(0.5, '', 'a less probable effect explains a gap partly', DEFINITION)
     alternative: float = constant(
@@ -189,20 +189,21 @@ class Where:
         'factor',
         'on the energy of a difference along a covariate, for the first row: finer covariates '
         'must do better, and a recording is named only if nothing else comes near',
-        'python -m bench.gap_where --seeds 21,22; by hand',
+        'python -m bench.gap_where of aac5156 --seeds 21,22; by hand',
     )
     unexpected: float = constant(
         0.2,
         'factor',
         'on the energy along covariates that no named effect depends on by its formula',
-        'python -m bench.gap_where --seeds 21,22,23; by hand: 0 names the same, 0.5 has 8 misses',
+        'python -m bench.gap_where of aac5156 --seeds 21,22,23; by hand: 0 names the same, '
+        '0.5 has 8 misses',
     )
     tells: float = constant(
         0.1,
         'fraction of the entropy',
         'of what effects change at a pixel, that a covariate takes away; below, they act '
         'everywhere alike',
-        'python -m bench.gap_localisation; by hand: 0.02 to 0.15 name the same',
+        'python -m bench.gap_localisation of aac5156; by hand: 0.02 to 0.15 name the same',
     )
     least_entropy: float = constant(
         0.1, 'nats', 'added to an entropy that is divided by: what is rare says little'
@@ -212,7 +213,8 @@ class Where:
         'fraction of the energy',
         'of a difference along a covariate of the named effects, above that of its mean: then '
         'it is not the same everywhere',
-        'python -m bench.gap_where --seeds 21,22,23: 64 of 66 right; other values were not tried',
+        'python -m bench.gap_where of aac5156 --seeds 21,22,23: 64 of 66 right; other values were '
+        'not tried',
     )
     stretch: float = constant(
         0.5, 'largest difference', 'bins beside it with this much are in the same row'

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.calibration.about import constant, DEFINITION
 
-BENCH = 'python -m bench.gap_internals --seeds 700, and --plain; by hand'
+BENCH = 'python -m bench.gap_internals of aac5156 --seeds 700, and --plain; by hand'
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Search:
         0.02,
         'fraction',
         'of the loss of moving recordings that a latency takes off',
-        'python -m bench.gap_latency: 0 without an effect, 0.063 or more at 25 ms',
+        'python -m bench.gap_latency of aac5156: 0 without an effect, 0.063 or more at 25 ms',
     )
     least_loss: float = constant(1e-9, '', 'of frames at their stamps, for a latency')
     most_alike: float = constant(0.9, '', 'weight of the frame before, in the lag of a filter')
