@@ -13,7 +13,7 @@ import trimesh
 
 SUFFIXES = ('.ply', '.obj', '.glb', '.stl')
 SCENE_SUFFIXES = ('.xml', '.mjcf', '.urdf')
-# A triangle takes up to 4 us and 0.3 kB (python -m bench.truth --meshes).
+# A triangle takes up to 4 us and 0.3 kB (bench/truth.py of aac5156).
 MOST_TRIANGLES = 5_000_000
 _MOST_BYTES = 4 << 30
 # Metres. A ToF camera sees about 10 m; a scan in millimetres is 1000 times as large.

@@ -24,7 +24,7 @@ _SCAN_PIXELS = 1500
 # A wave is accepted if it explains this many times as much as noise (two coefficients, 90 periods
 # tried: by chance once in a million), and leaving out recordings changes it less than this share.
 _LEAST_GAIN, _STABLE = 40.0, 0.5
-# Limits of refusals; python -m bench.truth shows which errors remain.
+# Limits of refusals; bench/truth.py of aac5156 shows which errors remain.
 MOST_BIAS = 0.08  # metres: calibrated cameras are off by less than 50 mm
 MOST_DEVIATION = 0.002  # metres, of the bias
 MOST_CONDITION = 300.0
