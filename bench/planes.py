@@ -1,20 +1,10 @@
-"""
-What planes that people measured tell of an offset: ``python -m bench.planes``.
-
-Five views of a simulated corner of 112 x 86 pixels. Each line: the camera's offset, what was
-measured of the planes, and the diagnosis with all effects: its verdict, the effects that it names
-with their parameters, and what it cannot decide.
-"""
+"""Five views of a simulated corner of 112 x 86 pixels, and what people measured of its planes."""
 
 from pathlib import Path
-import tempfile
 from typing import Any
 
-from bench.board import named
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.gap import diagnose
-from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
 import numpy as np
 from scipy.spatial.transform import Rotation
 import yaml
@@ -36,13 +26,6 @@ VIEWS = (
 )
 NAMES = 'left', 'right', 'floor'
 LASER, TAPE = 0.001, 0.003  # metres
-CASES: tuple[tuple[float, str, dict[str, Any]], ...] = (
-    (0.0, 'laser, right angles', {'taped': LASER}),
-    (0.008, 'laser, right angles', {'taped': LASER}),
-    (0.008, 'laser, right angles, flat to 0.5 mm', {'taped': LASER, 'flat': 0.0005}),
-    (0.008, 'tape, right angles', {'taped': TAPE}),
-    (0.008, 'right angles', {'taped': None}),
-)
 
 
 def corner(turn: float, tilt: float, roll: float) -> np.ndarray:
@@ -128,29 +111,3 @@ def describe(
     content = {'schema': 1, 'planes': planes, 'recordings': recordings, **changes}
     path.write_text(yaml.safe_dump(content))
     return path
-
-
-def main() -> None:
-    """Print the table."""
-    print('| offset | measured | verdict | named | not decidable |\n|---|---|---|---|---|')
-    for offset, measured, given in CASES:
-        with tempfile.TemporaryDirectory() as text:
-            folder = Path(text)
-            record(folder / 'in', offset)
-            planes = describe(folder / 'planes.yaml', **given)
-            make_plane_truth(
-                PlaneRequest(recordings=(folder / 'in',), planes=planes, out=folder / 'out')
-            )
-            found = diagnose(folder / 'out')
-        cells = [
-            f'{offset * 1e3:g} mm',
-            measured,
-            found['verdict'],
-            ', '.join(map(named, found['effects'])),
-            ', '.join(row['name'] for row in found['not_decidable']),
-        ]
-        print(f'| {" | ".join(cells)} |', flush=True)
-
-
-if __name__ == '__main__':
-    main()

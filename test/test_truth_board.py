@@ -4,7 +4,6 @@ from pathlib import Path
 import re
 from typing import Any
 
-from bench.printed_board import Board, gray_of, HEIGHT, K, WIDTH
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import open_recording
@@ -12,6 +11,7 @@ from flexx2_sim_ros.recording.truth import read_truth
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.target import draw_pdf, read_target, SHEETS, Target, target_of
 import numpy as np
+from printed_board import Board, gray_of, HEIGHT, K, WIDTH
 import pytest
 import yaml
 
