@@ -1,62 +1,43 @@
 """
-Print all measurements, or the named ones: ``python -m bench [NAME ...]``.
+Print all measurements, or the named ones: ``python -m bench [--short] [NAME ...]``.
 
-The measurements of `_LONG` run only when they are named; ``torture`` means all of them.
+``--short`` runs them for a moment, to see that they work. The measurements of `_LONG` run only
+when they are named; ``torture`` means all of them. These have options of their own:
+``python -m bench.versions``, ``.absorbed``, ``.calibrate_decisions``, ``.benchmark_answers`` and
+``.benchmark_cases``.
 """
 
+from importlib import import_module
 import sys
+from typing import Any
 
-from bench import (
-    agreement,
-    arrival,
-    bags,
-    batch,
-    characterize,
-    closed_loop,
-    effects,
-    exposure,
-    gap,
-    go1,
-    model,
-    nodes,
-    rendering,
-    soak,
-    start,
-    torture_files,
-    torture_kill,
-    torture_node,
-    view,
-)
-
-_ALL = {
-    'model': model.run,
-    'effects': effects.run,
-    'exposure': exposure.run,
-    'batch': batch.run,
-    'agreement': agreement.run,
-    'closed_loop': closed_loop.run,
-    'characterize': characterize.run,
-    'gap': gap.run,
-    'rendering': rendering.run,
-    'nodes': nodes.run,
-    'start': start.run,
-    'input': arrival.run,
-    'go1': go1.run,
-    'view': view.run,
-    'bags': bags.run,
+# The modules, and what the short form passes to their function `run`.
+_ALL: dict[str, dict[str, Any]] = {
+    'model': {'rounds': 2},
+    'effects': {'rounds': 2},
+    'exposure': {},
+    'batch': {'rounds': 1},
+    'agreement': {'repeats': 1},
+    'gap': {'sizes': ((3, 3),)},
+    'rendering': {'rounds': 2},
+    'nodes': {'seconds': 1},
+    'start': {'starts': 1},
+    'bags': {'frames': 4, 'rounds': 1},
 }
 # These take two hours together.
-_LONG = {
-    'torture_node': torture_node.run,
-    'torture_files': torture_files.run,
-    'torture_kill': torture_kill.run,
-    'soak': soak.run,
+_LONG: dict[str, dict[str, Any]] = {
+    'torture_node': {'messages': 300},
+    'torture_files': {'files': 5},
+    'torture_kill': {'kills': 1},
+    'soak': {'minutes': 0.1},
 }
 
 
 def main() -> int:
     """Run the named measurements."""
-    names = sys.argv[1:] or list(_ALL)
+    words = sys.argv[1:]
+    short = '--short' in words
+    names = [word for word in words if word != '--short'] or list(_ALL)
     if 'torture' in names:
         names = [*(name for name in names if name != 'torture'), *_LONG]
     known = {**_ALL, **_LONG}
@@ -69,7 +50,7 @@ def main() -> int:
         return 2
     for name in names:
         print(f'\n== {name}', flush=True)
-        known[name]()
+        import_module(f'bench.{name}').run(**(known[name] if short else {}))
     return 0
 
 

@@ -15,7 +15,7 @@ _ROUNDING = 1e-6  # metres; float32 at a few metres
 _DECISION = 5e-4  # metres; beyond it an edge moved or a value was rounded the other way
 
 
-def run() -> None:
+def run(repeats: int = 12) -> None:
     """Print the largest differences, and how many pixels differ by more than rounding."""
     wp.config.log_level = wp.LOG_WARNING
     names = list(registry())
@@ -23,7 +23,7 @@ def run() -> None:
         f'{"effects":20s}   pixels   largest difference (mm)   beyond {_ROUNDING * 1e3:g} mm   '
         f'beyond {_DECISION * 1e3:g} mm or validity differs'
     )
-    _print('none', flexx2().names, {}, 12)
+    _print('none', flexx2().names, {}, repeats)
     for name in names:
         _print(name, _EFFECT_MODES, {name: None}, 1)
     _print('all', _EFFECT_MODES, dict.fromkeys(names), 1)

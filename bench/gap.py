@@ -1,5 +1,6 @@
 """Time and memory of a diagnosis, by the number of recordings and frames."""
 
+from collections.abc import Sequence
 from pathlib import Path
 import tempfile
 import time
@@ -8,15 +9,16 @@ from bench.gap_campaigns import write_campaign
 from bench.timing import peak_megabytes
 from flexx2_sim_ros.gap import diagnose
 
-_RECORDINGS, _FRAMES = 8, 20  # the usual campaign, 224 x 172
-_SIZES = ((4, 20), (8, 10), (8, 20), (8, 40), (16, 20))
+# Recordings and frames, 224 x 172; first those of the usual campaign.
+_SIZES = ((8, 20), (4, 20), (8, 10), (8, 40), (16, 20))
 
 
-def run() -> None:
+def run(sizes: Sequence[tuple[int, int]] = _SIZES) -> None:
     """Print time and memory."""
+    usual = sizes[0]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for recordings, frames in _SIZES:
+        for recordings, frames in sizes:
             write_campaign(
                 folder / f'{recordings}x{frames}',
                 seed=7,
@@ -25,22 +27,22 @@ def run() -> None:
                 moving=recordings * 3 // 8,
                 effects={'wiggling': {}},
             )
-        usual = folder / f'{_RECORDINGS}x{_FRAMES}'
-        diagnose(usual)  # compiles
+        first = folder / f'{usual[0]}x{usual[1]}'
+        diagnose(first)  # compiles
         cost = {}
-        for recordings, frames in _SIZES:
+        for recordings, frames in sizes:
             start = time.process_time()
             diagnose(folder / f'{recordings}x{frames}')
             cost[recordings, frames] = time.process_time() - start
-        unit = cost[_RECORDINGS, _FRAMES]
+        unit = cost[usual]
         print(
-            f'{_RECORDINGS} recordings of {_FRAMES} frames: {unit:.1f} s of a core; others in '
+            f'{usual[0]} recordings of {usual[1]} frames: {unit:.1f} s of a core; others in '
             'units of that'
         )
         for (recordings, frames), seconds in cost.items():
             print(f'  {recordings:2d} recordings of {frames} frames: {seconds / unit:.2f}')
         start = time.perf_counter()
-        diagnose(usual, jobs=2)
+        diagnose(first, jobs=2)
         print(
             f'two processes: {time.perf_counter() - start:.1f} s (wanted: 30 s); largest '
             f'resident memory of one: {peak_megabytes():.0f} MB (wanted: 2,000 MB)'

@@ -1,22 +1,9 @@
-"""
-Diagnoses of the same rooms with exact ground truth, with a part of it, and with planes only.
+"""Kinds of ground truth in place of the exact one of a simulated campaign: see `TRUTHS`."""
 
-Each campaign is diagnosed with its exact clean depth, with about 30 % of it unknown (at all edges
-and in patches), with planes that a tape measure and a set square constrain, with planes fitted to
-the recorded frames themselves, and with the latter as if they were exact.
-
-python -m bench.gap_truth --effects none,offset,multipath,amplitude_bias --seeds 101
-"""
-
-import argparse
 from collections.abc import Callable
 from pathlib import Path
-import tempfile
-from typing import Any
 
-from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.validation.blind.partial_truth import known_part
 import numpy as np
@@ -57,6 +44,9 @@ def exact(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
     return content
 
 
+# `masked`: edges and some patches are unknown, about 30 %. `constrained`: planes that a tape
+# measure and a set square constrain. `fitted`: planes fitted to the recorded frames, given as
+# loose, or as exact.
 TRUTHS: dict[str, Callable[[dict[str, np.ndarray], int], dict[str, np.ndarray]]] = {
     'exact': exact,
     'masked': hide,
@@ -157,47 +147,3 @@ def rewrite(folder: Path, truth: str, seed: int = 0) -> None:
         with np.load(path) as archive:
             content = dict(archive)
         np.savez(path, **TRUTHS[truth](content, 1000 * seed + i))
-
-
-def verdict(table: dict[str, Any]) -> str:
-    """Return the answer of a diagnosis in one line."""
-    found = [f'{row["name"]} {row["share"]:.2f}' for row in table['effects']]
-    ties = [row['name'] for row in table['alternatives']]
-    open_ = [row['name'] for row in table.get('not_decidable', [])]
-    return (
-        f'{table["verdict"]:14s} {", ".join(found):40s} or {", ".join(ties)[:50]:50s} '
-        f'open: {", ".join(open_)}'
-    )
-
-
-def main() -> None:
-    """Print a line for each effect, ground truth and seed."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--effects', default='none,offset,multipath,amplitude_bias')
-    parser.add_argument('--truths', default=','.join(TRUTHS))
-    parser.add_argument('--seeds', default='101')
-    parser.add_argument('--scale', type=float, default=0.5, help='of 224 x 172')
-    parser.add_argument('--recordings', type=int, default=6)
-    parser.add_argument('--frames', type=int, default=8)
-    parser.add_argument('--jobs', type=int, default=1)
-    arguments = parser.parse_args()
-    for seed in map(int, arguments.seeds.split(',')):
-        for name in arguments.effects.split(','):
-            for truth in arguments.truths.split(','):
-                with tempfile.TemporaryDirectory() as folder:
-                    write_campaign(
-                        Path(folder),
-                        seed=seed,
-                        scale=arguments.scale,
-                        recordings=arguments.recordings,
-                        frames=arguments.frames,
-                        moving=0,
-                        effects=None if name == 'none' else {name: {}},
-                    )
-                    rewrite(Path(folder), truth, seed)
-                    table = diagnose(folder, jobs=arguments.jobs)
-                print(f'{seed:4d} {name:16s} {truth:16s} {verdict(table)}', flush=True)
-
-
-if __name__ == '__main__':
-    main()

@@ -11,10 +11,9 @@ import numpy as np
 
 _CAMERAS = ('left', 'right')
 _RATE = 60
-_SECONDS = 20
 
 
-def run() -> None:
+def run(seconds: int = 20) -> None:
     """Print how many frames arrived, and how fast."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
     processes = {
@@ -35,7 +34,7 @@ def run() -> None:
         for name in _CAMERAS
     }
     try:
-        _measure(processes)
+        _measure(processes, seconds)
     finally:
         for process in processes.values():
             process.send_signal(signal.SIGTERM)
@@ -43,7 +42,7 @@ def run() -> None:
             process.wait(10)
 
 
-def _measure(processes: dict[str, subprocess.Popen[bytes]]) -> None:
+def _measure(processes: dict[str, subprocess.Popen[bytes]], seconds: int) -> None:
     # ROS is imported where it is needed: other measurements run without it.
     from bench.node_traffic import Traffic
     import rclpy
@@ -54,18 +53,18 @@ def _measure(processes: dict[str, subprocess.Popen[bytes]]) -> None:
         traffic.wait_for_nodes()
         before = {name: cpu_seconds(process.pid) for name, process in processes.items()}
         own, start = time.process_time(), time.perf_counter()
-        traffic.feed(_RATE * _SECONDS)
+        traffic.feed(_RATE * seconds)
         elapsed = time.perf_counter() - start
         own = time.process_time() - own
         print(
-            f'two cameras at Mode_5_60fps, fed at {_RATE} Hz each for {_SECONDS} s, '
+            f'two cameras at Mode_5_60fps, fed at {_RATE} Hz each for {seconds} s, '
             f'{len(os.sched_getaffinity(0))} cores'
         )
         for name, process in processes.items():
             gaps = int((np.diff(traffic.stamps[name]) > 1.5e9 / _RATE).sum())
             cpu = (cpu_seconds(process.pid) - before[name]) / elapsed
             print(
-                f'{name:6s} {len(traffic.stamps[name])} of {_RATE * _SECONDS} frames, '
+                f'{name:6s} {len(traffic.stamps[name])} of {_RATE * seconds} frames, '
                 f'{gaps} gaps, {cpu:.1%} of a core, '
                 f'peak memory {resident_megabytes(process.pid):.0f} MB'
             )

@@ -10,14 +10,13 @@ from typing import Any
 from bench.nodes import cpu_seconds
 from bench.plain_publisher import wall
 
-_STARTS = 5
 _PERIOD = 1 / 30
 _PATIENCE = 120.0
 _WANTED = 3.0
 
 
-def run() -> None:
-    """Print the time of each of five starts; a start before them fills the cache."""
+def run(starts: int = 5) -> None:
+    """Print the time of each start; a start before them fills the cache."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
     import rclpy
     from sensor_msgs.msg import CameraInfo, Image
@@ -55,8 +54,7 @@ def run() -> None:
             process.wait(_PATIENCE)
 
     start()
-    starts = [start() for _ in range(_STARTS)]
-    seconds, computing = zip(*starts, strict=True)
+    seconds, computing = zip(*(start() for _ in range(starts)), strict=True)
     print(
         f'first image after {", ".join(f"{value:.2f}" for value in seconds)} s, median '
         f'{statistics.median(seconds):.2f} s (wanted: {_WANTED:g} s); the node computed for '

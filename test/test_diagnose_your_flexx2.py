@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 
-from bench.stand_in import DRIVER
 from flexx2_sim_ros.cli.commands import make_parser
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.validation.blind.meshes import write_mesh
@@ -16,6 +15,7 @@ from flexx2_sim_ros.validation.blind.scanned import ScannedCamera
 import numpy as np
 from programs import first_line
 import pytest
+from stand_in import DRIVER
 
 pytestmark = pytest.mark.usefixtures('ros')
 
@@ -31,7 +31,7 @@ def lines(language: str) -> list[str]:
 
 COMMANDS = lines('bash')
 # Views of a folder that are recorded over topics, by the name of the bag; the other views are
-# written as bags that are equal (`python -m bench.gap_end_to_end` compares the two).
+# written as bags.
 PLACES = {'recordings/corner': range(4), 'fresh/window': range(4, 6)}
 
 
@@ -54,7 +54,7 @@ def record(words: list[str], views: Path, env: dict[str, str]) -> None:
     """Run the command while the stand-in publishes one view; write the other bags."""
     first, *others = PLACES[words[1]]
     env = env | {'COLUMNS': '200'}  # so that no topic's name is folded
-    stand_in = [sys.executable, '-m', 'bench.stand_in', str(views / f'{first}.npz')]
+    stand_in = [sys.executable, str(ROOT / 'test' / 'stand_in.py'), str(views / f'{first}.npz')]
     with subprocess.Popen(stand_in, env=env) as driver:
         flexx2 = [sys.executable, '-m', 'flexx2_sim_ros.cli.main']
         try:

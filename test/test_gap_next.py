@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 import json
+import math
 from pathlib import Path
 import shutil
 from typing import Any
 
-from bench.gap_next import as_room
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
@@ -15,11 +15,14 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.planning.information import entropy, information
 from flexx2_sim_ros.gap.planning.next_recording import suggest
-from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
+from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, PlannedRecording, read_plan
 from flexx2_sim_ros.gap.planning.possible import usual_kinds
-from flexx2_sim_ros.gap.planning.scenes import render
+from flexx2_sim_ros.gap.planning.scenes import Panel, render
 from flexx2_sim_ros.gap.planning.truths import Kind, KINDS, write_recording
 from flexx2_sim_ros.validation.blind import SceneKey, SceneSet
+from flexx2_sim_ros.validation.blind.rooms import Path as Way
+from flexx2_sim_ros.validation.blind.rooms import Scene as Room
+from flexx2_sim_ros.validation.blind.shapes import BOX, pack, Shape
 import numpy as np
 import pytest
 
@@ -37,6 +40,7 @@ recordings:
      walls: [[2.0, -40, 0.8]], cards: [[0.8, 0, 0.15, 0.5, 0.5]]}
 """
 ALONE = ['--jobs', '1']
+THICK = 0.05  # metres, half the thickness of a panel
 LENS = {'intrinsics_error': {'strength': 2.0}}
 
 
@@ -244,6 +248,26 @@ def test_what_cannot_be_used_is_said_and_nothing_written(
         assert main(['gap', 'next', str(diagnosis), str(place), *ALONE, *words]) == 2
         assert says in capsys.readouterr().err.replace('\n', ' ')
     assert sorted(one.name for one in diagnosis.iterdir()) == files
+
+
+def as_room(planned: PlannedRecording) -> Room:
+    """Return a set-up as the blind camera's scene: panels of some thickness."""
+    way = Way((0.0, 0.0, 0.0), yaw_rate=math.radians(planned.scene.turn_rate))
+    return Room(planned.name, pack([_solid(panel) for panel in planned.scene.panels]), way)
+
+
+def _solid(panel: Panel) -> Shape:
+    across, along = np.array(panel.across), np.array(panel.along)
+    normal = np.cross(across, along)
+    normal *= np.sign(normal @ panel.centre) / np.linalg.norm(normal)
+    centre = np.array(panel.centre) + THICK * normal
+    return Shape(
+        BOX,
+        (float(centre[0]), float(centre[1]), float(centre[2])),
+        (float(np.linalg.norm(across)), float(np.linalg.norm(along)), THICK),
+        yaw=-math.atan2(across[2], across[0]),
+        light=panel.reflectivity,
+    )
 
 
 def test_the_blind_camera_sees_the_set_ups_of_the_plan() -> None:

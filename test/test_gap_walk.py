@@ -4,7 +4,6 @@ from dataclasses import replace
 import json
 from pathlib import Path
 
-from bench.gap_walk import HiddenCamera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.paths import config_dir
@@ -109,11 +108,11 @@ def test_a_foot_is_judged_by_what_it_touches() -> None:
     assert landed(block(0.1, 0.0), -0.017, 0.0) == 'wrong height'
 
 
-def test_images_show_the_terrain_and_the_hidden_camera_sees_the_same() -> None:
+def test_images_show_the_terrain() -> None:
     seen = {}
 
     def look(views: Views) -> np.ndarray:
-        seen['views'], seen['hidden'] = views, HiddenCamera({}, 1500)(views)
+        seen['views'] = views
         return views.depth
 
     walk(Point('rubble', 0.12, 3, 2), {'look': look}, **SMALL)
@@ -131,10 +130,6 @@ def test_images_show_the_terrain_and_the_hidden_camera_sees_the_same() -> None:
         # Points on the sides of blocks are below their tops.
         assert (near[:, 2] < ground + 1e-4).mean() > 0.98
         assert (np.abs(near[:, 2] - ground) < 1e-4).mean() > 0.8
-        error = seen['hidden'][index] - views.depth[index]
-        close = views.depth[index] < 1
-        assert np.isfinite(error[close]).mean() > 0.99
-        assert np.median(np.abs(error[close])) < 0.005
 
 
 def test_intervals_shrink_with_more_walks() -> None:

@@ -1,9 +1,9 @@
 """Rough poses for ground truth from a scan: motion capture, odometry and TF, with errors."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bench.gap_end_to_end import sway, trajectory
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
@@ -14,7 +14,8 @@ from flexx2_sim_ros.truth.trajectory import (
     PoseSource,
     read_trajectory,
 )
-from flexx2_sim_ros.validation.blind.meshes import write_mesh
+from flexx2_sim_ros.validation.blind.meshes import mesh_pose, write_mesh
+from flexx2_sim_ros.validation.blind.rooms import Path as Walk
 from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 from made_bags import Entry, header, image, info, make, SECOND, usecase, write
 import numpy as np
@@ -298,6 +299,36 @@ def test_a_recording_outside_the_trajectory_is_refused_and_the_others_go_on(
 
 
 SHIFT = 0.037  # seconds that the clock of motion capture is behind
+
+
+class Swaying(Walk):
+    """A walk on which the camera turns to and fro without a period."""
+
+    def pose(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pose at a time in seconds."""
+        turn = 0.1 * np.sin(7 * time) + 0.06 * np.sin(17 * time + 1) + 0.05 * np.sin(11.3 * time)
+        pose = Pose(*super().pose(time)).moved(np.array([0, 0, 0, 0.3 * turn, turn, 0]))
+        return pose.R, pose.t
+
+
+def sway(camera: ScannedCamera) -> None:
+    """Let the camera sway on its walks."""
+    scenes = camera.camera.scenes
+    scenes.scenes = tuple(
+        replace(scene, path=Swaying(**vars(scene.path))) for scene in scenes.scenes
+    )
+
+
+def trajectory(path: Path, camera: ScannedCamera, seed: int, behind: float) -> None:
+    """Write poses at 100 Hz that are all wrong in the same way, by a clock that is behind."""
+    lines, scenes = [], camera.camera.scenes
+    for scene, start in zip(scenes.scenes, camera.camera.stamps, strict=True):
+        for moment in np.arange(-0.5, scenes.times()[-1] + 0.5, 0.01):
+            pose = mesh_pose(scene.path.pose(float(moment)))
+            wrong = Pose(*off(pose, 0.05, 3.0, np.random.default_rng(seed)))
+            numbers = ' '.join(f'{number:.6f}' for number in wrong.numbers())
+            lines.append(f'{start + moment - behind:.6f} {numbers}')
+    path.write_text('\n'.join(lines))
 
 
 def stroll(folder: Path, effects: dict[str, float], swaying: bool) -> tuple[ScannedCamera, Path]:

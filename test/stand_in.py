@@ -1,5 +1,5 @@
 """
-Publish a recording as the real camera's driver does: ``python -m bench.stand_in RECORDING.npz``.
+Publish a recording as the real camera's driver does: ``python test/stand_in.py RECORDING.npz``.
 
 The node has the driver's name, parameter `usecase` and topics. It waits until somebody subscribes,
 publishes each frame once, and ends when nobody subscribes any more.

@@ -1,0 +1,59 @@
+"""The short form of the measurements of `bench`: each runs and prints figures."""
+
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+# Tests of their own: the batch, the diagnosis, all effects, `soak` and `torture_node`.
+SHORT = 'model', 'exposure', 'agreement', 'rendering', 'bags', 'nodes', 'start', 'torture_kill'
+
+
+def run(words: list[str], folder: Path, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
+    """Run Python in a folder, where it leaves its files."""
+    return subprocess.run(
+        [sys.executable, '-m', *words],
+        cwd=folder,
+        env=env,
+        text=True,
+        capture_output=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def test_measurements_run_for_a_moment(child_env: dict[str, str], tmp_path: Path) -> None:
+    for library in ('warp', 'mujoco', 'rosbags', 'lz4'):
+        pytest.importorskip(library)
+    done = run(['bench', '--short', *SHORT], tmp_path, child_env)
+    assert done.returncode == 0, done.stderr
+    parts = done.stdout.split('\n== ')[1:]
+    assert [part.partition('\n')[0] for part in parts] == list(SHORT)
+    for part in parts:
+        assert any(sign.isdigit() for sign in part.partition('\n')[2]), part
+    assert (tmp_path / 'build' / 'torture' / 'kills.jsonl').is_file()
+
+
+def test_what_ground_truth_hides_is_measured(child_env: dict[str, str], tmp_path: Path) -> None:
+    pytest.importorskip('trimesh')
+    words = ['bench.absorbed', '--effects', 'offset', '--only', 'corners']
+    done = run(words, tmp_path, child_env)
+    assert done.returncode == 0, done.stderr
+    # Planes with a distance do not follow an offset, those without do.
+    assert done.stdout.splitlines()[-1] == '| offset | 0.00 | 1.00 |'
+
+
+def test_the_answers_of_the_published_benchmark_are_listed(
+    child_env: dict[str, str], tmp_path: Path
+) -> None:
+    done = run(['bench.benchmark_answers'], tmp_path, child_env)
+    assert done.returncode == 0, done.stderr
+    assert 'slowest: ' in done.stdout
+
+
+def test_an_unknown_measurement_is_refused(child_env: dict[str, str], tmp_path: Path) -> None:
+    done = run(['bench', 'modle'], tmp_path, child_env)
+    assert done.returncode == 2
+    assert 'NAME: must be of model, effects' in done.stderr
