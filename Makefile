@@ -32,7 +32,7 @@ matrix: $(STAMP)
 # ament_pep257 treats properties as any other method: hence the empty list.
 lint: $(STAMP)
 	$(BIN)/flake8
-	$(BIN)/pydocstyle --property-decorators= flexx2_sim_ros test bench setup.py
+	$(BIN)/pydocstyle --property-decorators= flexx2_sim_ros study test bench setup.py
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy

@@ -28,9 +28,9 @@ from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_plane_truth, make_truth, PlaneRequest, Request
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.validation.blind.meshes import write_mesh
-from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 import numpy as np
+from study.blind.meshes import write_mesh
+from study.blind.scanned import off, ScannedCamera
 import yaml
 
 UPTIME = 60.0  # seconds

@@ -17,10 +17,10 @@ import lzma
 from pathlib import Path
 import tempfile
 
-from flexx2_sim_ros.validation.benchmark.answers import read_answers
-from flexx2_sim_ros.validation.benchmark.scoring import Answer
 import numpy as np
 from scipy.stats import fisher_exact
+from study.benchmark.answers import read_answers
+from study.benchmark.scoring import Answer
 
 _PUBLISHED = Path(__file__).with_name('benchmark_answers.jsonl.xz')
 _LARGEST = 8  # errors and times to list

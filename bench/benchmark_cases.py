@@ -23,13 +23,13 @@ from typing import Any
 
 from flexx2_sim_ros import processes
 from flexx2_sim_ros.atomic import output_folder
-from flexx2_sim_ros.validation.benchmark.answers import code_digest
-from flexx2_sim_ros.validation.benchmark.design import make_design, MODES, Planned
-from flexx2_sim_ros.validation.benchmark.physics import is_physical
-from flexx2_sim_ros.validation.benchmark.runner import DIAGNOSE, MEASURE, run_case
-from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT
-from flexx2_sim_ros.validation.blind import SceneKey, SceneSet
 import numpy as np
+from study.benchmark.answers import code_digest
+from study.benchmark.design import make_design, MODES, Planned
+from study.benchmark.physics import is_physical
+from study.benchmark.runner import DIAGNOSE, MEASURE, run_case
+from study.benchmark.seeds import DEVELOPMENT
+from study.blind import SceneKey, SceneSet
 
 _SCENES = range(2000, 2400)  # development seeds that no case of the benchmark uses
 

@@ -62,17 +62,12 @@ from flexx2_sim_ros.atomic import whole, write_text
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.calibration.decisions import Decisions, FILE, KEYS
 from flexx2_sim_ros.paths import config_dir
-from flexx2_sim_ros.validation.benchmark.reliability import (
-    BINS,
-    bins,
-    calibration_error,
-    least_calibration_error,
-)
-from flexx2_sim_ros.validation.benchmark.scoring import wilson
 import matplotlib as mpl
 from matplotlib.figure import Figure
 import numpy as np
 from rich.progress import track
+from study.benchmark.reliability import BINS, bins, calibration_error, least_calibration_error
+from study.benchmark.scoring import wilson
 import yaml
 
 _PICTURE = config_dir().parent / 'docs' / 'decisions.png'

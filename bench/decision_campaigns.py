@@ -22,12 +22,12 @@ from bench.gap_truth import rewrite
 from bench.wall_campaigns import profile_for, SHOWN, write_walls
 from flexx2_sim_ros.atomic import scratch_folder
 from flexx2_sim_ros.gap import diagnose, measure
-from flexx2_sim_ros.validation.benchmark.design import MODES, Planned
-from flexx2_sim_ros.validation.benchmark.realised import realised_gap
-from flexx2_sim_ros.validation.benchmark.seeds import DEVELOPMENT
-from flexx2_sim_ros.validation.blind import BlindCamera
-from flexx2_sim_ros.validation.blind.catalogue import CATALOGUE
 import numpy as np
+from study.benchmark.design import MODES, Planned
+from study.benchmark.realised import realised_gap
+from study.benchmark.seeds import DEVELOPMENT
+from study.blind import BlindCamera
+from study.blind.catalogue import CATALOGUE
 
 # What is drawn, and how often.
 DESIGN: dict[str, dict[Any, float]] = {

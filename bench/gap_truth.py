@@ -5,9 +5,9 @@ from pathlib import Path
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.gap.data.planes import plane_shifts
-from flexx2_sim_ros.validation.blind.partial_truth import known_part
 import numpy as np
 from scipy import ndimage
+from study.blind.partial_truth import known_part
 
 _LEAST = 0.015  # fraction of the image that a plane must cover
 _TRIES = 300

@@ -32,7 +32,7 @@ apidoc_modules = [
         'module_first': True,
         'max_depth': 2,
         'exclude_patterns': [
-            *(f'**/{room}/**' for room in ('cli', 'nodes', 'validation', 'view')),
+            *(f'**/{room}/**' for room in ('cli', 'nodes', 'view')),
             *(f'**/gap/{room}/**' for room in ('data', 'features', 'inference', 'report')),
             '**/*kernels.py',
             '**/batch/arithmetic.py',

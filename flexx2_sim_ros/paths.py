@@ -42,6 +42,12 @@ def config_dir() -> Path:
     )
 
 
+def checkout() -> Path | None:
+    """Return the folder of the checkout that has this package, None where it is installed."""
+    folder = Path(__file__).resolve().parents[1]
+    return folder if (folder / 'study' / 'benchmark').is_dir() else None
+
+
 def executable(name: str) -> Path:
     """
     Return the path of one of the package's executables.

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from functools import lru_cache
 
-from flexx2_sim_ros.validation.blind import BlindCamera, Case, Internals, SceneKey, SceneSet
 import numpy as np
+from study.blind import BlindCamera, Case, Internals, SceneKey, SceneSet
 
 BOARD, FORWARD, CORNER, CLOSE, SIDEWAYS, STAIRS, FAR, TURNING = range(8)
 STILL, MOVING = (BOARD, CORNER, CLOSE, STAIRS), (FORWARD, SIDEWAYS, TURNING)

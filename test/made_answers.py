@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from flexx2_sim_ros.validation.benchmark import DEVELOPMENT, Planned
+from study.benchmark import DEVELOPMENT, Planned
 
 MODE = 'Mode_5_30fps'
 

@@ -5,10 +5,10 @@ from typing import Any
 
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.validation.blind.meshes import write_mesh
-from flexx2_sim_ros.validation.blind.scanned import ScannedCamera
 import numpy as np
 from scipy.spatial.transform import Rotation
+from study.blind.meshes import write_mesh
+from study.blind.scanned import ScannedCamera
 import trimesh
 
 SEED, WIDTH, HEIGHT, RECORDINGS = 2, 112, 86, 4

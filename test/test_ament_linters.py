@@ -11,7 +11,9 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-CODE = [str(ROOT / name) for name in ('flexx2_sim_ros', 'test', 'bench', 'launch', 'setup.py')]
+CODE = [
+    str(ROOT / name) for name in ('flexx2_sim_ros', 'study', 'test', 'bench', 'launch', 'setup.py')
+]
 
 
 def test_ament_flake8() -> None:

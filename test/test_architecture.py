@@ -15,7 +15,7 @@ ROOMS = (
     'messages', 'recording',
     'rendering', 'truth', 'characterize', 'robots', 'consumers', 'batch', 'walking',
     'gap.calibration', 'gap.data', 'gap.features', 'gap.inference', 'gap.forms', 'gap.report',
-    'gap', 'gap.planning', 'validation.blind', 'validation.benchmark', 'validation', 'view',
+    'gap', 'gap.planning', 'view',
     'nodes', 'cli',
 )  # fmt: skip
 
@@ -74,10 +74,21 @@ def test_imports_have_no_cycles() -> None:
     assert list(TopologicalSorter(graph).static_order())  # raises CycleError with the circle
 
 
+def test_nothing_that_is_installed_imports_what_is_not() -> None:
+    users = {
+        module
+        for module, path in MODULES.items()
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ImportFrom) and node.module
+        if node.module.split('.')[0] in ('study', 'bench')
+    }
+    assert not users
+
+
 def test_the_drawing_shows_every_room() -> None:
     text = (ROOT / 'ARCHITECTURE.md').read_text()
     drawn = set(re.findall(r'^\| `([\w/]+)/`', text, re.M))
-    assert drawn == {name.replace('.', '/') for name in ROOMS} - {'base', 'validation', 'gap'}
+    assert drawn == {name.replace('.', '/') for name in ROOMS} - {'base', 'gap'}
 
 
 def test_only_loop_keeps_what_is_compiled() -> None:

@@ -7,31 +7,19 @@ import json
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.cli import gap_benchmark
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.validation.benchmark import (
-    DEVELOPMENT,
-    make_design,
-    Planned,
-    run_benchmark,
-    score,
-    TEST,
-)
-from flexx2_sim_ros.validation.benchmark.answers import joined, read_answers, write_answers
-from flexx2_sim_ros.validation.benchmark.realised import realised_gap
-from flexx2_sim_ros.validation.benchmark.report import (
-    draw_confusion,
-    print_report,
-    sheets,
-    write_page,
-)
-from flexx2_sim_ros.validation.benchmark.sealing import open_seal, seal
-from flexx2_sim_ros.validation.benchmark.seeds import seed_range
-from flexx2_sim_ros.validation.blind import BlindCamera, CATALOGUE, Internals, NOVEL, VARIED
 from made_answers import MODE, said, small
 import numpy as np
 import pytest
 from rich.console import Console
+from study.benchmark import DEVELOPMENT, make_design, Planned, run_benchmark, score, TEST
+from study.benchmark.answers import joined, read_answers, write_answers
+from study.benchmark.command import add_parser
+from study.benchmark.realised import realised_gap
+from study.benchmark.report import draw_confusion, print_report, sheets, write_page
+from study.benchmark.sealing import open_seal, seal
+from study.benchmark.seeds import seed_range
+from study.blind import BlindCamera, CATALOGUE, Internals, NOVEL, VARIED
 
 CALLS: list[tuple[Path, tuple[str, ...], int]] = []
 QUIET = Console(quiet=True)
@@ -71,7 +59,7 @@ def design(monkeypatch: pytest.MonkeyPatch) -> list[Planned]:
         small('novel', {'row_bands': 1.0}, 5),
         small('left_out', {'offset': 1.0}, 6, without=('offset',)),
     ]
-    monkeypatch.setattr('flexx2_sim_ros.validation.benchmark.runner.make_design', lambda *_: cases)
+    monkeypatch.setattr('study.benchmark.runner.make_design', lambda *_: cases)
     CALLS.clear()
     return cases
 
@@ -108,7 +96,7 @@ def test_test_seeds_need_a_release(tmp_path: Path) -> None:
     with pytest.raises(InputError, match='dev or test'):
         seed_range('other', True)
     parser = argparse.ArgumentParser()
-    gap_benchmark.add_parser(parser.add_subparsers())
+    add_parser(parser.add_subparsers())
     arguments = parser.parse_args(
         ['benchmark', '--seed-set', 'test', '--out', str(tmp_path / 'out')]
     )

@@ -4,17 +4,17 @@ from io import StringIO
 import math
 from typing import Any
 
-from flexx2_sim_ros.validation.benchmark.goals import reach
-from flexx2_sim_ros.validation.benchmark.overlap import overlap
-from flexx2_sim_ros.validation.benchmark.partition import COVARIATES
-from flexx2_sim_ros.validation.benchmark.physics import DEPENDS_ON
-from flexx2_sim_ros.validation.benchmark.report import print_report
-from flexx2_sim_ros.validation.benchmark.scoring import answer_of, macro_f1, Scores, wilson
-from flexx2_sim_ros.validation.blind import CATALOGUE
 from made_answers import said, small
 import numpy as np
 import pytest
 from rich.console import Console
+from study.benchmark.goals import reach
+from study.benchmark.overlap import overlap
+from study.benchmark.partition import COVARIATES
+from study.benchmark.physics import DEPENDS_ON
+from study.benchmark.report import print_report
+from study.benchmark.scoring import answer_of, macro_f1, Scores, wilson
+from study.blind import CATALOGUE
 
 # Pixels of which the first half is affected.
 PIXELS = {

@@ -1,12 +1,12 @@
 """Where an effect acts, as the benchmark's scorer sees it, on effects whose place is known."""
 
-from flexx2_sim_ros.validation.benchmark.overlap import overlap
-from flexx2_sim_ros.validation.benchmark.partition import concavity, COVARIATES, partition_of
-from flexx2_sim_ros.validation.benchmark.truth import affected_cells, Comparison
-from flexx2_sim_ros.validation.blind import BlindCamera, Case, SceneKey, SceneSet
-from flexx2_sim_ros.validation.blind.frame import Effect, Frame
 import numpy as np
 import pytest
+from study.benchmark.overlap import overlap
+from study.benchmark.partition import concavity, COVARIATES, partition_of
+from study.benchmark.truth import affected_cells, Comparison
+from study.blind import BlindCamera, Case, SceneKey, SceneSet
+from study.blind.frame import Effect, Frame
 
 KEY = SceneKey('Mode_5_30fps', 7, 2.0, 112, 86, recordings=4, frames=8)
 SCENES = SceneSet(KEY)

@@ -16,10 +16,10 @@ from blind_looks import (
     STAIRS,
     STILL,
 )
-from flexx2_sim_ros.validation.blind import BlindCamera, Case, Internals
-from flexx2_sim_ros.validation.blind.sensor import LIGHT_SPEED
 import numpy as np
 import pytest
+from study.blind import BlindCamera, Case, Internals
+from study.blind.sensor import LIGHT_SPEED
 
 
 def test_offset_and_drift_add_the_same_distance_everywhere() -> None:

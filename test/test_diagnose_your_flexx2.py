@@ -10,12 +10,12 @@ import sys
 
 from flexx2_sim_ros.cli.commands import make_parser
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.validation.blind.meshes import write_mesh
-from flexx2_sim_ros.validation.blind.scanned import ScannedCamera
 import numpy as np
 from programs import first_line
 import pytest
 from stand_in import DRIVER
+from study.blind.meshes import write_mesh
+from study.blind.scanned import ScannedCamera
 
 pytestmark = pytest.mark.usefixtures('ros')
 

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.validation.benchmark import score
 import pytest
+from study.benchmark import score
 
 
 def test_the_quick_benchmark_reaches_its_floors(

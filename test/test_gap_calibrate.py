@@ -18,12 +18,12 @@ from flexx2_sim_ros.gap.forms.fitting import BiasFit, own_motion
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.forms.work import registered
 from flexx2_sim_ros.gap.report.reading import read_diagnosis
-from flexx2_sim_ros.validation.benchmark import DEVELOPMENT
-from flexx2_sim_ros.validation.benchmark.design import Planned
-from flexx2_sim_ros.validation.benchmark.realised import realised_gap
-from flexx2_sim_ros.validation.blind import BlindCamera
 import numpy as np
 import pytest
+from study.benchmark import DEVELOPMENT
+from study.benchmark.design import Planned
+from study.benchmark.realised import realised_gap
+from study.blind import BlindCamera
 
 SMALL = {'recordings': 5, 'frames': 6, 'scale': 0.5, 'moving': 1}
 SHAPE = (86, 112)

@@ -20,10 +20,10 @@ from flexx2_sim_ros.gap.calibration.decisions import (
 from flexx2_sim_ros.gap.inference.probability import judge
 from flexx2_sim_ros.gap.inference.support import EffectSupport, Support, support_from
 from flexx2_sim_ros.paths import config_dir
-from flexx2_sim_ros.validation.benchmark import DEVELOPMENT
-from flexx2_sim_ros.validation.benchmark.reliability import calibration_error
 import numpy as np
 import pytest
+from study.benchmark import DEVELOPMENT
+from study.benchmark.reliability import calibration_error
 import yaml
 
 

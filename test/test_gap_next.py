@@ -19,12 +19,12 @@ from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, PlannedRecordin
 from flexx2_sim_ros.gap.planning.possible import usual_kinds
 from flexx2_sim_ros.gap.planning.scenes import Panel, render
 from flexx2_sim_ros.gap.planning.truths import Kind, KINDS, write_recording
-from flexx2_sim_ros.validation.blind import SceneKey, SceneSet
-from flexx2_sim_ros.validation.blind.rooms import Path as Way
-from flexx2_sim_ros.validation.blind.rooms import Scene as Room
-from flexx2_sim_ros.validation.blind.shapes import BOX, pack, Shape
 import numpy as np
 import pytest
+from study.blind import SceneKey, SceneSet
+from study.blind.rooms import Path as Way
+from study.blind.rooms import Scene as Room
+from study.blind.shapes import BOX, pack, Shape
 
 PLAN = """\
 schema: 1

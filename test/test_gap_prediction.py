@@ -6,8 +6,8 @@ from typing import Any
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.gap import diagnose, measure
-from flexx2_sim_ros.validation.benchmark.realised import distances
 import pytest
+from study.benchmark.realised import distances
 
 # Cameras of the simulator's own, of which the user knows everything but the effect.
 EXACT = {

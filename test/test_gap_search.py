@@ -13,9 +13,9 @@ from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.search import of_registration, search, SEARCHES
 from flexx2_sim_ros.gap.work import find
 from flexx2_sim_ros.jobs import workers
-from flexx2_sim_ros.validation.blind import BlindCamera, Case, Internals, SceneKey, SceneSet
 import numpy as np
 import pytest
+from study.blind import BlindCamera, Case, Internals, SceneKey, SceneSet
 
 MODE = 'Mode_9_30fps'
 KEY = SceneKey(MODE, 31, 2.0, 80, 62, 8, 12)

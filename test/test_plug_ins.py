@@ -304,12 +304,9 @@ def test_no_module_but_its_own_names_an_effect() -> None:
     Assert it of strings.
 
     Kernels of the batch are launched for the effects that they compute. Ground truth names the
-    effects that it fits or takes away, and free forms the effects that they belong to. The blind
-    camera is another camera, on purpose. The benchmark's plan names its cases, and its scorer
-    what each of them depends on.
+    effects that it fits or takes away, and free forms the effects that they belong to.
     """
-    apart = 'batch/', 'truth/', 'gap/forms/', 'gap/planning/truths.py', 'validation/blind/'
-    apart += ('validation/benchmark/design.py', 'validation/benchmark/physics.py')
+    apart = 'batch/', 'truth/', 'gap/forms/', 'gap/planning/truths.py'
     # The offset of a plane is no effect.
     own = {'patch.py': 'residual_patch', 'ray.py': 'along_ray', 'words.py': 'offset'}
     package = ROOT / 'flexx2_sim_ros'

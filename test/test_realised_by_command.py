@@ -7,9 +7,9 @@ from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.recording import load_recording
-from flexx2_sim_ros.validation.blind import BlindCamera, Case, SceneKey
 import numpy as np
 import pytest
+from study.blind import BlindCamera, Case, SceneKey
 
 MODE = 'Mode_9_30fps'
 

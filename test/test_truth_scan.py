@@ -12,10 +12,10 @@ from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Job, register, views_of
 from flexx2_sim_ros.truth.shared import estimate, Shared
-from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 import numpy as np
 import pytest
 from scans import box, HEIGHT, record, RECORDINGS, scaled, SMALL_K, WIDTH
+from study.blind.scanned import off, ScannedCamera
 import trimesh
 import yaml
 

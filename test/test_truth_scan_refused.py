@@ -19,11 +19,11 @@ from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Registered
 from flexx2_sim_ros.truth.search import _orientations
 from flexx2_sim_ros.truth.verdict import Verdict
-from flexx2_sim_ros.validation.blind.meshes import write_mesh
-from flexx2_sim_ros.validation.blind.scanned import ScannedCamera
 import numpy as np
 import pytest
 from scans import box, HEIGHT, record, scaled, SMALL_K, WIDTH
+from study.blind.meshes import write_mesh
+from study.blind.scanned import ScannedCamera
 import trimesh
 import yaml
 

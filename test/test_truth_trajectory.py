@@ -14,13 +14,13 @@ from flexx2_sim_ros.truth.trajectory import (
     PoseSource,
     read_trajectory,
 )
-from flexx2_sim_ros.validation.blind.meshes import mesh_pose, write_mesh
-from flexx2_sim_ros.validation.blind.rooms import Path as Walk
-from flexx2_sim_ros.validation.blind.scanned import off, ScannedCamera
 from made_bags import Entry, header, image, info, make, SECOND, usecase, write
 import numpy as np
 import pytest
 from scans import box, SMALL_K
+from study.blind.meshes import mesh_pose, write_mesh
+from study.blind.rooms import Path as Walk
+from study.blind.scanned import off, ScannedCamera
 import yaml
 
 WIDTH, HEIGHT, FRAMES = 112, 86, 8

@@ -67,7 +67,7 @@ def make_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    modules = {name: MODULES.get(name, name) for name in COMMANDS}
+    modules = {name: f'flexx2_sim_ros.cli.{MODULES.get(name, name)}' for name in COMMANDS}
     add_commands(commands, COMMANDS, modules, words_of(argv))
     return parser
 

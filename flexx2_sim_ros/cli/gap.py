@@ -1,9 +1,10 @@
 """`flexx2 gap`: diagnose the sim-to-real gap."""
 
-from importlib.util import find_spec
+import sys
 from typing import Any
 
 from flexx2_sim_ros.cli.lazily import add_commands
+from flexx2_sim_ros.paths import checkout
 
 COMMANDS = {
     'diagnose': 'find which effects cause the gap, where it lies and how much they explain',
@@ -29,7 +30,11 @@ def add_parser(commands: Any) -> None:
         epilog='example: flexx2 gap diagnose recordings --out diagnosis',
     )
     subcommands = parser.add_subparsers(dest='gap_command', required=True, metavar='COMMAND')
-    texts = dict(COMMANDS)
-    if not find_spec('flexx2_sim_ros.cli.gap_benchmark'):
-        del texts['benchmark']
-    add_commands(subcommands, texts, {name: f'gap_{name}' for name in texts}, commands.words)
+    texts, modules = dict(COMMANDS), {name: f'flexx2_sim_ros.cli.gap_{name}' for name in COMMANDS}
+    if (folder := checkout()) is None:
+        del texts['benchmark']  # The blind camera is not installed.
+    else:
+        modules['benchmark'] = 'study.benchmark.command'
+        if str(folder) not in sys.path:
+            sys.path.append(str(folder))
+    add_commands(subcommands, texts, modules, commands.words)

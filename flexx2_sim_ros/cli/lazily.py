@@ -27,7 +27,7 @@ def add_commands(
     texts : mapping of str to str
         Of each command, what the help of the parser says.
     modules : mapping of str to str
-        Its module in ``cli/``, whose ``add_parser`` adds its options.
+        Its module, whose ``add_parser`` adds its options.
     words : sequence of str
         The command and its own words, or `ALL`. Other commands get no options.
 
@@ -36,6 +36,6 @@ def add_commands(
         if words == ALL or [*words[:1]] == [name]:
             described = SimpleNamespace(add_parser=partial(commands.add_parser, help=text))
             described.words = words if words == ALL else words[1:]
-            import_module(f'flexx2_sim_ros.cli.{modules[name]}').add_parser(described)
+            import_module(modules[name]).add_parser(described)
         else:
             commands.add_parser(name, help=text)

@@ -1,0 +1,91 @@
+"""`flexx2 gap benchmark`: the diagnosis tested on an independent camera."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.cli.argument_types import MOST_JOBS, whole_number
+from flexx2_sim_ros.cli.common import command_line
+from rich.console import Console
+
+_CONFUSION = 'benchmark_confusion.png'
+_ANSWERS = 'answers.jsonl'
+
+
+def add_parser(commands: Any) -> None:
+    """Add the subcommand."""
+    parser = commands.add_parser(
+        'benchmark',
+        description='Record campaigns with a blind camera, whose physics is separate from the '
+        'simulator, diagnose each, and score the answers against labels that were sealed before '
+        'the run. Resumes after an interruption. Prints the tables and writes '
+        f'benchmark.md, {_CONFUSION} and {_ANSWERS} to --out.',
+        epilog='example: flexx2 gap benchmark --quick --out /tmp/benchmark',
+    )
+    parser.add_argument('--quick', action='store_true', help='a few small cases, in minutes')
+    parser.add_argument(
+        '--seed-set',
+        choices=('dev', 'test'),
+        default='dev',
+        help='which seeds of scenes and cameras (default %(default)s)',
+    )
+    parser.add_argument(
+        '--release',
+        action='store_true',
+        help='allow the test seeds; for the published run of a release only',
+    )
+    parser.add_argument(
+        '--jobs',
+        type=whole_number(1, MOST_JOBS),
+        default=2,
+        help='number of processes (default %(default)s)',
+    )
+    parser.add_argument(
+        '--out',
+        default='benchmark_output',
+        help='folder for results, labels and cache (default %(default)s)',
+    )
+    parser.add_argument(
+        '--score',
+        action='store_true',
+        help='run nothing: score the finished cases of an interrupted run',
+    )
+    parser.add_argument(
+        '--earlier',
+        metavar='FILE',
+        help=f'{_ANSWERS} of an earlier part of this run, with the same version: its cases are '
+        'not run again, and all are scored together',
+    )
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the benchmark; print and write its results."""
+    # Imported here: scikit-learn, matplotlib and the compiled camera take seconds to load.
+    from study.benchmark.answers import joined, read_answers, write_answers
+    from study.benchmark.report import draw_confusion, print_report, write_page
+    from study.benchmark.runner import run_benchmark
+    from study.benchmark.scoring import score, Scores
+
+    out = Path(arguments.out)
+    earlier = read_answers(Path(arguments.earlier)) if arguments.earlier else None
+    if arguments.score:
+        scores: Scores | None = score(out, partly=True)
+    else:
+        scores = run_benchmark(
+            out,
+            quick=arguments.quick,
+            seed_set=arguments.seed_set,
+            release=arguments.release,
+            jobs=arguments.jobs,
+            earlier=earlier,
+            console=Console(stderr=True, markup=False),
+        )
+    if scores is None:
+        return 1
+    scores = joined(earlier, scores)
+    print_report(scores, Console(markup=False))
+    draw_confusion(scores, out / _CONFUSION)
+    write_answers(scores, out / _ANSWERS)
+    write_page(scores, out / 'benchmark.md', command_line('gap', 'benchmark'), _CONFUSION)
+    return 0
