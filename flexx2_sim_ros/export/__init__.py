@@ -1,7 +1,36 @@
 """The noise of a camera, written as parameters of mappers and simulators."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from flexx2_sim_ros.export import (
+    elevation_mapping,
+    elevation_mapping_cupy,
+    gazebo,
+    isaac_lab,
+    mujoco_playground,
+    nvblox,
+    octomap_server,
+    rtabmap,
+)
 from flexx2_sim_ros.export.noise import measure_noise, Noise
 from flexx2_sim_ros.export.target import Parameters, Target
-from flexx2_sim_ros.export.targets import TARGETS
 
 __all__ = ['TARGETS', 'Noise', 'Parameters', 'Target', 'measure_noise']
+# A file each.
+TARGETS: Mapping[str, Target] = MappingProxyType(
+    {
+        target.name: target
+        for target in (
+            elevation_mapping.STRUCTURED_LIGHT,
+            elevation_mapping.PERFECT,
+            elevation_mapping_cupy.TARGET,
+            octomap_server.TARGET,
+            rtabmap.TARGET,
+            nvblox.TARGET,
+            gazebo.TARGET,
+            isaac_lab.TARGET,
+            mujoco_playground.TARGET,
+        )
+    }
+)

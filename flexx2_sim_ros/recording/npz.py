@@ -12,7 +12,7 @@ from flexx2_sim_ros.atomic import checked_target, named, whole
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.recording.stamps import read_stamps
-from flexx2_sim_ros.recording.units import factor_of
+from flexx2_sim_ros.recording.tidying import factor_of
 import numpy as np
 
 
