@@ -1,10 +1,17 @@
-"""Five views of a simulated corner of 112 x 86 pixels, and what people measured of its planes."""
+"""
+Five views of a simulated corner of 112 x 86 pixels, and what people measured of its planes.
+
+``python -m bench.planes`` prints by how much each effect of usual strength bends these planes at
+most, root mean square.
+"""
 
 from pathlib import Path
+import tempfile
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
 import numpy as np
 from scipy.spatial.transform import Rotation
 import yaml
@@ -26,6 +33,13 @@ VIEWS = (
 )
 NAMES = 'left', 'right', 'floor'
 LASER, TAPE = 0.001, 0.003  # metres
+CASES: tuple[tuple[float, str, dict[str, Any]], ...] = (
+    (0.0, 'laser, right angles', {'taped': LASER}),
+    (0.008, 'laser, right angles', {'taped': LASER}),
+    (0.008, 'laser, right angles, flat to 0.5 mm', {'taped': LASER, 'flat': 0.0005}),
+    (0.008, 'tape, right angles', {'taped': TAPE}),
+    (0.008, 'right angles', {'taped': None}),
+)
 
 
 def corner(turn: float, tilt: float, roll: float) -> np.ndarray:
@@ -45,11 +59,17 @@ def seen(normals: np.ndarray, distances: Any) -> tuple[np.ndarray, np.ndarray]:
 
 
 def record(
-    folder: Path, offset: float = 0.0, views: Any = VIEWS, reflectivity: float = 0.6
+    folder: Path,
+    offset: float = 0.0,
+    views: Any = VIEWS,
+    reflectivity: float = 0.6,
+    others: tuple[str, ...] = (),
 ) -> Path:
-    """Write a recording of each view."""
+    """Write a recording of each view, with an offset and with other effects of usual strength."""
     folder.mkdir()
-    effects = (registry()['offset'].from_mapping({'bias': offset}),) if offset else ()
+    table = {'offset': {'bias': offset}} if offset else {}
+    table |= {name: {} for name in others}
+    effects = tuple(registry()[name].from_mapping(values) for name, values in table.items())
     for i, (turns, distances) in enumerate(views):
         clean, _ = seen(corner(*turns), distances)
         camera = Camera(MODE, effects=effects, seed=i)
@@ -111,3 +131,22 @@ def describe(
     content = {'schema': 1, 'planes': planes, 'recordings': recordings, **changes}
     path.write_text(yaml.safe_dump(content))
     return path
+
+
+def main() -> None:
+    """Print by how much each effect bends the planes."""
+    print('| effect | mm rms |\n|---|---|')
+    for effect in registry():
+        with tempfile.TemporaryDirectory() as text:
+            folder = Path(text)
+            record(folder / 'in', others=(effect,))
+            planes = describe(folder / 'planes.yaml', taped=LASER)
+            table = make_plane_truth(
+                PlaneRequest(recordings=(folder / 'in',), planes=planes, out=folder / 'out')
+            )
+        found = [one['bend_mm'] for row in table['recordings'] for one in row.get('planes', [])]
+        print(f'| {effect} | {max(found, default=float("nan")):.1f} |', flush=True)
+
+
+if __name__ == '__main__':
+    main()

@@ -1,6 +1,6 @@
 """Reflectivity from gray values: a corner of two walls whose reflectivity is known."""
 
-from flexx2_sim_ros.truth.clean import Clean
+from flexx2_sim_ros.truth.clean import Clean, KNOWN
 from flexx2_sim_ros.truth.reflectivity import (
     find_scale,
     gray_samples,
@@ -22,9 +22,9 @@ def corner(rough: float = 0.0) -> tuple[Clean, np.ndarray]:
     slant = 1 + np.abs(rays[..., 0])
     depth = 3 / slant + rough * np.random.default_rng(1).standard_normal(slant.shape)
     cosine = slant / np.sqrt(2) / np.sqrt(1 + (rays**2).sum(axis=-1))
-    known, sigma = np.ones(depth.shape, bool), np.zeros(depth.shape, np.float32)
+    part, sigma = np.full(depth.shape, KNOWN, np.uint8), np.zeros(depth.shape, np.float32)
     return (
-        Clean(depth.astype(np.float32), np.arccos(cosine).astype(np.float32), None, known, sigma),
+        Clean(depth.astype(np.float32), np.arccos(cosine).astype(np.float32), None, part, sigma),
         rays,
     )
 

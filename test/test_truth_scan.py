@@ -178,7 +178,7 @@ def test_a_campaign_is_written_with_what_is_known_of_it(
         page.call('Emulation.setDeviceMetricsOverride', width=390, height=844, **PHONE)
         page.open((out / 'truth.html').as_uri())
         assert page.evaluate('[...document.images].every(one => one.naturalWidth)')
-        assert page.evaluate('document.images.length') == 2 * RECORDINGS
+        assert page.evaluate('document.images.length') == 3 * RECORDINGS
         # It fits a phone, and a curve is a line.
         assert page.evaluate('document.documentElement.scrollWidth') <= 390
         curves = (
@@ -220,7 +220,7 @@ def test_a_pose_that_is_exact_is_written(tmp_path: Path) -> None:
     assert row['verdict'] != 'refused'
     assert row['residual_mm'] < 0.1
     page = (out / 'truth.html').read_text()
-    assert page.count('data:image/png') == 2
+    assert page.count('data:image/png') == 3
     assert '<polyline' not in page
 
 

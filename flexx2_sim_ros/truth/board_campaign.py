@@ -139,14 +139,14 @@ def _numbers(board: OnBoard, placed: Placed, scale: float | None) -> dict[str, A
     doubts = _doubts(board, scale)
     numbers: dict[str, Any] = {
         'verdict': 'doubtful' if doubts else 'used',
-        'reasons': doubts,
+        'reasons': [*doubts, *board.picture.notes],
         'frames_with_board': board.frames,
         'fitting': round(board.fitting, 4),
         'pose': [round(value, 6) for value in board.pose],
         'pose_sigma_mm': round(board.deviation[0] * 1e3, 3),
         'pose_sigma_deg': round(board.deviation[1], 4),
         'distance_m': round(board.distance, 4),
-        'known': round(board.picture.known, 4),
+        **board.picture.table(),
         'blur_px': round(placed.blur, 3),
         'black_to_white': round(placed.contrast, 4),
     }

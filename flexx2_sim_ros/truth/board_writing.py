@@ -8,12 +8,12 @@ from pathlib import Path
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.board import BoardRoom, plane_covariance
 from flexx2_sim_ros.truth.board_placing import BoardJob, Placed
-from flexx2_sim_ros.truth.clean import Clean, difference, render
+from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, render
 from flexx2_sim_ros.truth.gray import Gray, white_fraction
 from flexx2_sim_ros.truth.gray_frames import gray_images
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.writing import Picture, picture_of, without_strangers, write_truth
+from flexx2_sim_ros.truth.writing import Picture, picture_of, without_hidden, write_truth
 import numpy as np
 
 _FITS, _FITS_NOISE = 0.05, 3.0  # metres and standard deviations of the residual, as for a scan
@@ -109,7 +109,7 @@ def write_board(what: BoardWriting) -> OnBoard:
         clean = _with_reflectivity(
             render(room, pose, image.rays, what.job.target.flatness), what, image, pose
         )
-        truths.append(without_strangers(clean, image))
+        truths.append(without_hidden(clean, image))
         if shown is None:
             shown = _Shown(len(truths) - 1, image, clean, pose)
     assert shown is not None  # recordings without a pose were refused before
@@ -123,16 +123,18 @@ def write_board(what: BoardWriting) -> OnBoard:
             'plane_covariance': plane,
             'plane_names': np.array(['board']),
         }
-    known = write_truth(reader, what.target, truths, moving, {**accuracy, **what.keys})
+    shares = write_truth(reader, what.target, truths, moving, {**accuracy, **what.keys})
     gray = next(islice(gray_images(reader, moving), shown.number, None))
-    picture = replace(picture_of(shown.clean, shown.image, known), image=gray.astype(np.float32))
+    picture = replace(
+        picture_of(truths[shown.number], shown.image, shares), image=gray.astype(np.float32)
+    )
     return _judged(picture, shown, plane, len(covariances))
 
 
 def _unknown(image: Observation) -> Clean:
     nothing = np.full(image.depth.shape, np.nan, np.float32)
-    known = np.zeros(nothing.shape, bool)
-    return Clean(nothing, nothing, nothing, known, np.zeros(nothing.shape, np.float32))
+    part = np.full(nothing.shape, OUTSIDE, np.uint8)
+    return Clean(nothing, nothing, nothing, part, np.zeros(nothing.shape, np.float32))
 
 
 def _with_reflectivity(clean: Clean, what: BoardWriting, image: Observation, pose: Pose) -> Clean:

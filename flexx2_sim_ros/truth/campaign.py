@@ -303,7 +303,7 @@ def _row(
         state, reasons = 'refused', ('the ground truth of none of its pixels is known', *reasons)
     row = placed.source.row(
         state,
-        reasons,
+        [*reasons, *(() if picture is None else picture.notes)],
         motion='moving' if where.moving else 'still',
         frames=len(where.poses) if where.moving else 1,
         fitting=round(verdict.fitting, 4),
@@ -320,7 +320,7 @@ def _row(
             'pose_sigma_mm': round(verdict.deviation[0] * 1e3, 3),
             'pose_sigma_deg': round(verdict.deviation[1], 4),
             'residual_mm': round(verdict.residual * 1e3, 3),
-            'known': round(picture.known, 4),
+            **picture.table(),
         }
     return row
 

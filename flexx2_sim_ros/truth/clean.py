@@ -1,6 +1,6 @@
 """Clean depth for a camera at a pose, and how accurately it is known."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.truth.alignment import unwrapped
 from flexx2_sim_ros.truth.observation import grow, Observation
@@ -8,10 +8,15 @@ from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Room
 import numpy as np
 
+# What is known of a pixel. Outside: it is not of the surfaces that are known. Hidden: something
+# stands before them, or the recording's own mask says so. Refused: it is where surfaces end or
+# meet, or the pose of its frame is not known.
+PARTS = 'outside', 'known', 'hidden', 'refused'
+OUTSIDE, KNOWN, HIDDEN, REFUSED = range(4)
 _BORDER = 2  # pixels around a hole that may belong to it
 _STEP = 0.03  # fraction of depth: a jump between neighbouring pixels
-# If at least 5 x 5 pixels differ by this much, and wraps do not explain it, an object was moved or
-# is missing in the mesh.
+# At least 5 x 5 pixels that differ by this much, and wraps do not explain it, are another thing or
+# an error.
 _STRANGE, _STRANGE_NOISE, _PATCH = 0.15, 6.0, 2
 
 
@@ -28,8 +33,8 @@ class Clean:
         (H, W) float32 radians between ray and surface normal, NaN where there is no return.
     reflectivity : numpy.ndarray or None
         (H, W) float32, 0 to 1.
-    known : numpy.ndarray
-        (H, W) bool.
+    part : numpy.ndarray
+        (H, W) uint8, one of `PARTS` by its number.
     sigma : numpy.ndarray
         (H, W) float32 metres: standard deviation of the room's surface along the optical axis.
     reflectivity_spread : numpy.ndarray or None
@@ -40,9 +45,18 @@ class Clean:
     depth: np.ndarray
     incidence: np.ndarray
     reflectivity: np.ndarray | None
-    known: np.ndarray
+    part: np.ndarray
     sigma: np.ndarray
     reflectivity_spread: np.ndarray | None = None
+
+    @property
+    def known(self) -> np.ndarray:
+        """Return (H, W) bool: the pixels that are known."""
+        return np.asarray(self.part == KNOWN)
+
+    def without(self, pixels: np.ndarray | bool, why: int) -> 'Clean':
+        """Return it with known pixels of an (H, W) bool array unknown, for one of `PARTS`."""
+        return replace(self, part=np.where(self.known & pixels, np.uint8(why), self.part))
 
 
 def render(room: Room, pose: Pose, rays: np.ndarray, room_error: float) -> Clean:
@@ -76,18 +90,18 @@ def render(room: Room, pose: Pose, rays: np.ndarray, room_error: float) -> Clean
     blind = ~np.isfinite(rays[..., 0])
     depth[blind] = np.nan
     nothing = ~np.isfinite(depth)
-    if room.complete:
-        known = ~blind
-    else:
-        near = grow(nothing, _BORDER)
+    part = np.full(shape, KNOWN, np.uint8)
+    part[blind] = OUTSIDE
+    if not room.complete:
         border = grow(hits.border.reshape(shape), _BORDER) & grow(_steps(depth), _BORDER)
-        known = ~(near | border)
+        part[border | grow(nothing, _BORDER)] = REFUSED
+        part[nothing] = OUTSIDE
     incidence = np.arccos(np.clip(cosine, 0, 1)).reshape(shape)
     return Clean(
         depth.astype(np.float32),
         np.where(nothing, np.nan, incidence).astype(np.float32),
         None if hits.reflectivity is None else hits.reflectivity.reshape(shape).astype(np.float32),
-        known,
+        part,
         np.where(nothing.ravel(), room_error, sigma).reshape(shape).astype(np.float32),
     )
 
@@ -115,9 +129,17 @@ def difference(clean: Clean, image: Observation) -> np.ndarray:
     return unwrapped(raw, image.length.ravel(), image.wraps).reshape(clean.depth.shape)
 
 
-def strange(clean: Clean, image: Observation) -> np.ndarray:
-    """Return (H, W) bool: whole patches whose depth contradicts the room."""
-    with np.errstate(invalid='ignore'):
-        far = np.abs(difference(clean, image)) > _STRANGE + _STRANGE_NOISE * image.sigma
-    core = ~grow(~far, _PATCH)
-    return grow(core, _PATCH) & far
+def apart(clean: Clean, image: Observation) -> np.ndarray:
+    """
+    Return (H, W) int: -1 in whole patches that are nearer than the ground truth, 1 if farther.
+
+    What is nearer stands before the surface, and hides it. Nothing is seen through a surface: what
+    is farther is an error of the camera, or of the ground truth.
+    """
+    error = np.where(clean.known, difference(clean, image), 0.0)
+    out = np.zeros(error.shape, np.int8)
+    for sign in (-1, 1):
+        with np.errstate(invalid='ignore'):
+            far = sign * error > _STRANGE + _STRANGE_NOISE * image.sigma
+        out[grow(~grow(~far, _PATCH), _PATCH) & far] = sign
+    return out

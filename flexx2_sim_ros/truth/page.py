@@ -8,6 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.html_drawing import CURVE_STYLE, curves, picture
 from flexx2_sim_ros.html_page import html_page
+from flexx2_sim_ros.truth.clean import PARTS
 from flexx2_sim_ros.truth.registration import Registered
 from flexx2_sim_ros.truth.writing import Picture
 from matplotlib.image import imsave
@@ -22,6 +23,13 @@ th, small, figcaption { color: var(--dim); } figcaption { font-size: .85rem; }
 .row figure { max-width: 26.25rem; }
 td.words { min-width: 12rem; }
 """
+# Colours of `PARTS` on the map; told apart with any colour vision.
+_COLOURS = {
+    'outside': (120, 120, 120),
+    'known': (0, 114, 178),
+    'hidden': (230, 159, 0),
+    'refused': (204, 121, 167),
+}
 _LIMIT = 0.03  # metres, end of the colour scale of the residual map
 
 
@@ -140,7 +148,7 @@ def recordings_table(rows: Sequence[Mapping[str, Any]]) -> str:
         if 'pose' in row:
             sizes = (
                 f'<td>{row["pose_sigma_mm"]:.2f} mm, {row["pose_sigma_deg"]:.3f} deg</td>'
-                f'<td>{_millimetres(row["residual_mm"])}</td><td>{row["known"]:.0%}</td>'
+                f'<td>{_millimetres(row["residual_mm"])}</td><td>{known_share(row)}</td>'
             )
         lines.append(
             f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
@@ -154,6 +162,12 @@ def recordings_table(rows: Sequence[Mapping[str, Any]]) -> str:
         '<th>median residual</th><th>known</th><th></th></tr>'
         f'{"".join(lines)}</table></div>'
     )
+
+
+def known_share(row: Mapping[str, Any]) -> str:
+    """Return what fraction of the pixels is known, and why others are not, as HTML."""
+    why = ', '.join(f'{name} {part:.0%}' for name, part in row['unknown'].items() if part)
+    return f'{row["known"]:.0%}' + (f' <small>({why})</small>' if why else '')
 
 
 def _millimetres(value: float | None) -> str:
@@ -206,23 +220,46 @@ def figures(
         f'<figure><img alt="residual of {name}" width="420" '
         f'src="{picture(shown.residual, _LIMIT)}"><figcaption>measured minus clean depth, blue '
         f'{-_LIMIT * 1e3:.0f} to red {_LIMIT * 1e3:+.0f} mm, gray unknown or invalid</figcaption>'
-        f'</figure>{curve}</div>'
+        f'</figure><figure><img alt="map of {name}" width="420" src="{_map(shown)}"><figcaption>'
+        f'{_legend(shown)}</figcaption></figure>{curve}</div>'
     )
+
+
+def _legend(shown: Picture) -> str:
+    return ', '.join(
+        f'<span style="color:rgb{_COLOURS[name]}">&#9632;</span> {name} {part:.0%}'
+        for name, part in shown.shares.items()
+    )
+
+
+def _map(shown: Picture) -> str:
+    # Which pixels are known, and why others are not, over the image.
+    colours = np.array([_COLOURS[name] for name in PARTS], float)[shown.part]
+    image = 0.6 * colours + 0.4 * _gray(shown.image)[..., None]
+    return _data_url(image.astype(np.uint8).repeat(2, axis=0).repeat(2, axis=1))
 
 
 def overlay(shown: Picture) -> str:
     """Return an image with the edges of clean depth on it, as a data URL."""
-    depth = shown.image
-    good = np.isfinite(depth)
-    low, high = np.percentile(depth[good], [2, 98]) if good.any() else (0.0, 1.0)
-    gray = np.clip((depth - low) / max(high - low, 1e-6), 0, 1) * 200 + 30
-    image = np.repeat(np.where(good, gray, 255)[..., None], 3, axis=2)
+    image = np.repeat(_gray(shown.image)[..., None], 3, axis=2)
     image = image.astype(np.uint8).repeat(4, axis=0).repeat(4, axis=1)
     # Thin lines: an edge is drawn on one of the four rows and columns that a pixel has.
     lines = shown.edges.repeat(4, axis=0).repeat(4, axis=1)
     inner = lines.copy()
     inner[1:-1, 1:-1] = lines[:-2, 1:-1] & lines[2:, 1:-1] & lines[1:-1, :-2] & lines[1:-1, 2:]
     image[lines & ~inner] = (217, 72, 15)
+    return _data_url(image)
+
+
+def _gray(values: np.ndarray) -> np.ndarray:
+    # From dark for low values to bright; white where there are none.
+    good = np.isfinite(values)
+    low, high = np.percentile(values[good], [2, 98]) if good.any() else (0.0, 1.0)
+    gray = np.clip((values - low) / max(high - low, 1e-6), 0, 1) * 200 + 30
+    return np.where(good, gray, 255)
+
+
+def _data_url(image: np.ndarray) -> str:
     file = BytesIO()
     imsave(file, image, format='png')
     return 'data:image/png;base64,' + base64.b64encode(file.getvalue()).decode()

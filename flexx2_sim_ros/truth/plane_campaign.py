@@ -9,7 +9,7 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import absorbed
 from flexx2_sim_ros.truth.files import digest
-from flexx2_sim_ros.truth.page import figures, undecided, whole_page
+from flexx2_sim_ros.truth.page import figures, known_share, undecided, whole_page
 from flexx2_sim_ros.truth.plane_file import PlaneFile, read_planes
 from flexx2_sim_ros.truth.plane_writing import (
     Judged,
@@ -117,7 +117,9 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
             {
                 **({} if scale is None else {'reflectivity': scale.table()}),
                 'cannot_decide': _cannot_decide(judged),
-                'absorbed': absorbed('tape' if all(judged[i].taped for i in good) else 'planes'),
+                'absorbed': absorbed(
+                    'tape' if all(any(judged[i].taped) for i in good) else 'planes'
+                ),
             },
             lambda table: _page(table, pictures),
         )
@@ -150,14 +152,14 @@ def _jobs(request: PlaneRequest, plan: PlaneFile, sources: Sequence[Source]) -> 
 def _row(source: Source, one: Judged, picture: Picture | None) -> dict[str, Any]:
     row = source.row(one.state, one.reasons)
     if picture is not None:
-        row |= {'known': round(picture.known, 4), 'planes': one.table()}
+        row |= {**picture.table(), 'planes': one.table()}
     return row
 
 
 def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, Any]]:
     # Effects that planes never decide; the diagnosis computes the others for each recording.
     found = [one for one in judged if one.planes is not None]
-    taped = any(one.taped for one in found)
+    taped = any(any(one.taped) for one in found)
     out: list[dict[str, Any]] = [_POSE]
     if not taped:
         out.append(
@@ -197,7 +199,7 @@ def _recordings(rows: Sequence[Mapping[str, Any]]) -> str:
     lines = []
     for row in rows:
         planes = row.get('planes', ())
-        known = f'{row["known"]:.0%}' if planes else ''
+        known = known_share(row) if planes else ''
         lines.append(
             f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
             f'{row["verdict"]}</span></td><td>{known}</td><td>'
@@ -212,7 +214,8 @@ def _recordings(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _plane(row: Mapping[str, Any]) -> str:
-    return (
-        f'{escape(row["name"])}: {row["distance_m"]:.3f} m &plusmn; {row["sigma_mm"]:.1f} mm, '
-        f'{row["residual_mm"]:+.1f} mm'
+    off = row['residual_mm']
+    measured = (
+        'not measured' if off is None else f'&plusmn; {row["sigma_mm"]:.1f} mm, {off:+.1f} mm'
     )
+    return f'{escape(row["name"])}: {row["distance_m"]:.3f} m, {measured}'

@@ -12,9 +12,10 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 import numpy as np
 
 _KEYS = {'schema', 'origin', 'planes', 'recordings'}
-_OF_PLANE = {'name', 'seed', 'box', 'distance', 'angles', 'flat'}
-_OF_RECORDING = {'seed', 'box', 'distance'}
-_MOST_PLANES, _LONGEST_NAME = 20, 60
+_PLACES = 'seed', 'box', 'outline'  # of which one is given
+_OF_RECORDING = {*_PLACES, 'distance'}
+_OF_PLANE = {*_OF_RECORDING, 'name', 'angles', 'flat'}
+_MOST_PLANES, _MOST_CORNERS, _LONGEST_NAME = 20, 100, 60
 # Standard deviation of a measurement that is given without one: metres, degrees.
 _TAPE, _SQUARE = 0.005, 0.5
 _NEAREST, _FARTHEST, _MOST_ERROR = 0.05, 20.0, 1.0  # metres
@@ -44,6 +45,8 @@ class PlaneHint:
         Perpendicular distance from the origin, metres.
     flat : float or None
         Standard deviation of the surface, metres.
+    outline : tuple of tuple of float
+        Corners of the whole plane in the image, pixels; empty if the recording shows its borders.
 
     """
 
@@ -51,6 +54,7 @@ class PlaneHint:
     box: tuple[float, ...] = ()
     distance: Measured | None = None
     flat: float | None = None
+    outline: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -165,25 +169,43 @@ def _plane(field: str, row: Any) -> PlaneHint:
 
 def _hint(field: str, plane: PlaneHint, row: Mapping[str, Any]) -> PlaneHint:
     # The plane with the changes of a mapping.
-    seed, box = row.get('seed'), row.get('box')
-    if seed is not None and box is not None:
-        raise InputError(f'{field}: must have a seed or a box, got both')
-    if seed is not None:
-        box = _numbers(f'{field}: seed', seed, 'a pixel [u, v]', 2) * 2
-    elif box is not None:
-        box = _numbers(f'{field}: box', box, 'pixels [left, top, right, bottom]', 4)
-        if box[0] > box[2] or box[1] > box[3]:
-            raise InputError(
-                f'{field}: box: must be [left, top, right, bottom] with left <= right and top <= '
-                f'bottom, got {shown(list(box))}'
-            )
+    given = {place: row[place] for place in _PLACES if row.get(place) is not None}
+    if len(given) > 1:
+        raise InputError(f'{field}: must have one of {", ".join(_PLACES)}, got {", ".join(given)}')
+    place, value = next(iter(given.items()), ('', None))
+    box, outline = plane.box, plane.outline
+    if place == 'outline':
+        box, outline = (), _outline(f'{field}: outline', value)
+    elif place:
+        box, outline = _box(f'{field}: {place}', value), ()
     distance = row.get('distance')
     return PlaneHint(
         plane.name,
-        plane.box if box is None else box,
+        box,
         plane.distance if distance is None else _distance(f'{field}: distance', distance),
         plane.flat,
+        outline,
     )
+
+
+def _box(field: str, value: Any) -> tuple[float, ...]:
+    if field.endswith('seed'):
+        return _numbers(field, value, 'a pixel [u, v]', 2) * 2
+    box = _numbers(field, value, 'pixels [left, top, right, bottom]', 4)
+    if box[0] > box[2] or box[1] > box[3]:
+        raise InputError(
+            f'{field}: must be [left, top, right, bottom] with left <= right and top <= bottom, '
+            f'got {shown(list(box))}'
+        )
+    return box
+
+
+def _outline(field: str, value: Any) -> tuple[tuple[float, ...], ...]:
+    if not (isinstance(value, list) and 3 <= len(value) <= _MOST_CORNERS):
+        raise InputError(
+            f'{field}: must be a list of 3 to {_MOST_CORNERS} corners [u, v], got {shown(value)}'
+        )
+    return tuple(_numbers(field, corner, 'corners [u, v] in pixels', 2) for corner in value)
 
 
 def _distance(field: str, value: Any) -> Measured:

@@ -1,16 +1,19 @@
 """Find planes in a depth image, robustly."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
+from flexx2_sim_ros.truth.clean import HIDDEN, KNOWN, OUTSIDE, REFUSED
 from flexx2_sim_ros.truth.observation import grow, Observation
 from flexx2_sim_ros.truth.plane_file import PlaneHint
 from flexx2_sim_ros.truth.robust import robust_sigma
+from matplotlib.path import Path
 import numpy as np
 from scipy import ndimage
 
-# A pixel lies on a plane within so many metres and standard deviations of depth. Multipath and
-# wiggling bend planes by some centimetres.
+# A pixel is near enough to a plane to be fitted within so many metres and standard deviations of
+# depth. Multipath and wiggling bend planes by some centimetres.
 _TOLERANCE, _NOISE = 0.02, 3.0
 _LEAST = 0.015  # least fraction of the image that a plane covers
 _GRAZING = 0.17  # cosine of incidence; 80 degrees
@@ -18,8 +21,13 @@ _GRAZING = 0.17  # cosine of incidence; 80 degrees
 _TRIES, _NEAR, _SAMPLE = 400, 24, 4000
 _STEPS = 6
 _HOLE = 25  # pixels: smaller holes are noise, larger ones may be objects
+_DIVIDED = 0.9  # difference of shares of pixels, for two planes to lie on two sides of a line
+_REGULAR = 1e-12
+_ROUNDS = 2  # a plane is fitted to its region, which depends on the plane
+_WINDOW = 9  # pixels, less in small images: the slope of a surface is that in such a window
+_HALFWAY = np.sqrt(0.5)  # cosine: halfway between two surfaces that meet at a right angle
 _BORDER = 2  # pixels
-_FEW = 0.01  # of a plane's pixels may be elsewhere inside it without a note
+_FEW = 0.01  # of a plane's pixels may contradict it, or be hidden, without a note
 _PATCH = 4  # pixels around a seed
 
 
@@ -33,14 +41,28 @@ class Surface:
     name : str
     inverse : numpy.ndarray
         (3,) coefficients: inverse depth is the product with the ray (x/z, y/z, 1).
-    mask : numpy.ndarray
-        (H, W) bool: pixels on it, away from its borders.
+    part : numpy.ndarray
+        (H, W) uint8: which of its pixels are known, one of `clean.PARTS`.
+    bend : float
+        Root mean square distance of what the recording shows of it from the plane, metres.
+    contradicting : int
+        Pixels of it that are farther from the plane than noise and bent light explain.
+    beside : int
+        Pixels between its own, in a row or column, that are neither of it nor of other planes.
 
     """
 
     name: str
     inverse: np.ndarray
-    mask: np.ndarray
+    part: np.ndarray
+    bend: float = 0.0
+    contradicting: int = 0
+    beside: int = 0
+
+    @property
+    def mask(self) -> np.ndarray:
+        """Return (H, W) bool: the known pixels, away from its borders."""
+        return np.asarray(self.part == KNOWN)
 
     @property
     def normal(self) -> np.ndarray:
@@ -52,10 +74,35 @@ class Surface:
         """Return the perpendicular distance from the optical centre, metres."""
         return float(1 / np.linalg.norm(self.inverse))
 
+    def notes(self) -> list[str]:
+        """Return what a person should know of its pixels."""
+        out, few = [], _FEW * self.mask.sum()
+        if self.contradicting > few:
+            out.append(
+                f'{self.name}: {self.contradicting} pixels of it contradict it by more than '
+                f'{_TOLERANCE * 1e3:g} mm and noise, and stay known'
+            )
+        hidden = int((self.part == HIDDEN).sum())
+        if hidden > few:
+            out.append(
+                f'{self.name}: {hidden} pixels inside it show something nearer, which hides it; '
+                'if nothing stands there, give its outline'
+            )
+        if self.beside > few:
+            out.append(
+                f'{self.name}: {self.beside} pixels between its own are of other things, or '
+                'measured wrong, and are unknown; if they are of it, give its outline'
+            )
+        return out
+
 
 def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[Surface]:
     """
-    Find planes: those with a box first, then the largest of the rest.
+    Find planes: those with a box or an outline first, then the largest of the rest.
+
+    The region of a plane is its outline. Without one it is the surface that is seen around the
+    box: as far as no depth jump and no other surface ends it. Its size does not depend on how well
+    depth agrees with the plane.
 
     Parameters
     ----------
@@ -70,42 +117,45 @@ def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[Surface]
         The planes that were found, in the order of the hints.
 
     """
-    free, search = image.smooth.copy(), _Search(image)
-    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    for hint in sorted(hints, key=lambda hint: not hint.box):
-        start = free & _inside(hint.box, free.shape) if hint.box else free
+    search = _Search(image)
+    free = image.smooth.copy()
+    cores: dict[str, _Core] = {}
+    for hint in sorted(hints, key=lambda hint: not (hint.box or hint.outline)):
+        told = _told(hint, free.shape)
+        start = free if told is None else free & told
         inverse = search.plane(start, free, growing=bool(hint.box))
         if inverse is None:
             continue
         on_it = free & search.near(inverse)
-        mask = _tidy(on_it)
-        if mask.sum() >= _LEAST * mask.size and (not hint.box or (mask & start).any()):
-            found[hint.name] = inverse, mask
-            free &= ~on_it
+        core = _most(_closed(on_it), start)
+        if core.sum() >= _LEAST * core.size or hint.outline:
+            cores[hint.name] = _Core(inverse, core, told if hint.outline else None)
+            free &= ~core
+    for _ in range(_ROUNDS):
+        regions = {name: search.region(name, cores) for name in cores}
+        for name, region in regions.items():
+            fitted = search.fitted(cores[name].inverse, region & image.smooth)
+            if fitted is not None:
+                cores[name] = replace(cores[name], inverse=fitted)
     return [
-        Surface(hint.name, found[hint.name][0], mask)
+        surface
         for hint in hints
-        if hint.name in found
-        for mask in [_away_from_others(search, hint.name, found)]
-        if mask.any()
+        if hint.name in cores
+        for surface in [search.surface(hint.name, cores, regions)]
+        if surface.mask.any()
     ]
 
 
-def contradicting(image: Observation, surfaces: Sequence[Surface]) -> dict[str, int]:
-    """
-    Return how many pixels between those of a plane, in a row or column, are not on any plane.
+@dataclass(frozen=True)
+class _Core:
+    # A plane, pixels that are certainly of it, and its outline if that was given.
+    inverse: np.ndarray
+    mask: np.ndarray
+    outline: np.ndarray | None
 
-    They are of another thing, or the camera measures them wrong. Planes where this is true of
-    hardly a pixel are left out.
-    """
-    search, out = _Search(image), {}
-    others = np.isfinite(image.depth) & ~np.any([one.mask for one in surfaces], axis=0)
-    for one in surfaces:
-        inside = _between(one.mask, 0) | _between(one.mask, 1)
-        count = int((inside & others & ~search.near(one.inverse)).sum())
-        if count > _FEW * one.mask.sum():
-            out[one.name] = count
-    return out
+    @property
+    def normal(self) -> np.ndarray:
+        return np.asarray(self.inverse / np.linalg.norm(self.inverse))
 
 
 class _Search:
@@ -123,6 +173,86 @@ class _Search:
         with np.errstate(divide='ignore', invalid='ignore'):
             return (np.abs(self.image.depth - 1 / along) < self.tolerance) & (cosine > _GRAZING)
 
+    @cached_property
+    def normals(self) -> np.ndarray:
+        """Return (H, W, 3) normals of what is seen around each pixel."""
+        seen = self.image.smooth
+        height, width = seen.shape
+        window = max(3, min(_WINDOW, min(height, width) // 8))
+        rays = np.where(seen[..., None], self.rays, 0)
+        inverse = np.where(seen, 1 / np.where(seen, self.image.depth, 1), 0)
+        design = rays[..., :, None] * rays[..., None, :]
+        sums = ndimage.uniform_filter(design, (window, window, 1, 1), mode='constant')
+        sides = ndimage.uniform_filter(
+            rays * inverse[..., None], (window, window, 1), mode='constant'
+        )
+        planes = np.linalg.solve(sums + _REGULAR * np.eye(3), sides[..., None])[..., 0]
+        return planes / np.maximum(np.linalg.norm(planes, axis=-1, keepdims=True), _REGULAR)
+
+    def region(self, name: str, cores: Mapping[str, _Core]) -> np.ndarray:
+        """Return (H, W) bool: the pixels of a plane, by outline or by the surface around it."""
+        own = cores[name]
+        along = self.rays @ own.inverse
+        with np.errstate(invalid='ignore'):
+            reach = along / np.linalg.norm(own.inverse) / self.image.length > _GRAZING
+        if own.outline is not None:
+            return reach & own.outline
+        for other, theirs in cores.items():
+            if other != name:
+                reach &= ~theirs.mask
+                behind = self.rays @ theirs.inverse > along
+                shares = [behind[one.mask].mean() for one in (own, theirs)]
+                # Their line of intersection divides two planes that meet.
+                if abs(shares[0] - shares[1]) > _DIVIDED:
+                    reach &= behind == (shares[0] > shares[1])
+        return self._around(own, reach)
+
+    def _around(self, own: _Core, reach: np.ndarray) -> np.ndarray:
+        # As far as no depth jump and no other surface ends it.
+        like = self.normals @ own.normal > _HALFWAY
+        return _most(_closed(reach & self.image.smooth & like), own.mask)
+
+    def surface(
+        self, name: str, cores: Mapping[str, _Core], regions: Mapping[str, np.ndarray]
+    ) -> Surface:
+        """Return a plane; what it encloses is of it, or is hidden by what is nearer."""
+        own, region = cores[name], regions[name]
+        others = np.zeros_like(region)
+        for other, theirs in regions.items():
+            if other != name:
+                others |= theirs | self._meet(own.inverse, cores[other].inverse)
+        depth, along = self.image.depth, self.rays @ own.inverse
+        with np.errstate(divide='ignore', invalid='ignore'):
+            error = depth - 1 / along
+            far = np.abs(error) > self.tolerance
+        whole, hidden = region.copy(), np.zeros_like(region)
+        if own.outline is None:
+            holes, count = ndimage.label(ndimage.binary_fill_holes(region) & ~region)
+            for k in range(1, count + 1):
+                hole = holes == k
+                seen = error[hole & np.isfinite(error)]
+                # Nothing is seen through a wall: what is farther is an error, or no return.
+                if len(seen) and np.median(seen) < 0:
+                    hidden |= hole
+                elif not (hole & others).any():
+                    whole |= hole
+        known = ~grow(~whole, _BORDER) & ~others & np.isfinite(self.image.rays[..., 0])
+        part = np.where(whole & ~known, np.uint8(REFUSED), np.uint8(OUTSIDE))
+        part[known], part[hidden] = KNOWN, HIDDEN
+        shown = self._around(own, region) & self.image.smooth
+        apart = (error * along / np.linalg.norm(own.inverse))[shown]
+        noise = np.mean(self.image.sigma[shown] ** 2) if shown.any() else 0.0
+        bend = float(np.sqrt(max(np.mean(apart**2) - noise, 0.0))) if shown.any() else 0.0
+        beside = (_between(region, 0) | _between(region, 1)) & ~whole & ~hidden & ~others & far
+        counts = [int(np.count_nonzero(one)) for one in (known & far, beside)]
+        return Surface(name, own.inverse, part, bend, *counts)
+
+    def _meet(self, own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
+        # A pixel near the intersection of two planes may belong to either.
+        with np.errstate(divide='ignore', invalid='ignore'):
+            gap = np.abs(1 / (self.rays @ theirs) - 1 / (self.rays @ own))
+        return np.asarray(gap < self.tolerance)
+
     def plane(self, start: np.ndarray, free: np.ndarray, growing: bool) -> np.ndarray | None:
         """Return the plane with most pixels of ``start``, grown and fitted to its pixels."""
         places = np.argwhere(start)
@@ -134,10 +264,10 @@ class _Search:
         reach = start
         for _ in range(_STEPS):
             reach = free & grow(reach, 8) if growing else free
-            inverse = self._fitted(inverse, reach & self.near(inverse))
+            inverse = self.fitted(inverse, reach & self.near(inverse))
             if inverse is None:
                 return None
-        return self._fitted(inverse, free & self.near(inverse))
+        return self.fitted(inverse, free & self.near(inverse))
 
     def _best(self, places: np.ndarray) -> np.ndarray | None:
         # RANSAC with triples of neighbouring pixels, which are more often on one plane.
@@ -162,8 +292,8 @@ class _Search:
             near = np.abs(1 / along - self.image.depth[some]) < self.tolerance[some]
         return np.asarray(planes[near.sum(axis=1).argmax()])
 
-    def _fitted(self, inverse: np.ndarray, mask: np.ndarray) -> np.ndarray | None:
-        # Gauss-Newton steps in depth with Cauchy weights.
+    def fitted(self, inverse: np.ndarray, mask: np.ndarray) -> np.ndarray | None:
+        """Return a plane fitted to pixels: Gauss-Newton steps in depth with Cauchy weights."""
         rays, depth = self.rays[mask], self.image.depth[mask]
         if len(rays) < 3:
             return None
@@ -186,33 +316,31 @@ def _between(mask: np.ndarray, axis: int) -> np.ndarray:
     return np.asarray(np.logical_or.accumulate(mask, axis=axis) & np.flip(back, axis))
 
 
-def _inside(box: tuple[float, ...], shape: tuple[int, ...]) -> np.ndarray:
-    left, top, right, bottom = box
+def _told(hint: PlaneHint, shape: tuple[int, ...]) -> np.ndarray | None:
+    # Pixels that the file says are of the plane; None where it says nothing.
     v, u = np.mgrid[: shape[0], : shape[1]]
+    if hint.outline:
+        inside = Path(hint.outline).contains_points(np.column_stack([u.ravel(), v.ravel()]))
+        return np.asarray(inside.reshape(shape))
+    if not hint.box:
+        return None
+    left, top, right, bottom = hint.box
     return np.asarray(
         (u >= left - _PATCH) & (u <= right + _PATCH) & (v >= top - _PATCH) & (v <= bottom + _PATCH)
     )
 
 
-def _tidy(mask: np.ndarray) -> np.ndarray:
-    # Closes single missing pixels, and removes isolated pixels and the border.
+def _most(mask: np.ndarray, of: np.ndarray) -> np.ndarray:
+    # The connected part of a mask with most pixels of another mask.
+    parts, _ = ndimage.label(mask)
+    sizes = np.bincount(parts[of], minlength=1)
+    sizes[0] = 0
+    return np.asarray((parts == sizes.argmax()) & (sizes.max() > 0) & mask)
+
+
+def _closed(mask: np.ndarray) -> np.ndarray:
+    # Closes small holes, which are noise, and cuts bridges of single pixels.
     holes, count = ndimage.label(~mask)
     small = np.bincount(holes.ravel(), minlength=count + 1) <= _HOLE
     small[0] = False
-    full = mask | small[holes]
-    opened = ndimage.binary_opening(full, np.ones((3, 3), bool), iterations=_BORDER)
-    return np.asarray(~grow(~opened, _BORDER))
-
-
-def _away_from_others(
-    search: _Search, name: str, found: dict[str, tuple[np.ndarray, np.ndarray]]
-) -> np.ndarray:
-    # A pixel near the intersection of two planes may belong to either.
-    inverse, mask = found[name]
-    own = search.rays @ inverse
-    for other, (theirs, _) in found.items():
-        if other != name:
-            with np.errstate(divide='ignore', invalid='ignore'):
-                gap = np.abs(1 / (search.rays @ theirs) - 1 / own)
-            mask = mask & ~(gap < search.tolerance)
-    return mask
+    return np.asarray(ndimage.binary_opening(mask | small[holes], np.ones((3, 3), bool)))

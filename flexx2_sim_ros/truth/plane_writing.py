@@ -2,21 +2,22 @@
 
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 import json
 from pathlib import Path
 from typing import Any
+from zlib import compress, decompress
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
-from flexx2_sim_ros.truth.clean import Clean
+from flexx2_sim_ros.truth.clean import Clean, KNOWN, OUTSIDE
 from flexx2_sim_ros.truth.files import reason_of
 from flexx2_sim_ros.truth.gray_frames import gray_images
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.plane_constraints import Constraints, Placed, seen_angle, settle
 from flexx2_sim_ros.truth.plane_file import Angle, PlaneHint
-from flexx2_sim_ros.truth.plane_finding import contradicting, find_planes, Surface
+from flexx2_sim_ros.truth.plane_finding import find_planes, Surface
 from flexx2_sim_ros.truth.reflectivity import (
     gray_samples,
     GraySamples,
@@ -29,6 +30,9 @@ import numpy as np
 _LARGEST_DEPTH = 100.0  # metres; larger values are millimetres
 _MOST_TURN = 10.0  # degrees by which errors of the camera turn a plane
 _CONTRADICTION = 5.0  # standard deviations
+# Metres, root mean square: effects of usual strength bend a plane by at most 0.006 (python -m
+# bench.planes), two walls taken for one by 0.017 to 0.035.
+_MOST_BEND = 0.015
 # Metres by which an offset and bounced light may change a distance.
 _MOST_OFFSET = 0.1
 
@@ -101,15 +105,15 @@ class Judged:
         Why the recording is doubtful or refused, and notes on missing measurements.
     planes : Nominal or None
         None if the recording is refused.
-    taped : bool
-        Whether a distance of one of them was measured.
+    taped : tuple of bool
+        Of which of them a distance was measured.
 
     """
 
     state: str
     reasons: tuple[str, ...]
     planes: Nominal | None = None
-    taped: bool = False
+    taped: tuple[bool, ...] = ()
 
     @property
     def frontal(self) -> float:
@@ -131,9 +135,10 @@ class Judged:
                 'normal': [round(float(value), 5) for value in placed.normals[k]],
                 'sigma_mm': round(float(distances[k]) * 1e3, 2),
                 'sigma_deg': round(float(np.degrees(spread[3 * k + 1 : 3 * k + 3].max())), 3),
-                'residual_mm': round((surface.distance - float(placed.distances[k])) * 1e3, 2),
+                'residual_mm': _off(surface, placed, k) if told else None,
+                'bend_mm': round(surface.bend * 1e3, 2),
             }
-            for k, surface in enumerate(self.planes.surfaces)
+            for k, (surface, told) in enumerate(zip(self.planes.surfaces, self.taped, strict=True))
         ]
 
     def to_json(self) -> str:
@@ -143,7 +148,12 @@ class Judged:
             placed = self.planes.placed
             table['planes'] = {
                 'surfaces': [
-                    (one.name, one.inverse.tolist(), _packed(one.mask), one.mask.shape)
+                    {
+                        **vars(one),
+                        'inverse': one.inverse.tolist(),
+                        'part': _packed(one.part),
+                        'shape': one.part.shape,
+                    }
                     for one in self.planes.surfaces
                 ],
                 'placed': [getattr(placed, field.name).tolist() for field in fields(placed)],
@@ -155,27 +165,29 @@ class Judged:
     def from_json(cls, text: str) -> 'Judged':
         """Return what `to_json` wrote."""
         table: dict[str, Any] = json.loads(text)
-        table['reasons'] = tuple(table['reasons'])
+        table |= {key: tuple(table[key]) for key in ('reasons', 'taped')}
         planes = table['planes']
         if planes is not None:
             table['planes'] = Nominal(
-                tuple(
-                    Surface(name, np.array(inverse), _unpacked(mask, shape))
-                    for name, inverse, mask, shape in planes['surfaces']
-                ),
+                tuple(map(_surface, planes['surfaces'])),
                 Placed(*map(np.array, planes['placed'])),
                 np.array(planes['covariance']),
             )
         return cls(**table)
 
 
-def _packed(mask: np.ndarray) -> str:
-    return b64encode(np.packbits(mask).tobytes()).decode()
+def _off(surface: Surface, placed: Placed, k: int) -> float:
+    return round((surface.distance - float(placed.distances[k])) * 1e3, 2)
 
 
-def _unpacked(text: str, shape: tuple[int, int]) -> np.ndarray:
-    bits = np.frombuffer(b64decode(text), np.uint8)
-    return np.unpackbits(bits, count=shape[0] * shape[1]).reshape(shape).astype(bool)
+def _packed(part: np.ndarray) -> str:
+    return b64encode(compress(part.tobytes())).decode()
+
+
+def _surface(row: dict[str, Any]) -> Surface:
+    part = np.frombuffer(decompress(b64decode(row['part'])), np.uint8)
+    shape = row.pop('shape')
+    return Surface(**{**row, 'inverse': np.array(row['inverse']), 'part': part.reshape(shape)})
 
 
 def place_planes(job: PlaneJob) -> str:
@@ -206,7 +218,7 @@ def _judged(job: PlaneJob) -> Judged:
     names = [surface.name for surface in surfaces]
     missing = [hint for hint in job.hints if hint.name not in names]
     for hint in missing:
-        if hint.box:
+        if hint.box or hint.outline:
             return Judged('refused', (f'{hint.name}: no plane is found where the file says',))
     if not surfaces:
         return Judged('refused', ('no plane is found in it',))
@@ -220,15 +232,12 @@ def _judged(job: PlaneJob) -> Judged:
         return Judged('refused', (reason,))
     doubts = _doubts(surfaces, constraints)
     notes = [f'{hint.name}: not found' for hint in missing]
-    notes += [
-        f'{name}: {count} pixels inside it contradict it and are unknown'
-        for name, count in contradicting(footage.still, surfaces).items()
-    ]
+    notes += [note for surface in surfaces for note in surface.notes()]
     return Judged(
         'doubtful' if doubts else 'used',
         tuple(doubts + notes),
         Nominal(tuple(surfaces), placed, covariance),
-        any(told is not None for told in constraints.distances),
+        tuple(told is not None for told in constraints.distances),
     )
 
 
@@ -276,7 +285,12 @@ def _contradiction(placed: Placed, constraints: Constraints) -> str:
 
 
 def _doubts(surfaces: list[Surface], constraints: Constraints) -> list[str]:
-    doubts = []
+    doubts = [
+        f'{surface.name}: the recording bends it by {surface.bend * 1e3:.0f} mm rms: several '
+        'surfaces (give the outline of one), or an error of the camera'
+        for surface in surfaces
+        if surface.bend > _MOST_BEND
+    ]
     for surface, told in zip(surfaces, constraints.distances, strict=True):
         if told is None:
             continue
@@ -353,8 +367,9 @@ def write_planes(what: PlaneWriting) -> Picture:
         'plane_names': np.array([surface.name for surface in planes.surfaces]),
         **what.keys,
     }
-    known = write_truth(reader, job.target, [truth], False, keys)
-    return picture_of(truth, image, known)
+    shares = write_truth(reader, job.target, [truth], False, keys)
+    # What contradicts a plane is counted plane by plane.
+    return replace(picture_of(truth, image, shares), notes=())
 
 
 def _render(job: PlaneJob, planes: Nominal, image: Observation) -> tuple[Clean, np.ndarray]:
@@ -362,6 +377,7 @@ def _render(job: PlaneJob, planes: Nominal, image: Observation) -> tuple[Clean, 
     rays, shape = _rays(image), image.depth.shape
     depth, incidence = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
     sigma, plane = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
+    part = np.full(shape, OUTSIDE, np.uint8)
     flat = {hint.name: hint.flat for hint in job.hints}
     for k, surface in enumerate(planes.surfaces):
         mask = surface.mask
@@ -371,7 +387,8 @@ def _render(job: PlaneJob, planes: Nominal, image: Observation) -> tuple[Clean, 
         incidence[mask] = np.arccos(np.clip(along / image.length[mask], 0, 1))
         sigma[mask] = (job.room_error if told is None else told) / along
         plane[mask] = k + 1
-    return Clean(depth, incidence, None, plane > 0, sigma), plane
+        part = np.where((part == KNOWN) | (surface.part == OUTSIDE), part, surface.part)
+    return Clean(depth, incidence, None, part, sigma), plane
 
 
 def _rays(image: Observation) -> np.ndarray:

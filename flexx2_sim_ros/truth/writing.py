@@ -8,7 +8,17 @@ from typing import Any
 from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingWriter
 from flexx2_sim_ros.recording.truth import KEYS
 from flexx2_sim_ros.truth.alignment import align, choose
-from flexx2_sim_ros.truth.clean import Clean, difference, edges, render, strange
+from flexx2_sim_ros.truth.clean import (
+    apart,
+    Clean,
+    difference,
+    edges,
+    HIDDEN,
+    KNOWN,
+    PARTS,
+    REFUSED,
+    render,
+)
 from flexx2_sim_ros.truth.columns import Columns
 from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
 from flexx2_sim_ros.truth.meshes import load_room
@@ -28,6 +38,7 @@ import numpy as np
 _WRITTEN = {'clean_depth', 'incidence', 'depth', *KEYS}
 _PIXELS = 2000
 _REFINEMENTS = 4
+_FEW = 0.01  # of the pixels may contradict the ground truth without a note
 _LIT_FRAMES = 6  # of a moving recording: enough to learn what gray values mean
 
 
@@ -87,15 +98,31 @@ class Picture:
         (H, W) bool, where clean depth jumps.
     residual : numpy.ndarray
         (H, W) float32 metres, measured minus clean; NaN where unknown or invalid.
-    known : float
-        Fraction of the pixels.
+    part : numpy.ndarray
+        (H, W) uint8 as in `Clean`.
+    shares : dict
+        The fraction of pixels of each of `PARTS`, over all frames.
+    notes : tuple of str
+        What a person should know of pixels that contradict the ground truth.
 
     """
 
     image: np.ndarray
     edges: np.ndarray
     residual: np.ndarray
-    known: float
+    part: np.ndarray
+    shares: dict[str, float]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def known(self) -> float:
+        """Return the fraction of the pixels that are known."""
+        return self.shares['known']
+
+    def table(self) -> dict[str, Any]:
+        """Return the shares of pixels for ``truth.yaml``: known, and unknown by reason."""
+        left = {name: round(part, 4) for name, part in self.shares.items() if name != 'known'}
+        return {'known': round(self.known, 4), 'unknown': left}
 
 
 def write_recording(what: Writing) -> Picture:
@@ -118,7 +145,7 @@ def write_recording(what: Writing) -> Picture:
         clean = render(
             room, Pose.from_numbers(np.array(what.pose)), footage.still.rays, what.room_error
         )
-        truths = [without_strangers(clean, footage.still)]
+        truths = [without_hidden(clean, footage.still)]
     if what.scale is not None and shows_light(reader, moving):
         truths = [
             with_reflectivity(truth, gray, footage.still.rays, what.scale)
@@ -175,7 +202,7 @@ def write_truth(
     truths: Sequence[Clean],
     moving: bool,
     keys: Mapping[str, np.ndarray],
-) -> float:
+) -> dict[str, float]:
     """
     Write a recording with ground truth, whole or not at all.
 
@@ -194,8 +221,8 @@ def write_truth(
 
     Returns
     -------
-    float
-        Fraction of the pixels that are known.
+    dict
+        As `Picture.shares`.
 
     Raises
     ------
@@ -206,10 +233,8 @@ def write_truth(
     with RecordingWriter(target, *reader.shape) as file:
         for image in reader.frames('depth'):
             file.add_depth(image[None])
-        arrays = {**_arrays(truths, moving), **keys}
-        mask = mask_of(reader)
-        if mask is not None:
-            arrays['known'] = arrays['known'] & mask
+        part, arrays = _arrays(truths, moving, mask_of(reader))
+        arrays |= keys
         for key, value in arrays.items():
             file.add_array(key, value)
         for key, value in _copied(reader, arrays.keys()):
@@ -217,14 +242,26 @@ def write_truth(
                 file.add_array(key, value)
             else:
                 file.add_frames(key, reader.layouts[key].dtype, value)
-    return float(arrays['known'].mean())
+    counts = np.bincount(part.ravel(), minlength=len(PARTS))
+    return dict(zip(PARTS, (counts / part.size).tolist(), strict=True))
 
 
-def picture_of(truth: Clean, first: Observation, known: float) -> Picture:
+def picture_of(truth: Clean, first: Observation, shares: dict[str, float]) -> Picture:
     """Return the images of a recording for the page: of its first frame or median."""
-    residual = np.where(truth.known, difference(truth, first), np.nan)
+    error = difference(truth, first)
+    residual = np.where(truth.known, error, np.nan).astype(np.float32)
+    few = _FEW * truth.known.size
+    farther, hidden = (apart(truth, first) > 0).sum(), (truth.part == HIDDEN).sum()
+    notes = []
+    if farther > few:
+        notes.append(
+            f'{farther} pixels are farther than the ground truth, and stay known: an error of '
+            'the camera, or a thing that is not there any more'
+        )
+    if hidden > few:
+        notes.append(f'{hidden} pixels show something nearer that the ground truth has not')
     return Picture(
-        first.depth.astype(np.float32), edges(truth), residual.astype(np.float32), known
+        first.depth.astype(np.float32), edges(truth), residual, truth.part, shares, tuple(notes)
     )
 
 
@@ -237,7 +274,7 @@ def _of_frames(room: Room, what: Writing, footage: Footage) -> list[Clean]:
     seen = [render(room, pose, footage.still.rays, what.room_error) for pose in poses]
     lost = np.array(what.registered.costs) > LOST
     truths = [
-        _unknown(truth) if gone else without_strangers(truth, frame)
+        truth.without(True, REFUSED) if gone else without_hidden(truth, frame)
         for truth, frame, gone in zip(seen, frames, lost, strict=True)
     ]
     if not what.latency:
@@ -252,14 +289,10 @@ def _of_frames(room: Room, what: Writing, footage: Footage) -> list[Clean]:
         if np.isfinite(numbers).all() and not gone:
             placed = Pose.from_numbers(numbers)
             there = render(room, placed, footage.still.rays, what.room_error)
-            out.append(replace(there, known=there.known & truth.known))
+            out.append(there.without(~truth.known, REFUSED))
         else:
-            out.append(_unknown(truth))
+            out.append(truth.without(True, REFUSED))
     return out
-
-
-def _unknown(truth: Clean) -> Clean:
-    return replace(truth, known=np.zeros_like(truth.known))
 
 
 def _pose_of(room: Room, what: Writing, footage: Footage, frame: Observation, number: int) -> Pose:
@@ -280,13 +313,14 @@ def _pose_of(room: Room, what: Writing, footage: Footage, frame: Observation, nu
     return pose
 
 
-def without_strangers(clean: Clean, image: Observation) -> Clean:
-    """Return ground truth that is unknown in whole patches whose depth contradicts it."""
-    known = clean.known & ~strange(clean, image)
-    return replace(clean, known=known)
+def without_hidden(clean: Clean, image: Observation) -> Clean:
+    """Return ground truth that is unknown where something stands before it."""
+    return clean.without(apart(clean, image) < 0, HIDDEN)
 
 
-def _arrays(truths: Sequence[Clean], moving: bool) -> dict[str, np.ndarray]:
+def _arrays(
+    truths: Sequence[Clean], moving: bool, mask: np.ndarray | None
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     lit = [truth.reflectivity is not None for truth in truths]
     if 2 * sum(lit) > len(lit):  # A bag lacks the gray images of a few frames.
         truths = [truth if one else _dark(truth) for truth, one in zip(truths, lit, strict=True)]
@@ -295,24 +329,26 @@ def _arrays(truths: Sequence[Clean], moving: bool) -> dict[str, np.ndarray]:
         images = [getattr(truth, name) for truth in truths]
         return np.stack(images) if moving else images[0]
 
+    part = stack('part')
+    if mask is not None:
+        part = np.where(mask, part, np.uint8(HIDDEN))
     out = {
         'clean_depth': stack('depth'),
         'incidence': stack('incidence'),
-        'known': stack('known'),
+        'known': part == KNOWN,
         'clean_sigma': stack('sigma'),
     }
     for name in ('reflectivity', 'reflectivity_spread'):
         if all(getattr(truth, name) is not None for truth in truths):
             out[name] = stack(name)
-    return out
+    return part, out
 
 
 def _dark(truth: Clean) -> Clean:
     # Of a frame whose reflectivity is not known, where that of the others is.
     nothing = np.full(truth.depth.shape, np.nan, np.float32)
-    return replace(
-        truth, known=np.zeros_like(truth.known), reflectivity=nothing, reflectivity_spread=nothing
-    )
+    dark = replace(truth, reflectivity=nothing, reflectivity_spread=nothing)
+    return dark.without(True, REFUSED)
 
 
 def _copied(reader: RecordingReader, written: Set[str]) -> Iterator[tuple[str, Any]]:

@@ -1,0 +1,85 @@
+"""Ground truth for frames of real cameras; skipped where these are not."""
+
+from pathlib import Path
+import shutil
+from typing import Any
+
+from flexx2_sim_ros.cli.main import main
+import numpy as np
+import pytest
+from real_frames import DATA
+from scipy import ndimage
+import yaml
+
+CASES = DATA.parent / 'cases' / 'real'
+
+
+@pytest.fixture
+def case(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a copy of the case that the parameter names, which is the current folder."""
+    source = CASES / request.param
+    if not source.is_dir():
+        pytest.skip(f'{source} is not there')
+    folder = tmp_path / request.param
+    shutil.copytree(source, folder, copy_function=shutil.copyfile)
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def named(name: str) -> pytest.MarkDecorator:
+    """Return the mark of a test that takes a case."""
+    return pytest.mark.parametrize('case', [name], indirect=True)
+
+
+def truth(recording: str, *options: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Run the command; return truth.yaml and the recording with its ground truth."""
+    command = ['gap', 'truth', recording, *options, '--out', 'out', '--jobs', '1']
+    assert main(command) == 0
+    with np.load(Path('out', recording)) as file:
+        return yaml.safe_load(Path('out/truth.yaml').read_text()), dict(file)
+
+
+@named('dark_card_dropped')
+def test_a_dark_card_that_reads_too_far_stays_known_and_is_counted(case: Path) -> None:
+    table, arrays = truth('r0.npz', '--planes', 'planes.yaml')
+    card = np.s_[50:120, 60:130]
+    assert arrays['known'][card].all()
+    error = arrays['depth'].mean(axis=0) - arrays['clean_depth']
+    beside = np.median(error[50:120, 140:160])
+    assert np.median(error[card]) - beside == pytest.approx(0.185, abs=0.02)
+    (row,) = table['recordings']
+    (said,) = row['reasons']
+    assert said.endswith('and stay known')
+    assert int(said.split()[1]) == pytest.approx(4900, rel=0.25)
+    assert row['known'] + sum(row['unknown'].values()) == pytest.approx(1, abs=0.001)
+    page = Path('out/truth.html').read_text()
+    assert 'alt="map of r0.npz"' in page
+
+
+@named('k2_board_strip')
+def test_a_board_is_not_the_door_frame_that_is_in_its_plane(case: Path) -> None:
+    assert main(['convert', 'v0001', 'v0001.npz', '--usecase', 'depth_30fps']) == 0
+    table, arrays = truth('v0001.npz', '--planes', 'board.yaml', '--profile', 'kinect_v2')
+    known = arrays['known']
+    assert ndimage.label(known)[1] == 1
+    v, u = np.nonzero(known)
+    assert 280 < u.min() < 310
+    assert 370 < u.max() < 400
+    assert 130 < v.min() < 160
+    assert 230 < v.max() < 260
+    error = (arrays['depth'][0] - arrays['clean_depth'])[known]
+    assert np.sqrt(np.nanmean(error**2)) < 0.008  # It was up to 30 mm on the frame.
+    (row,) = table['recordings']
+    assert row['verdict'] == 'used'
+    assert row['unknown']['outside'] > 0.95
+    assert row['planes'][0]['residual_mm'] is None  # Nobody measured it.
+
+
+@named('planes_not_flat')
+def test_a_plane_ends_where_the_next_wall_begins(case: Path) -> None:
+    options = '--planes', 'planes.yaml', '--profile', 'azure_kinect_nfov'
+    table, arrays = truth('mug.npz', *options)
+    (row,) = table['recordings']
+    assert max(plane['bend_mm'] for plane in row['planes']) < 15  # It was 17.
+    for k in range(1, 4):
+        assert ndimage.label(arrays['plane'] == k)[1] <= 3
