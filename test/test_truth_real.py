@@ -1,6 +1,7 @@
 """Ground truth for frames of real cameras; skipped where these are not."""
 
 from pathlib import Path
+import re
 import shutil
 from typing import Any
 
@@ -83,3 +84,36 @@ def test_a_plane_ends_where_the_next_wall_begins(case: Path) -> None:
     assert max(plane['bend_mm'] for plane in row['planes']) < 15  # It was 17.
     for k in range(1, 4):
         assert ndimage.label(arrays['plane'] == k)[1] <= 3
+
+
+@named('planes_not_flat')
+def test_a_tape_is_asked_for_before_the_work(
+    case: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profile = '--profile', 'azure_kinect_nfov'
+    table, _ = truth('mug.npz', '--planes', 'boxes.yaml', *profile)
+    said = ' '.join(capsys.readouterr().err.split())
+    assert said.index('no plane has a distance. Measure') < said.index('mug.npz: used')
+    undecided = {row['effect']: row for row in table['cannot_decide']}
+    assert {'offset', 'multipath', 'amplitude_bias', 'warm_up_drift'} <= set(undecided)
+    assert undecided['offset']['settled_by'] == 'a tape measure'
+    shutil.rmtree('out')
+    table, _ = truth('mug.npz', '--planes', 'boxes_tape.yaml', *profile)
+    assert 'Measure' not in capsys.readouterr().err
+    assert [row['effect'] for row in table['cannot_decide']] == ['pose_error']
+
+
+@named('opt_corner')
+def test_a_measured_angle_stands_above_what_the_camera_shows(case: Path) -> None:
+    """Assert it for a corner of 90 degrees that the camera shows as one of 80."""
+    options = '--planes', 'corner.yaml', '--profile', 'opt8241.yaml'
+    table, arrays = truth('corner_pin.npz', *options)
+    (row,) = table['recordings']
+    left, right = (np.array(plane['normal']) for plane in row['planes'])
+    assert np.degrees(np.arccos(left @ right)) == pytest.approx(90, abs=0.1)
+    (said,) = [reason for reason in row['reasons'] if 'degrees' in reason]
+    assert re.match(r'right and left: the recording shows (79|8[0-3])\.\d degrees', said)
+    assert 'multipath' not in [one['effect'] for one in table['cannot_decide']]
+    # The camera's error is in the difference, and not in the ground truth.
+    error = (arrays['depth'][0] - arrays['clean_depth'])[arrays['known']]
+    assert np.sqrt(np.nanmean(error**2)) > 0.03

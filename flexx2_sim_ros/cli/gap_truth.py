@@ -285,13 +285,16 @@ def _board_maker(arguments: argparse.Namespace) -> _Maker:
 
 
 def _plane_maker(arguments: argparse.Namespace) -> _Maker:
-    from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
+    from flexx2_sim_ros.truth import asked_for, make_plane_truth, PlaneRequest
 
     _check_unused(arguments, _PLACES, '--scan or --scene')
     _check_unused(arguments, ('lens_error',), '--board')
     request = PlaneRequest(
         **_common(arguments), planes=Path(arguments.planes), room_error=arguments.room_error or 0.0
     )
+    asked = asked_for(request)
+    if asked:  # Before the work: it can still be measured.
+        Console(stderr=True, markup=False).print(printable(asked), highlight=False)
     return partial(make_plane_truth, request)
 
 

@@ -15,6 +15,9 @@ _CLOCK = 'motion capture of a known clock (--clock-offset)'
 # Effects that a kind of ground truth always hides, with the reason.
 _POSE = 'pose_error', 'the poses are fitted to these recordings'
 _TIME = 'time_offset', 'each frame is placed where it was taken, whatever its stamp says'
+_IN_CAMERA = 'pose_error', "the planes are in the camera's frame, so that they move with it"
+_TAPE = 'a tape measure'
+_MOVES, _BENDS = 'offset', 'multipath'
 _MOVING = 'time_offset', 'motion_artefact'
 
 
@@ -92,8 +95,32 @@ def hidden_by_scan(
     return rows
 
 
-def _row(effect: str, reason: str, part: float) -> dict[str, Any]:
-    remedy = _CLOCK if effect == _TIME[0] else _CAPTURE
+def hidden_by_planes(taped: bool, square: bool) -> list[dict[str, Any]]:
+    """
+    Return the effects that planes of a room cannot decide.
+
+    Parameters
+    ----------
+    taped : bool
+        Whether a distance was measured.
+    square : bool
+        Whether an angle was measured.
+
+    """
+    rows = [_row(*_IN_CAMERA, 1.0)]
+    if taped:
+        return rows
+    for effect, part in absorbed('planes').items():
+        # What bends corners is seen where their angle is known.
+        if part >= _HIDDEN and effect != _IN_CAMERA[0] and not (square and effect == _BENDS):
+            whole = 1.0 if effect == _MOVES else min(part, 0.99)
+            reason = f'no distance was measured, and planes that move take {part:.0%} of it'
+            rows.append(_row(effect, reason, whole, _TAPE))
+    return rows
+
+
+def _row(effect: str, reason: str, part: float, remedy: str = '') -> dict[str, Any]:
+    remedy = remedy or (_CLOCK if effect == _TIME[0] else _CAPTURE)
     return {
         'effect': effect,
         'reason': f'{reason}; {remedy} would decide it',

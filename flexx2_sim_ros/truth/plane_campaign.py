@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown_path
-from flexx2_sim_ros.truth.absorbed import absorbed
+from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_planes
 from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.page import figures, known_share, undecided, whole_page
 from flexx2_sim_ros.truth.plane_file import PlaneFile, read_planes
@@ -32,13 +32,6 @@ from flexx2_sim_ros.truth.run import (
 from flexx2_sim_ros.truth.writing import Picture
 
 _FRONTAL = 20.0  # degrees between the normal and the optical axis
-_POSE = {
-    'effect': 'pose_error',
-    'reason': "the planes are in the camera's frame, so that they move with it; motion capture "
-    'would decide it',
-    'absorbed': 1.0,
-    'settled_by': 'motion capture',
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +118,28 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
         )
 
 
+def asked_for(request: PlaneRequest) -> str:
+    """
+    Return what should be measured before the work, and what is not decided without; or nothing.
+
+    Raises
+    ------
+    InputError
+        When the file of the planes cannot be used.
+
+    """
+    plan = read_planes(request.planes)
+    changed = [hint for rows in plan.changes.values() for hint in rows.values()]
+    if any(hint is not None and hint.distance for hint in (*plan.planes, *changed)):
+        return ''
+    _, *rows = hidden_by_planes(False, bool(plan.angles))
+    return (
+        f'{shown_path(request.planes)}: no plane has a distance. Measure that of each plane from '
+        'the camera, and write for example "distance: 1.20 +- 0.003". Without it '
+        f'{", ".join(row["effect"] for row in rows)} cannot be decided'
+    )
+
+
 def _jobs(request: PlaneRequest, plan: PlaneFile, sources: Sequence[Source]) -> list[PlaneJob]:
     names = [source.target.stem for source in sources]
     for name in plan.changes:
@@ -157,18 +172,10 @@ def _row(source: Source, one: Judged, picture: Picture | None) -> dict[str, Any]
 
 
 def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, Any]]:
-    # Effects that planes never decide; the diagnosis computes the others for each recording.
+    # The diagnosis computes others for each recording.
     found = [one for one in judged if one.planes is not None]
     taped = any(any(one.taped) for one in found)
-    out: list[dict[str, Any]] = [_POSE]
-    if not taped:
-        out.append(
-            {
-                'effect': 'offset',
-                'reason': 'the planes may be nearer or farther, because no distance was measured; '
-                'a tape measure would decide it',
-            }
-        )
+    out = hidden_by_planes(taped, any(one.square for one in found))
     if all(one.frontal < _FRONTAL for one in found):
         out.append(
             {

@@ -9,9 +9,11 @@ import numpy as np
 # Standard deviations of a plane without measurements: metres, radians. They are large, because a
 # plane that is fitted to the recording contains the errors of the camera.
 FREE_OFFSET, FREE_TILT = 0.1, np.radians(5.0)
-# A recording shows the tilt of a plane better than its distance, so planes are moved to a measured
-# distance, not turned.
+# What is measured with a tool stands above what the camera shows: however far it is, the plane
+# follows. A recording shows the tilt of a plane better than its distance, so planes are moved to a
+# measured distance, not turned.
 _FITTED_TILT = np.radians(0.3)
+_GIVES_WAY = 1e-6
 _PARALLEL = np.radians(3.0)  # from 0 or 180 degrees
 _ITERATIONS = 8
 _STEP = 1e-6
@@ -165,12 +167,11 @@ def settle(placed: Placed, constraints: Constraints) -> tuple[Placed, np.ndarray
     tuple
         The moved planes, and the (3 P, 3 P) covariance of their parameters. The covariance comes
         from the measurements alone; parameters without a measurement have `FREE_OFFSET` and
-        `FREE_TILT`. Angles are used only if a distance was measured, too: with angles alone the
-        diagnosis takes an offset for wiggling.
+        `FREE_TILT`.
 
     """
     count = len(placed.distances)
-    stiff = np.tile([FREE_OFFSET, _FITTED_TILT, _FITTED_TILT], count) ** -2.0
+    stiff = _GIVES_WAY * np.tile([FREE_OFFSET, _FITTED_TILT, _FITTED_TILT], count) ** -2.0
     change = np.zeros(len(stiff))
     for _ in range(_ITERATIONS):
         slope, errors = _slope(placed, change, constraints), _errors(placed, change, constraints)
@@ -178,8 +179,6 @@ def settle(placed: Placed, constraints: Constraints) -> tuple[Placed, np.ndarray
         change = change - np.linalg.solve(normal, stiff * change + slope.T @ errors)
     moved = placed.moved(change)
     free = np.tile([FREE_OFFSET, FREE_TILT, FREE_TILT], count) ** -2.0
-    if all(told is None for told in constraints.distances):
-        return moved, np.diag(1 / free)
     # The parameters are relative to the present planes.
     slope = _slope(moved, np.zeros(len(stiff)), constraints)
     covariance = np.linalg.inv(np.diag(free) + slope.T @ slope)

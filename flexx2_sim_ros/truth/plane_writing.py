@@ -107,6 +107,8 @@ class Judged:
         None if the recording is refused.
     taped : tuple of bool
         Of which of them a distance was measured.
+    square : bool
+        Whether an angle between two of them was measured.
 
     """
 
@@ -114,6 +116,7 @@ class Judged:
     reasons: tuple[str, ...]
     planes: Nominal | None = None
     taped: tuple[bool, ...] = ()
+    square: bool = False
 
     @property
     def frontal(self) -> float:
@@ -231,13 +234,15 @@ def _judged(job: PlaneJob) -> Judged:
     if reason:
         return Judged('refused', (reason,))
     doubts = _doubts(surfaces, constraints)
-    notes = [f'{hint.name}: not found' for hint in missing]
+    notes = _turns(surfaces, constraints)
+    notes += [f'{hint.name}: not found' for hint in missing]
     notes += [note for surface in surfaces for note in surface.notes()]
     return Judged(
         'doubtful' if doubts else 'used',
         tuple(doubts + notes),
         Nominal(tuple(surfaces), placed, covariance),
         tuple(told is not None for told in constraints.distances),
+        bool(constraints.angles),
     )
 
 
@@ -260,17 +265,32 @@ def _fitted(surfaces: list[Surface], image: Observation) -> Placed:
 
 
 def _turned(surfaces: list[Surface], constraints: Constraints) -> str:
-    # The angle contradicts the recording.
+    # The recording shows other planes than those of the angle: no camera turns two that far.
     normals = {surface.name: surface.normal for surface in surfaces}
     for angle in constraints.angles:
         seen = np.degrees(seen_angle(normals[angle.first], normals[angle.second]))
-        allowed = _MOST_TURN + _CONTRADICTION * angle.degrees.deviation
+        allowed = 2 * _MOST_TURN + _CONTRADICTION * angle.degrees.deviation
         if abs(seen - angle.degrees.value) > allowed:
             return (
                 f'the angle between {angle.first} and {angle.second} must be that of the planes '
                 f'found, {seen:.0f} degrees, got {angle.degrees.value:g}'
             )
     return ''
+
+
+def _turns(surfaces: list[Surface], constraints: Constraints) -> list[str]:
+    # What was measured with a tool counts: that the camera shows another angle is a finding.
+    normals = {surface.name: surface.normal for surface in surfaces}
+    out = []
+    for angle in constraints.angles:
+        seen = float(np.degrees(seen_angle(normals[angle.first], normals[angle.second])))
+        told = angle.degrees
+        if abs(seen - told.value) > _CONTRADICTION * told.deviation:
+            out.append(
+                f'{angle.first} and {angle.second}: the recording shows {seen:.1f} degrees '
+                f'between them, {told.value:g} +- {told.deviation:g} were measured and count'
+            )
+    return out
 
 
 def _contradiction(placed: Placed, constraints: Constraints) -> str:
