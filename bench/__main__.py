@@ -23,6 +23,7 @@ _ALL: dict[str, dict[str, Any]] = {
     'nodes': {'seconds': 1},
     'start': {'starts': 1},
     'bags': {'frames': 4, 'rounds': 1},
+    'batch_gpu': {},
 }
 # These take two hours together.
 _LONG: dict[str, dict[str, Any]] = {

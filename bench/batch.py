@@ -1,4 +1,4 @@
-"""The cost of many cameras at once: on one core, on all, and on a GPU where there is one."""
+"""The cost of many cameras at once on a CPU: on one core, and on all."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -29,8 +29,6 @@ _LATE = 'step_s, delay'
 _STEP_S, _DELAYED = 1 / 50, {'time_offset': {'latency': 0.0, 'delay': 0.06}}
 _KEPT_ENVS = 256
 _PERIOD = 33_333_333
-_ON_GPU = (64, 1024, 8192)
-_WANTED_SHARE = 0.25
 
 
 def run(rounds: int = 20) -> None:
@@ -39,10 +37,6 @@ def run(rounds: int = 20) -> None:
     _cpu(64, rounds)
     _threads(64, rounds)
     _memory()
-    if wp.is_cuda_available():
-        _gpu(rounds)
-    else:
-        print('\non a GPU: no GPU here, nothing measured')
 
 
 def _cpu(num_envs: int, rounds: int) -> None:
@@ -71,7 +65,7 @@ def _cpu(num_envs: int, rounds: int) -> None:
         functions[f'{name}, batch'] = lambda batch=batch: batch(  # type: ignore[misc]
             moving[next(turns) % 2]
         )
-    torch = _torch()
+    torch = imported_torch()
     if torch:
         torch.set_num_threads(1)
         given = torch.from_numpy(scenes)
@@ -149,70 +143,8 @@ def _resident() -> float:
     return pages * resource.getpagesize() / 1e6
 
 
-def _gpu(rounds: int) -> None:
-    device = wp.get_device('cuda')
-    driver = '.'.join(map(str, wp.get_cuda_driver_version()))
-    print(
-        f'\n{device.name}, driver for CUDA {driver}, medians of captured graphs; copy: of the '
-        'same frames from device memory to device memory'
-    )
-    print(f'{"N":>6s} {"frames/s":>10s} {"GB moved/s":>11s} {"/ copy":>7s} {"/ torch":>8s}')
-    torch = _torch()
-    for num_envs in _ON_GPU:
-        with wp.ScopedDevice(device):
-            scene = wp.array(room(), dtype=wp.float32)
-            clean = wp.empty((num_envs, *scene.shape), dtype=wp.float32)
-            for i in range(num_envs):
-                wp.copy(clean[i], scene)
-            camera = BatchCamera(num_envs, _MODE, device='cuda')
-            target = wp.empty_like(clean)
-            ours = _milliseconds(lambda: camera(clean), rounds)  # noqa: B023
-            copying = _milliseconds(lambda: wp.copy(target, clean), rounds)  # noqa: B023
-            plain = None
-            if torch:
-                given = wp.to_torch(clean)
-                matrix = flexx2().intrinsics.matrix
-                plain = _milliseconds(
-                    lambda: plain_torch(torch, given, matrix),  # noqa: B023
-                    rounds,
-                    captured=False,
-                )
-        moved = 2 * clean.size * 4
-        share = copying / ours
-        note = '' if num_envs < max(_ON_GPU) or share >= _WANTED_SHARE else '  TOO SLOW'
-        against = f'{ours / plain:8.3f}' if plain else f'{"no torch":>8s}'
-        print(
-            f'{num_envs:6d} {1e3 * num_envs / ours:10.0f} {moved / ours / 1e6:11.1f} '
-            f'{share:7.2f} {against}{note}'
-        )
-    print(f'wanted: at N = {max(_ON_GPU)} at least {_WANTED_SHARE} of the rate of copying')
-
-
-def _milliseconds(function: Callable[[], object], rounds: int, captured: bool = True) -> float:
-    # Median on the device, by its own events; `captured` as one graph.
-    function()
-    if captured:
-        with wp.ScopedCapture() as capture:
-            function()
-        graph = capture.graph
-
-        def call() -> object:
-            return wp.capture_launch(graph)
-    else:
-        call = function  # type: ignore[assignment]
-    times = []
-    for _ in range(rounds):
-        start, end = (wp.Event(enable_timing=True) for _ in range(2))
-        wp.record_event(start)
-        call()
-        if not captured:
-            wp.synchronize_device()
-        wp.record_event(end)
-        times.append(wp.get_event_elapsed_time(start, end))
-    return float(np.median(times))
-
-
-def _torch() -> Any:
+def imported_torch() -> Any:
+    """Return torch, or None where it is not installed."""
     try:
         import torch
     except ImportError:
