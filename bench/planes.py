@@ -33,13 +33,6 @@ VIEWS = (
 )
 NAMES = 'left', 'right', 'floor'
 LASER, TAPE = 0.001, 0.003  # metres
-CASES: tuple[tuple[float, str, dict[str, Any]], ...] = (
-    (0.0, 'laser, right angles', {'taped': LASER}),
-    (0.008, 'laser, right angles', {'taped': LASER}),
-    (0.008, 'laser, right angles, flat to 0.5 mm', {'taped': LASER, 'flat': 0.0005}),
-    (0.008, 'tape, right angles', {'taped': TAPE}),
-    (0.008, 'right angles', {'taped': None}),
-)
 
 
 def corner(turn: float, tilt: float, roll: float) -> np.ndarray:
