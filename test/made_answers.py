@@ -19,6 +19,7 @@ def said(
                 'parameters': {'bias': 0.012},
                 'share': 0.5,
                 'interval': [0.4, 0.6],
+                'takes_off': None,
                 'confidence': 0.9,
             }
             for name in names

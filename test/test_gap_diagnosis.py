@@ -84,8 +84,10 @@ def test_finds_an_effect_and_writes_what_it_found(
     (effect,) = table['effects']
     assert effect['name'] == 'temporal_filter'
     assert effect['parameters']['share'] == pytest.approx(0.4, abs=0.06)
-    low, high = effect['interval']
-    assert low <= effect['share'] <= high
+    for one in effect['takes_off'].values():
+        low, high = one['interval']
+        assert low <= one['mean'] <= high
+    assert effect['takes_off']['distance']['interval'][0] > 0
     assert effect['confidence'] > 0.9
     gap = table['gap']
     for name in ('distance', 'loss', 'wasserstein_mm', 'lag'):

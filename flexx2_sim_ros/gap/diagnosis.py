@@ -23,7 +23,12 @@ from flexx2_sim_ros.gap.elsewhere import Elsewhere
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, rounds_of_named, Simulator
-from flexx2_sim_ros.gap.inference.decide import decidable_candidates, decide, Decision
+from flexx2_sim_ros.gap.inference.decide import (
+    decidable_candidates,
+    decide,
+    Decision,
+    with_effects,
+)
 from flexx2_sim_ros.gap.inference.effects import (
     fitted_effects,
     held_out_effects,
@@ -43,6 +48,7 @@ from flexx2_sim_ros.gap.report.table import (
     verdict_of,
 )
 from flexx2_sim_ros.gap.report.writing import FILES, write
+from flexx2_sim_ros.gap.rounds import Campaign, explain
 from flexx2_sim_ros.gap.work import (
     find,
     noisier,
@@ -59,6 +65,7 @@ from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 
 _BEFORE_COST = 0.6  # fraction of the work, on the progress bar
+_ROUNDS = 6  # jobs for each recording, on the progress bar
 
 
 @dataclass(frozen=True)
@@ -86,6 +93,8 @@ class _Named:
         The recordings, at the noise level of the decision.
     simulator : Simulator
         Of these.
+    rises : dict of str to numpy.ndarray
+        By how much recordings are farther apart without each effect; see `rounds.Explained`.
 
     """
 
@@ -99,13 +108,14 @@ class _Named:
     decision: Decision
     used: list[Found]
     simulator: Simulator
+    rises: dict[str, np.ndarray]
 
     def table(
         self, model: Model, used: list[Found], left_out: list[tuple[str, str]]
     ) -> dict[str, Any]:
         """Return the table of the diagnosis, as far as it is about the named effects."""
         decision = self.decision
-        out = diagnosis_table(model, decision, self.fitted, self.first, used, left_out)
+        out = diagnosis_table(model, decision, self.fitted, self.first, used, left_out, self.rises)
         if self.forms is not None:
             out = calibrated_table(out, model, decision, self.forms, self.confirmed, self.motions)
         out['verdict'] = verdict_of(out)
@@ -196,7 +206,7 @@ def diagnose(
         columns, candidates = catalogue(left, not no_phases, inside)
         hidden = [one for one in hidden_effects(campaign_dir) if one.effect not in left]
         text = 'simulating what could explain the recordings'
-        step = stepper(progress, text, 0.05, 0.5, len(found))
+        step = stepper(progress, text, 0.05, 0.35, len(found))
         simulations = Simulations(profile, columns, seed, tuple(prior), known, inside)
         used, evidence, unusable = summarise_all(
             campaign_dir, found, left_out, simulations, mapped, step
@@ -204,14 +214,18 @@ def diagnose(
         model = Model(evidence, columns, prior)
         decision = _decide(model, candidates, hidden, progress)
         left_out = left_out + unusable
+        step = stepper(progress, 'fitting effects together', 0.5, 0.3, _ROUNDS * len(used))
+        campaign = Campaign(str(campaign_dir), used, candidates, simulations, mapped, step)
+        found_set = _explain(decision, model, campaign)
         simulator = Simulator(mapped, profile, known, seed, tuple(prior))
-        named = _simulate_named(model, decision, used, simulator, calibrate, progress)
+        named = _simulate_named(model, found_set, used, simulator, calibrate, progress)
         table = named.table(model, used, left_out)
         if makes_larger(table):
-            decision, still = decision.refused(), portion(progress, 0.98, 0.0)
-            named = _simulate_named(model, decision, used, simulator, calibrate, still)
+            refused, still = named.decision.refused(), portion(progress, 0.98, 0.0)
+            found_set = _found(refused, model)
+            named = _simulate_named(model, found_set, used, simulator, calibrate, still)
             table = named.table(model, used, left_out)
-        effects = named.effects
+        effects, decision = named.effects, named.decision
         table['settings'] = _settings(found[0], seed, pose_prior, told)
         posed = bool(model.own.posed.any())
         table['not_considered'] = _not_considered(without, known, no_phases, posed, hidden)
@@ -259,30 +273,89 @@ def _decide(
     model: Model, candidates: list[Candidate], hidden: list[Hidden], progress: Progress
 ) -> Decision:
     candidates, absorbed = decidable_candidates(model, candidates, hidden)
-    step = stepper(progress, 'comparing explanations', 0.55, 0.1, 4 * len(candidates))
+    step = stepper(progress, 'comparing explanations', 0.4, 0.1, 4 * len(candidates))
     decision = decide(model, candidates, step, absorbed=absorbed)
     if not model.seen.any():
         return replace(decision, verdict='none')  # The table says `too_little`.
     return decision
 
 
+@dataclass(frozen=True)
+class _Found:
+    # A decision, its effects fitted to all recordings and without each, where the camera of each
+    # recording is with them, the error of the base sigma_z, and what each effect takes off.
+    decision: Decision
+    fitted: list[Effect]
+    held_out: list[list[Effect]]
+    motions: list[np.ndarray]
+    sigma: float
+    rises: dict[str, np.ndarray]
+
+
+def _found(decision: Decision, model: Model) -> _Found:
+    fit = decision.accepted
+    motions = model.own.found(fit.nuisances)
+    fitted, held_out = fitted_effects(model, fit), held_out_effects(model, fit)
+    return _Found(decision, fitted, held_out, motions, fit.sigma, {})
+
+
+def _explain(decision: Decision, model: Model, campaign: Campaign) -> _Found:
+    # What was decided around the simulation without effects, fitted around the one with them.
+    before = _found(decision, model)
+    posed = [one for one in decision.accepted.candidates if one.kind.role == 'pose']
+    chosen = [one for one in decision.accepted.candidates if one.kind.role != 'pose']
+    if not chosen:
+        return before
+    undecided = {one.effect for one in decision.undecided} - {one.effect for one in chosen}
+    left = [one for one in campaign.candidates if one.effect not in undecided]
+    best = explain(replace(campaign, candidates=left, posed=posed), model, chosen)
+    one = best.proposal
+    if not one.effects:
+        return before
+    forms = [*(one.forms[name] for name in one.effects), *posed]
+    values = [
+        one.effects[form.effect].get(term.name, term.neutral)
+        for form in forms
+        for term in form.terms
+    ]
+    decision = with_effects(decision, model, forms, np.array(values, float))
+    typical = _found(decision, model)
+
+    def own(table: Table, as_fitted: Sequence[Effect]) -> list[Effect]:
+        # A form is fitted again, beside all of the set: it begins as in the catalogue.
+        now = {effect.name: effect for effect in parse_effects(table) if not effect.forms}
+        return [now.get(effect.name, effect) for effect in as_fitted]
+
+    return replace(
+        typical,
+        fitted=own(one.effects, typical.fitted),
+        held_out=[own(*pair) for pair in zip(one.without, typical.held_out, strict=True)],
+        motions=one.motions,
+        sigma=one.sigma,
+        rises=best.rises,
+    )
+
+
 def _simulate_named(
     model: Model,
-    decision: Decision,
+    found: _Found,
     used: list[Found],
     simulator: Simulator,
     calibrate: bool,
     progress: Progress,
 ) -> _Named:
-    used, noisy = noisier(used, simulator.profile, 1 + decision.accepted.sigma)
+    decision, fitted, held_out, motions = (
+        found.decision,
+        found.fitted,
+        found.held_out,
+        found.motions,
+    )
+    used, noisy = noisier(used, simulator.profile, 1 + found.sigma)
     simulator = replace(simulator, profile=noisy)
-    fitted = fitted_effects(model, decision.accepted)
-    held_out = held_out_effects(model, decision.accepted)
-    step = stepper(progress, 'simulating the outcome', 0.65, 0.13, 2 * len(used))
+    step = stepper(progress, 'simulating the outcome', 0.8, 0.06, 2 * len(used))
     shown = _shown(decision)
     without = [of_camera(one) for one in held_out]
     wrong = as_wrong_as_fitted(of_camera(fitted), without)
-    motions = model.own.found(decision.accepted.nuisances)
     elsewhere = Elsewhere(model, used, fitted, simulator)
     # At other poses, `measured` simulates the wrong effects, and not this.
     here = wrong if elsewhere.other_poses(motions) is None else without
@@ -290,12 +363,22 @@ def _simulate_named(
     first = simulator.run(simulate_set, jobs, step)
     first = elsewhere.measured(first, motions, wrong, step)
     plain_ones = _Named(
-        fitted, fitted, held_out, first, None, first, motions, decision, used, simulator
+        fitted,
+        fitted,
+        held_out,
+        first,
+        None,
+        first,
+        motions,
+        decision,
+        used,
+        simulator,
+        found.rises,
     )
     if not calibrate:
         return plain_ones
     total = rounds_of_named(fitted) * len(used)
-    step = stepper(progress, 'fitting curves and maps', 0.78, 0.2, total)
+    step = stepper(progress, 'fitting curves and maps', 0.86, 0.1, total)
     forms = calibrate_named(used, motions, fitted, held_out, simulator, step)
     if forms is None:
         return plain_ones

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -169,15 +170,15 @@ def search_inside(
     return search(some, found[0].mode) if some else {}
 
 
-def summarise(found: Found, simulations: Simulations) -> Evidence | str:
-    """Return the summary of a recording, or the reason why it cannot be used."""
-    one = simulations
+def summarise(job: tuple[Found, np.ndarray | None], simulations: Simulations) -> Evidence | str:
+    """Return the summary of a recording, at a motion if one is given, or why there is none."""
+    (found, motion), one = job, simulations
     try:
         recording = read(found, one.profile, one.known)
     except InputError as error:
         return str(error)
     try:
-        return gather(recording, one.columns, one.seed, np.array(one.prior), one.inside)
+        return gather(recording, one.columns, one.seed, np.array(one.prior), one.inside, motion)
     except InputError as error:
         return f'{found.path}: {error}'
 
@@ -189,6 +190,7 @@ def summarise_all(
     simulations: Simulations,
     mapped: Map,
     step: Callable[[], None] = lambda: None,
+    motions: Sequence[np.ndarray] | None = None,
 ) -> tuple[list[Found], list[Evidence], list[tuple[str, str]]]:
     """
     Summarise all recordings of a campaign.
@@ -207,6 +209,8 @@ def summarise_all(
         A map as from `workers`.
     step : callable
         Called after each recording.
+    motions : sequence of numpy.ndarray, optional
+        (6 + 3 P,) where the cameras and planes are; they are registered when left out.
 
     Returns
     -------
@@ -220,7 +224,8 @@ def summarise_all(
         When no recording can be used.
 
     """
-    outcomes = mapped(bind(summarise, simulations=simulations), found, step)
+    jobs = list(zip(found, motions or repeat(None), strict=False))
+    outcomes = mapped(bind(summarise, simulations=simulations), jobs, step)
     used, evidence, unusable = [], [], []
     for file, one in zip(found, outcomes, strict=True):
         if isinstance(one, Evidence):

@@ -142,6 +142,14 @@ def _distances(path: Path, effects: dict[str, Any], profile: Profile) -> np.ndar
     )
 
 
+def apart_of(one: Recording, other: Recording) -> tuple[float, float]:
+    """Return how far two recordings of the same scene are apart, as `distances`."""
+    mode = Camera(one.usecase or '', seed=1)
+    inputs = one.clean_depth, one.K, one.stamp_ns, one.reflectivity
+    sigma = mode.capture(*inputs).sigma
+    return _apart(_tiles(one.depth, one, sigma), _tiles(other.depth, one, sigma))
+
+
 def _tiles(
     depth: np.ndarray, recording: Recording, sigma: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray, float]]:

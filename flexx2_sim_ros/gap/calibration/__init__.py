@@ -3,7 +3,7 @@
 from flexx2_sim_ros.gap.calibration.data import BINNING, GROUND_TRUTH, READING, REGISTRATION
 from flexx2_sim_ros.gap.calibration.features import FEATURES, MEASURES, SIMULATION
 from flexx2_sim_ros.gap.calibration.forms import FORMS
-from flexx2_sim_ros.gap.calibration.inference import LOSS, THRESHOLDS, WHERE
+from flexx2_sim_ros.gap.calibration.inference import LOSS, ROUNDS, THRESHOLDS, WHERE
 
 SECTIONS = (
     READING,
@@ -15,6 +15,7 @@ SECTIONS = (
     SIMULATION,
     LOSS,
     THRESHOLDS,
+    ROUNDS,
     WHERE,
     FORMS,
 )

@@ -24,6 +24,7 @@ FIRST_RELEASE = (
     'raised from 4.5 after flexx2 gap benchmark --seed-set test --release of commit e3bc15f, '
     'new test seeds were drawn after that'
 )
+MANY = 'python -m bench.gap_many --count 4,8,12 --seeds 1-5; by hand, tables not kept'
 ASSUMED = 'assumed; no trial is on record'
 DEFINITION = 'definition'
 

@@ -9,6 +9,7 @@ from flexx2_sim_ros.gap.calibration.about import (
     DEFINITION,
     DEVELOPMENT,
     FIRST_RELEASE,
+    MANY,
     table,
 )
 
@@ -117,6 +118,9 @@ class Thresholds:
         0.08, 'excess loss', 'effects that explain less are not named', DEVELOPMENT
     )
     partly: float = constant(0.5, 'excess loss', 'more left than this is partly explained')
+    identified: float = constant(
+        0.8, 'of the gap', 'that effects must close, simulated, to be the cause', DEFINITION
+    )
     larger: float = constant(
         0.1,
         '',
@@ -144,6 +148,37 @@ class Thresholds:
         DEFINITION,
     )
     least_error: float = constant(0.25, 'loss', 'of a mean difference of few recordings')
+
+
+@dataclass(frozen=True)
+class Rounds:
+    """How a set of effects is fitted around the simulation that has them."""
+
+    most: int = constant(5, '', 'rounds')
+    first: int = constant(10, '', 'effects that the first round adds')
+    added: int = constant(3, '', 'effects that another one adds')
+    scale: float = constant(
+        3.0,
+        '',
+        'factor on the scale of the loss: at the scale of a tolerance, forms that are a little '
+        'wrong make an outlier of everything',
+        MANY,
+    )
+    gain: float = constant(0.4, 'loss', 'that an effect must take off to be added', MANY)
+    kept: float = constant(0.2, 'loss', 'that an effect must take off to be kept', MANY)
+    t: float = constant(
+        0.75, '', 'over recordings, of such a gain; one recording that shows it gives 1', MANY
+    )
+    step: float = constant(0.25, 'of the value', 'by which a number is changed')
+    least_step: float = constant(0.05, 'of the usual value', 'likewise')
+    reach: float = constant(2.0, 'steps', 'that a number may move in a round')
+    as_near: float = constant(0.1, 'of the distance', 'within which the loss decides', MANY)
+    nearer: float = constant(0.02, 'of the distance', 'within which the loss decides at last')
+    needed: float = constant(0.01, 'of the distance', 'that each effect must take off', MANY)
+    surely: float = constant(2.0, 'loss', 'that is enough where the distance shows nothing', MANY)
+    sure: float = constant(1.5, '', 'over recordings, of such a loss', MANY)
+    nuisances: int = constant(4, 'columns', 'of nuisances, which come first', DEFINITION)
+    true: float = constant(0.8, '', 'fraction of the added effects that are true', MANY)
 
 
 @dataclass(frozen=True)
@@ -258,3 +293,4 @@ class Where:
 LOSS = Loss()
 THRESHOLDS = Thresholds()
 WHERE = Where()
+ROUNDS = Rounds()

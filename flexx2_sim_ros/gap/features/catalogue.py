@@ -82,6 +82,8 @@ class Candidate:
         catalogue's, fitted as that.
     kind : type of Effect
         The effect's definition; `Effect` itself for a set of effects.
+    steps : bool
+        Whether its values are steps from those that the base simulator has.
 
     """
 
@@ -91,6 +93,7 @@ class Candidate:
     build: Callable[[tuple[float, ...]], dict[str, float]]
     given: 'Candidate | None' = None
     kind: type[Effect] = Effect
+    steps: bool = False
 
 
 @dataclass(frozen=True)
@@ -104,12 +107,20 @@ class Column:
     effects : dict
         Parameters by effect.
     few : bool
+    without : tuple of str
+        Effects of the base simulator that it lacks.
 
     """
 
     name: str
     effects: Table
     few: bool = True
+    without: tuple[str, ...] = ()
+
+    @property
+    def changed(self) -> list[str]:
+        """Return the names of the effects in which it differs from the base simulator."""
+        return list(dict.fromkeys([*self.effects, *self.without]))
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from flexx2_sim_ros.gap.calibration.features import SIMULATION
+from flexx2_sim_ros.gap.calibration.features import FEATURES, SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.changes import count_changes
 from flexx2_sim_ros.gap.features.features import features, lattice_spectrum, static_grain
@@ -15,6 +15,15 @@ from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene, wi
 from flexx2_sim_ros.gap.features.single_frame import single_frame, SingleFrame
 from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
+
+_TOLERANCES = FEATURES.tolerances
+FAR = {
+    'wasserstein_sigma': _TOLERANCES['bias'],
+    'invalid_rate': _TOLERANCES['invalid'],
+    'log_variance': _TOLERANCES['log_variance'],
+    'correlation': _TOLERANCES['neighbour'],
+    'lag': _TOLERANCES['lag'],
+}
 
 
 class Apart(NamedTuple):
@@ -173,6 +182,37 @@ def apart(
         for table in ({}, effects)
     )
     return _apart(_seen(scene, recording.depth, effects), before, after)
+
+
+def how_far(scene: PlacedScene, effects: dict[str, Any], seed: int) -> list[float]:
+    """
+    Return how far a recording is from its simulation with effects, in tolerances.
+
+    Errors of depth, lost pixels and noise count, jumps included: the sum of those of
+    `physical.UNITS` that `FAR` has, each over its tolerance.
+
+    Parameters
+    ----------
+    scene : PlacedScene
+        The recording's, from where its camera and its planes are.
+    effects : dict
+        Parameters by effect.
+    seed : int
+        Of the simulation.
+
+    Returns
+    -------
+    list of float
+        This sum; of it, depth in millimetres; and lost pixels in percent.
+
+    """
+    depth = next(_simulated(scene, effects, seed))
+    real, other = (
+        histogram(one, scene.covariates, scene.sums(one)) for one in (scene.recording.depth, depth)
+    )
+    gaps = distances(real, other)
+    whole = sum(gaps[unit] / tolerance for unit, tolerance in FAR.items())
+    return [whole, gaps['wasserstein_mm'], 100 * gaps['invalid_rate']]
 
 
 def _simulated(scene: PlacedScene, table: dict[str, Any], seed: int) -> Iterator[np.ndarray]:

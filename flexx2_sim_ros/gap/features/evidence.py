@@ -156,6 +156,7 @@ def gather(
     seed: int,
     prior: np.ndarray,
     found: Found = MappingProxyType({}),
+    motion: np.ndarray | None = None,
 ) -> Evidence:
     """
     Look at a recording and simulate everything that could explain it.
@@ -172,9 +173,14 @@ def gather(
         (6,) standard deviations of the pose error, metres and degrees.
     found : mapping
         What is known of the camera's inside, as from `search.search`.
+    motion : numpy.ndarray, optional
+        (6 + 3 P,) where its camera and its planes are; it is registered when left out.
 
     """
-    motion, sure = register(recording, prior, *of_registration(found))
+    if motion is None:
+        motion, sure = register(recording, prior, *of_registration(found))
+    else:
+        sure = motion
     scene = PlacedScene.at(recording, motion)
     sums = scene.sums(recording.depth)
     base = _simulate_base(scene, seed)
@@ -238,9 +244,11 @@ def _simulate_changes(
     ):
         part = PartialSimulation(scene, frames, seed * 1000, base.spectrum, settling)
         for i, column in enumerate(columns):
-            still = not all(one.needs_motion for one in definitions(column.effects))
+            still = not all(one.needs_motion for one in definitions(column.changed))
             if _kind(column) == kind and (moving or still):
-                shifts[i] = part.shift(with_uptime(column.effects, recording.uptime))
+                shifts[i] = part.shift(
+                    with_uptime(column.effects, recording.uptime), column.without
+                )
                 if kind == _FEW:  # Fewer frames leave more noise in the grain, so it is scaled.
                     less = base.features[0, _GRAIN] / max(part.base[_GRAIN], 1e-9)
                     shifts[i, _GRAIN] *= less if np.isfinite(less) else 0  # too few pixels
@@ -281,7 +289,7 @@ def _mean_uptime(recording: RecordingData) -> float | None:
 
 
 def _kind(column: Column) -> int:
-    kinds = definitions(column.effects)
+    kinds = definitions(column.changed)
     if all(kind.smooth for kind in kinds):
         return _FEWEST
     return _FEW if column.few and not any(kind.needs_motion for kind in kinds) else _ALL

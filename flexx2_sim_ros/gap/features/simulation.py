@@ -225,15 +225,16 @@ class PartialSimulation:
         )
         return features(sums, self._spectrum, FEATURES.enough_alike)[0]
 
-    def shift(self, effects: Any) -> np.ndarray:
-        """Return what the effects change, 0 where that cannot be said."""
-        depth = self._common.depth(together(self._given, effects) if self._given else effects)
+    def shift(self, effects: Any, without: Sequence[str] = ()) -> np.ndarray:
+        """Return what effects change, and the lack of given ones; 0 where it cannot be said."""
+        given = tuple(one for one in self._given if one.name not in without)
+        depth = self._common.depth(together(given, effects) if given else effects)
         if all(
             np.array_equal(one.view(np.int32), other.view(np.int32))
             for one, other in zip(depth, self._plain, strict=True)
         ):
             return np.zeros(SIZE)
-        lattice = any(kind.lattice for kind in definitions(effects))
+        lattice = any(kind.lattice for kind in definitions([*effects, *without]))
         return np.nan_to_num(self._features(depth, lattice) - self.base)
 
     def plane_columns(self, shifts: np.ndarray | None) -> np.ndarray:

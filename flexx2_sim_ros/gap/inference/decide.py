@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.effects import of_role
 from flexx2_sim_ros.gap.calibration.decisions import calibrated, Decisions
-from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS, Thresholds
+from flexx2_sim_ros.gap.calibration.inference import ROUNDS, THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.data.hidden import Hidden
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.decidable import Undecided, undecided
@@ -210,7 +210,7 @@ def decide(
         verdict,
         trials.base,
         chosen.fit,
-        [min(max((one.fit.total - chosen.fit.total) / excess, 0.0), 1.0) for one in without],
+        [_share(one.fit, chosen.fit, excess) for one in without],
         [_interval(trials, one.fit, chosen.fit) for one in without],
         [said.effects[c.effect] for c in chosen.fit.candidates],
         [
@@ -223,6 +223,48 @@ def decide(
         support,
         refused,
     )
+
+
+def with_effects(
+    decision: Decision, model: Model, candidates: Sequence[Candidate], values: np.ndarray
+) -> Decision:
+    """
+    Return a decision with another set of effects.
+
+    Parameters
+    ----------
+    decision : Decision
+        What was decided about the gap.
+    model : Model
+        The recordings.
+    candidates : sequence of Candidate
+        The set. What effects that were chosen before are sure of, they keep.
+    values : numpy.ndarray
+        (n,) of their terms.
+
+    """
+    trials = Trials(model)
+    chosen = _as_in_catalogue(trials, trials.choice(candidates, values))
+    without = without_each(trials, chosen)
+    names = [one.effect for one in decision.chosen.candidates]
+    sure = dict(zip(names, decision.confidences, strict=True))
+    sure |= {one.fit.candidates[-1].effect: one.confidence for one in decision.alternatives}
+    kept = {one.effect for one in candidates}
+    return replace(
+        decision,
+        chosen=chosen.fit,
+        shares=[_share(one.fit, chosen.fit, decision.excess) for one in without],
+        intervals=[_interval(trials, one.fit, chosen.fit) for one in without],
+        confidences=[max(sure.get(one.effect, 0.0), ROUNDS.true) for one in chosen.fit.candidates],
+        alternatives=[
+            one for one in decision.alternatives if one.fit.candidates[-1].effect not in kept
+        ],
+        undecided=[one for one in decision.undecided if one.effect not in kept],
+    )
+
+
+def _share(without: Fit, chosen: Fit, excess: float) -> float:
+    return min(max((without.total - chosen.total) / excess, 0.0), 1.0)
 
 
 def decidable_part(candidate: Candidate, hidden: Set[str]) -> Candidate:

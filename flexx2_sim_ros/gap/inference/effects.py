@@ -72,12 +72,15 @@ def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, .
         table = dict(zip(NAMES, (float(v) for v in mean), strict=True))
     else:
         table = dict(candidate.build(values))
-    if kind.lattice:
+    if kind.lattice and not candidate.steps:
         steps = np.array([e.step for e in model.evidence])
         table[kind.lattice] = agreed_step(steps, table[kind.lattice])
     limits = {p.name: (p.low, p.high) for p in kind.parameters()}
     limits |= {name: (number.low, number.high) for name, number in kind.tables().items()}
-    table = {k: float(np.clip(v, *limits[k])) for k, v in table.items()}
+    table = {
+        k: float(np.clip(v, *limits[k])) if isinstance(v, float | int) else v
+        for k, v in table.items()
+    }
     return kind.from_mapping(table)
 
 

@@ -156,6 +156,26 @@ def fit(
     )
 
 
+def nuisances_of(model: Model, one: Fit) -> np.ndarray:
+    """
+    Return the nuisances of each recording where the shared values are given, (R, N).
+
+    Parameters
+    ----------
+    model : Model
+        The recordings, whose scale of the loss may be another than that of the fit.
+    one : Fit
+        The values, and the nuisances to begin with.
+
+    """
+    problem = _problem(model, one.candidates)
+    nuisances = one.nuisances
+    for _ in model.constants.scales:
+        now = _Estimate(one.values, one.sigma, nuisances)
+        nuisances = _refit_nuisances(problem, problem.tiled(one.values), now)[1]
+    return nuisances
+
+
 def _problem(model: Model, candidates: Sequence[Candidate]) -> _Problem:
     terms = [term for candidate in candidates for term in candidate.terms]
     roles = {candidate.kind.role for candidate in candidates}

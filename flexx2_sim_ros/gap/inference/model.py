@@ -1,7 +1,8 @@
 """The joint model of all recordings: shared effects, and nuisance parameters of each recording."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 from flexx2_sim_ros.effects import loadable
@@ -104,6 +105,7 @@ class Model:
         for name in ('scale2', 'gap', 'weights', '_pose_columns', '_plane_columns', '_edges'):
             setattr(self, name, getattr(self, name).astype(np.float32))
         wrong = nuisances()
+        self.carried = self._carried_bright = np.float32(0) * self.gap
         self._more = self.column(wrong.more) / np.float32(wrong.more_by)
         self._less = self.column(wrong.less) / np.float32(wrong.less_by)
         self.null_loss = self._null_loss()
@@ -118,7 +120,7 @@ class Model:
         grain, repeat = _STRUCTURE['static_grain'], _STRUCTURE['repeat']
         others, known = max(len(base) - 1, 1), loadable()
         for i, column in enumerate(columns):
-            if any(known[effect].repeats for effect in column.effects):
+            if any(known[effect].repeats for effect in column.changed):
                 signal = np.maximum(self._columns[:, i, grain], 0)
                 rest = np.maximum(np.nan_to_num(base[:, grain]), 1e-6)
                 self._columns[:, i, repeat] = signal / np.sqrt(
@@ -202,7 +204,7 @@ class Model:
 
     def wide2(self, shift: np.ndarray) -> np.ndarray:
         """Return the squared scale of the loss, (R, SIZE), where effects change ``shift``."""
-        return self.scale2 + self._mismatch2 * shift**2
+        return self.scale2 + self._mismatch2 * (shift + self.carried) ** 2
 
     def sigma_column(self, sigma: float) -> np.ndarray:
         """Return the features' slope, (R, SIZE), with the base sigma's relative error."""
@@ -234,7 +236,7 @@ class Model:
             (R, N, SIZE); and what the candidates change in all, (R, SIZE).
 
         """
-        total, bright, i = np.zeros_like(self.gap), np.zeros_like(self.gap), 0
+        total, bright, i = np.zeros_like(self.gap), self._carried_bright.copy(), 0
         for candidate in candidates:
             n = len(candidate.terms)
             shift, _ = self.predict([candidate], values[:, i : i + n])
@@ -256,6 +258,34 @@ class Model:
             return self._prior
         own = np.sqrt(np.diag(one.covariance)[:POSE]) / STEPS
         return np.asarray(np.hypot(own, self.constants.pose_floor))
+
+    def carrying(self, without: Mapping[str, str]) -> 'Model':
+        """
+        Return the model of recordings beside a base simulator that has effects.
+
+        Parameters
+        ----------
+        without : mapping
+            For each effect the name of the column of the base simulator without it.
+
+        """
+        other = copy(self)
+        for name, column in without.items():
+            shift = -self.column(column)
+            other.carried = other.carried + shift
+            bright = np.float32(loadable()[name].brightness) * shift
+            other._carried_bright = other._carried_bright + bright
+        return other
+
+    def widened(self, factor: float) -> 'Model':
+        """Return the model with the scale of the loss times a factor."""
+        other = copy(self)
+        other.scale2 = self.scale2 * np.float32(factor**2)
+        # The noise is measured as well as before.
+        about = self.constants
+        other.constants = replace(about, sigma_weight=about.sigma_weight / factor**2)
+        other.null_loss = other._null_loss()
+        return other
 
     def with_gap(self, gap: np.ndarray) -> 'Model':
         """Return the model of the same recordings with another gap, (R, SIZE)."""

@@ -277,7 +277,7 @@ def _oddity(one: Fit, about: Thresholds) -> float:
     cost, i = 0.0, 0
     for candidate in one.candidates:
         cost += candidate.kind.doubt
-        if len(candidate.terms) == 1:
+        if len(candidate.terms) == 1 and not candidate.steps:
             term = candidate.terms[0]
             usual = abs(term.nodes[len(term.nodes) // 2][0] - term.neutral)
             size = max(abs(float(one.values[i]) - term.neutral), 1e-3 * usual)

@@ -1,6 +1,6 @@
 """The report of a diagnosis: one HTML page that needs no other file."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -17,7 +17,6 @@ from flexx2_sim_ros.gap.report.style import definitions, STYLE
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
 from flexx2_sim_ros.gap.report.words import (
     accuracy,
-    blames_poses,
     calibrations,
     camera_effects,
     headline,
@@ -100,44 +99,38 @@ def _effects(table: dict[str, Any]) -> str:
         return ''
     rows = []
     forms = {row['name']: row['form'] for row in calibrations(table) if row['taken']}
+    found = [row['takes_off']['distance']['mean'] for row in table['effects'] if row['takes_off']]
+    most = max([0.0, *found])
     for row in table['effects']:
         values = forms.get(row['name']) or ', '.join(
             f'{name} {value:.4g}' for name, value in row['parameters'].items()
         )
-        low, high = map(percent, row['interval'])
+        off = row['takes_off']
         rows.append(
             f'<tr><td><b>{escape(spaced(row["name"]))}</b></td>'
             f'<td class="number">{percent(row["confidence"])}</td>'
-            f'<td class="number">{percent(row["share"])} <small>({low} to {high})</small></td>'
+            f'{_taken(off, "mm", "mm")}{_taken(off, "invalid_percent", "%")}'
+            f'<td>{"" if off is None else bar(max(off["distance"]["mean"], 0), None, most)}</td>'
             f'<td class="values">{escape(values)}</td></tr>'
         )
     return (
         '<h2>What causes the gap</h2><div class="scroll"><table><tr><th>effect</th>'
-        '<th>probability</th><th>improves the fit by</th>'
+        '<th>probability</th><th>takes off: depth</th><th>lost pixels</th><th>in all</th>'
         f'<th>parameters</th></tr>{"".join(rows)}</table></div><p><small><b>Probability</b> that '
-        'the camera has the effect, calibrated on simulated campaigns. <b>Improves the fit '
-        'by</b>: how much of the misfit goes away when this effect is added to the others'
-        f'{_in_typical_form(forms)}, with its 90 % interval. {_unlike_the_headline(table)} '
+        'the camera has the effect. <b>Takes off</b>: by how much recordings are farther from the '
+        'simulation when this effect is switched off and the others stay, mean over recordings '
+        'with its 90 % interval; in all: depth, lost pixels and noise in tolerances. '
         '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
         'effects; docs/effects.md explains their parameters.</small></p>'
     )
 
 
-def _unlike_the_headline(table: dict[str, Any]) -> str:
-    # Why these percentages do not add up to that of the headline.
-    misfit = 'The misfit counts all that is compared: depth, invalid pixels, noise, correlations.'
-    if blames_poses(table):
-        return f'{misfit} A pose error is removed by the fit of the poses first.'
-    if table['gap']['measured_by'] == 'loss':
-        return f'{misfit} The headline has the improvement by all effects together.'
-    return (
-        f'{misfit} The headline counts depth and invalid pixels only, so these percentages do not '
-        'add up to it.'
-    )
-
-
-def _in_typical_form(forms: Collection[str]) -> str:
-    return ', all in the form of the catalogue' if forms else ''
+def _taken(off: dict[str, Any] | None, key: str, unit: str) -> str:
+    if off is None:
+        return '<td></td>'
+    ends = '' if off[key]['interval'] is None else '{:.2g} to {:.2g}'.format(*off[key]['interval'])
+    shown = f' <small>({ends})</small>' if ends else ''
+    return f'<td class="number">{off[key]["mean"]:.2g} {unit}{shown}</td>'
 
 
 def _forms(calibrated: Calibrated | None) -> str:

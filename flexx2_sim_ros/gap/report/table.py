@@ -1,6 +1,6 @@
 """The contents of ``diagnosis.json``."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -24,14 +24,15 @@ from flexx2_sim_ros.gap.inference.improvement import all_measured, simulated_los
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import Patch
 from flexx2_sim_ros.gap.inference.told import told
-from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
+from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.report.age import age_table, arrival_of, with_delay
 from flexx2_sim_ros.gap.report.words import camera_effects, constants_of
 import numpy as np
 
 SCHEMA = 2
-_NOTHING = 0.005  # a smaller fraction of the gap is written as 0 %
+# What an effect takes off: the distance in tolerances; of it depth and lost pixels.
+TAKEN = 'distance', 'mm', 'invalid_percent'
 
 
 def diagnosis_table(
@@ -41,6 +42,7 @@ def diagnosis_table(
     confirmed: list[Outcome],
     used: list[Found],
     left_out: list[tuple[str, str]],
+    rises: Mapping[str, np.ndarray],
 ) -> dict[str, Any]:
     """
     Return the result of a diagnosis as a table for JSON.
@@ -59,6 +61,8 @@ def diagnosis_table(
         The recordings, in the order of the model.
     left_out : list of tuple of str
         Name of each recording that was not used, and the reason.
+    rises : mapping
+        By how much recordings are farther apart without each effect; see `rounds.Explained`.
 
     Returns
     -------
@@ -75,7 +79,7 @@ def diagnosis_table(
         'schema': SCHEMA,
         'verdict': decision.verdict if model.seen.any() else 'too_little',
         # A delay alone explains nothing: it is not listed as an effect.
-        'effects': _effect_rows(decision, changing(with_delay(effects, arrival_of(age)))),
+        'effects': _effect_rows(decision, changing(with_delay(effects, arrival_of(age))), rises),
         'alternatives': [_alternative(model, one) for one in decision.alternatives if finds],
         'refused': _refused(decision),
         'not_decidable': [
@@ -98,14 +102,15 @@ def verdict_of(table: dict[str, Any]) -> str:
     """
     Return the verdict of a diagnosis after its effects were simulated.
 
-    Effects of the camera that close less than half of the gap explain it partly, and so do those
-    whose form is a constant: other causes do the same. An error of the poses is not simulated:
-    what the others do beside it shows at the fitted poses.
+    Effects of the camera that close less than four fifths of the gap explain it partly, and so do
+    those of a single recording, and those whose form is a constant: other causes do the same. An
+    error of the poses is not simulated: what the others do beside it shows at the fitted poses.
     """
     verdict = str(table['verdict'])
     names = [row['name'] for row in table['effects']]
     simulated = names[:1] not in ([], [of_role('pose').name])
-    sure = _closes(table) >= THRESHOLDS.partly and not constants_of(table)
+    closed = _closes(table) >= THRESHOLDS.identified and table['gap']['held_out']
+    sure = closed and not constants_of(table)
     return 'partly' if verdict == 'identified' and simulated and not sure else verdict
 
 
@@ -207,21 +212,36 @@ def patch_table(patch: Patch, model: Model, patched: list[Outcome]) -> dict[str,
     }
 
 
-def _effect_rows(decision: Decision, effects: Sequence[Effect]) -> list[dict[str, Any]]:
-    rows = [
+def _effect_rows(
+    decision: Decision, effects: Sequence[Effect], rises: Mapping[str, np.ndarray]
+) -> list[dict[str, Any]]:
+    return [
         {
             'name': effect.name,
             'parameters': effect.settings,
-            'share': fraction,
-            'interval': interval,
+            'takes_off': taken_off(rises.get(effect.name)),
             'confidence': confidence,
         }
-        for effect, fraction, interval, confidence in zip(
-            effects, decision.shares, decision.intervals, decision.confidences, strict=False
-        )
+        for effect, confidence in zip(effects, decision.confidences, strict=False)
     ]
-    # A pose error can be certain without reducing the gap; then it is not listed first.
-    return sorted(rows, key=lambda row: row['share'] < _NOTHING)
+
+
+def taken_off(rise: np.ndarray | None) -> dict[str, Any] | None:
+    """
+    Return what an effect takes off: means over recordings, each with a 90 % interval.
+
+    Parameters
+    ----------
+    rise : numpy.ndarray or None
+        (R, 3) as from `rounds.Explained`.
+
+    """
+    if rise is None:
+        return None
+    return {
+        name: {'mean': float(column.mean()), 'interval': mean_interval(column)}
+        for name, column in zip(TAKEN, rise.T, strict=True)
+    }
 
 
 def _alternative(model: Model, one: Alternative) -> dict[str, Any]:

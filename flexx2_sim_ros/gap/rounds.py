@@ -1,0 +1,253 @@
+"""Fit the effects of a diagnosis together, around the simulation that has them, in rounds."""
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+import logging
+import math
+from typing import Any
+
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.gap.calibration.inference import ROUNDS
+from flexx2_sim_ros.gap.data.campaign import Found, read
+from flexx2_sim_ros.gap.data.given import Table as Given
+from flexx2_sim_ros.gap.features.catalogue import Candidate
+from flexx2_sim_ros.gap.features.confirm import how_far
+from flexx2_sim_ros.gap.features.simulation import PlacedScene
+from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
+from flexx2_sim_ros.gap.inference.joint import around, nothing, Proposal, proposals, Table
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.work import noisier, Simulations, summarise_all
+from flexx2_sim_ros.jobs import bind, Map
+import numpy as np
+
+_LOG = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Explained:
+    """
+    A set of effects, and how near it comes.
+
+    Attributes
+    ----------
+    proposal : Proposal
+        The set; its sigma is that of all rounds together.
+    far : numpy.ndarray
+        (R, 3) how far each recording is from its simulation with values that were fitted without
+        it; see `how_far`.
+    rises : dict of str to numpy.ndarray
+        (R, 3) by how much that rises without each effect.
+
+    """
+
+    proposal: Proposal
+    far: np.ndarray
+    rises: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def apart(self) -> np.ndarray:
+        """Return the distance of each recording, (R,)."""
+        return self.far[:, 0]
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """
+    The recordings of a campaign and how they are simulated.
+
+    Attributes
+    ----------
+    folder : str
+        For errors.
+    found : sequence of Found
+        The recordings.
+    candidates : sequence of Candidate
+        The catalogue.
+    simulations : Simulations
+        Of the catalogue.
+    mapped : callable
+        A map as from `workers`.
+    step : callable
+        Called after each job of a recording.
+    posed : sequence of Candidate
+        A pose error that the recordings have in common, if there is one.
+
+    """
+
+    folder: str
+    found: Sequence[Found]
+    candidates: Sequence[Candidate]
+    simulations: Simulations
+    mapped: Map
+    step: Callable[[], None] = lambda: None
+    posed: Sequence[Candidate] = ()
+
+    def judged(self, some: Sequence[Proposal]) -> list[Explained]:
+        """Simulate several proposals."""
+        one = self.simulations
+        jobs = [
+            (found, [(p.motions[r], p.without[r], p.sigma) for p in some])
+            for r, found in enumerate(self.found)
+        ]
+        work = bind(_far, profile=one.profile, seed=one.seed, known=one.known)
+        apart = np.array(self.mapped(work, jobs, self.step))
+        return [Explained(p, apart[:, i]) for i, p in enumerate(some)]
+
+    def proposed(self, best: Proposal) -> list[Proposal]:
+        """Return what a round could make of a set; see `joint.proposals`."""
+        one, now = self.simulations, best.effects
+        others = [c for c in one.columns if not set(c.effects) & set(now)]
+        own, members = around(now, self.candidates)
+        always = one.columns[: ROUNDS.nuisances]  # The nuisances' columns come first.
+        columns = list({c.name: c for c in (*always, *others, *own)}.values())
+        found, profile = noisier(self.found, one.profile, 1 + best.sigma)
+        here = replace(one, profile=profile, columns=columns, known={**(one.known or {}), **now})
+        there = best.motions
+        _, evidence, _ = summarise_all(
+            self.folder, found, [], here, self.mapped, self.step, motions=there
+        )
+        model = Model(evidence, columns, np.array(one.prior))
+        left = [c for c in self.candidates if c.effect not in now]
+        some = proposals(model, best, members, left, posed=self.posed)
+        return [replace(p, sigma=(1 + best.sigma) * (1 + p.sigma) - 1) for p in some]
+
+    def formed(self, best: Proposal) -> list[Proposal]:
+        """Return a set with the forms that its recordings show, if there are any."""
+        one = self.simulations
+        simulator = Simulator(self.mapped, one.profile, one.known or {}, one.seed, one.prior)
+        forms = calibrate_named(
+            self.found,
+            best.motions,
+            parse_effects(best.effects),
+            [parse_effects(own) for own in best.without],
+            simulator,
+            lambda: None,
+        )
+        if forms is None or not forms.taken:
+            return []
+        motions = [looked.samples.motion for looked in forms.explained.looked]
+        effects, without = forms.explained.effects, list(forms.explained.now)
+        return [replace(best, effects=effects, without=without, motions=motions, label='forms')]
+
+    def taking_off(self, best: Explained) -> dict[str, np.ndarray]:
+        """Return by how much recordings are farther apart without each effect, (R, 3)."""
+        some = [_without(best.proposal, [name]) for name in best.proposal.effects]
+        judged = zip(best.proposal.effects, self.judged(some), strict=True)
+        return {name: one.far - best.far for name, one in judged}
+
+
+def explain(campaign: Campaign, model: Model, found: Sequence[Candidate]) -> Explained:
+    """
+    Return the set of effects that explains the recordings.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The recordings.
+    model : Model
+        The same, beside the simulation without any effect.
+    found : sequence of Candidate
+        The effects that were found so far.
+
+    """
+    none, names = nothing(model), {one.effect for one in found}
+    others = [one for one in campaign.candidates if one.effect not in names]
+    posed = campaign.posed
+    more = proposals(model, none, [], others, found=found, posed=posed)[1:]
+    anew = proposals(model, none, [], campaign.candidates, posed=posed)
+    return refine(campaign, [*more, *anew])
+
+
+def refine(campaign: Campaign, begin: Sequence[Proposal]) -> Explained:
+    """
+    Fit a set of effects again, add to it and take off it, as long as simulations come nearer.
+
+    Each round simulates the recordings with the set and fits steps from it. Of the sets that this
+    gives, the one counts whose simulation is nearest to the recordings, jumps included.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The recordings.
+    begin : sequence of Proposal
+        The sets to begin with; the nearest counts.
+
+    """
+    visited, tried, some = [], set[str](), begin
+    for _ in range(ROUNDS.most):
+        now = _nearest(campaign.judged(some))
+        if set(now.proposal.effects) - tried:
+            tried |= set(now.proposal.effects)
+            forms = campaign.judged(campaign.formed(now.proposal))
+            now = _nearest([now, *forms], 0.0)
+        visited.append(now)
+        least = min(one.apart.mean() for one in visited)
+        if len(visited) > 1 and now.proposal.effects == visited[-2].proposal.effects:
+            break
+        if now.apart.mean() > (1 + ROUNDS.as_near) * least:
+            break
+        some = campaign.proposed(now.proposal)
+    best = _nearest(visited, ROUNDS.nearer)
+    return _needed(best, campaign.taking_off(best))
+
+
+def surely(rise: np.ndarray) -> float:
+    """Return how clearly a distance rises: Student's t over recordings, 0 with one."""
+    if len(rise) < 2:
+        return 0.0
+    return float(rise.mean() / (rise.std(ddof=1) / math.sqrt(len(rise)) + 1e-9))
+
+
+def _needed(best: Explained, rises: Mapping[str, np.ndarray]) -> Explained:
+    # Without effects that neither the simulations nor the features need.
+    least, proposal = ROUNDS.needed * best.apart.mean(), best.proposal
+    kept = []
+    for name in sorted(rises, key=lambda name: -rises[name][:, 0].mean()):
+        rise, (gain, t) = rises[name][:, 0], proposal.gains.get(name, (0.0, 0.0))
+        numbers = rise.mean(), surely(rise), gain, t
+        _LOG.debug('%s: rise %.2f t %.1f, gain %.2f t %.1f', name, *numbers)
+        shown = rise.mean() >= least and surely(rise) >= ROUNDS.t
+        if shown or (gain >= ROUNDS.surely and t >= ROUNDS.sure):
+            kept.append(name)
+    less = _without(proposal, set(rises) - set(kept))
+    in_order = replace(less, effects={name: less.effects[name] for name in kept})
+    return replace(best, proposal=in_order, rises={name: rises[name] for name in kept})
+
+
+def _without(one: Proposal, names: Collection[str]) -> Proposal:
+    def left(table: dict[str, Any]) -> dict[str, Any]:
+        return {name: value for name, value in table.items() if name not in names}
+
+    without = [left(own) for own in one.without]
+    label = f'less {", ".join(names)}'
+    return replace(one, effects=left(one.effects), without=without, label=label)
+
+
+def _nearest(some: Sequence[Explained], within: float = ROUNDS.as_near) -> Explained:
+    for one in some:
+        _LOG.debug(
+            '%.2f loss %.2f %s: %s',
+            one.apart.mean(),
+            one.proposal.loss,
+            one.proposal.label,
+            ', '.join(one.proposal.effects),
+        )
+    least = min(one.apart.mean() for one in some)
+    near = [one for one in some if one.apart.mean() <= (1 + within) * least]
+    return min(near, key=lambda one: one.proposal.loss)
+
+
+def _far(
+    job: tuple[Found, list[tuple[np.ndarray, Table, float]]],
+    profile: Profile | None,
+    seed: int,
+    known: Given | None,
+) -> list[list[float]]:
+    found, some = job
+    out = []
+    for motion, effects, sigma in some:
+        (noisy,), own = noisier([found], profile, 1 + sigma)
+        scene = PlacedScene.at(read(noisy, own, known), motion)
+        out.append(how_far(scene, effects, seed))
+    return out

@@ -1,0 +1,155 @@
+"""A set of effects, fitted around the simulation that has them: made-up features."""
+
+from typing import Any
+
+from flexx2_sim_ros.camera import flexx2
+from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.gap.data.axes import AXES, axes_of
+from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column
+from flexx2_sim_ros.gap.features.evidence import Evidence
+from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE
+from flexx2_sim_ros.gap.inference.effects import table_of
+from flexx2_sim_ros.gap.inference.joint import around, nothing, Proposal, proposals
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.recording.truth import Accuracy
+import numpy as np
+import pytest
+
+RECORDINGS = 6
+PRIOR = np.array([0.01] * 3 + [0.5] * 3)
+COLUMNS, CANDIDATES = catalogue()
+BINS = max(axis.start + axis.bins for axis in AXES.values())
+
+
+def candidate(effect: str, label: str = '') -> Candidate:
+    """Return a variant of the catalogue."""
+    return next(one for one in CANDIDATES if (one.effect, one.label) == (effect, label))
+
+
+def made(columns: list[Column], shift: dict[str, float], signals: dict[str, np.ndarray]) -> Model:
+    """Return recordings whose gap is so many times the named columns, with noise of 0.01."""
+    rng = np.random.default_rng(0)
+    evidence = []
+    for r in range(RECORDINGS):
+        own = np.array([signals.get(one.name, np.zeros((RECORDINGS, SIZE)))[r] for one in columns])
+        index = {one.name: i for i, one in enumerate(columns)}
+        base = np.zeros(SIZE)
+        real = base + sum(factor * own[index[name]] for name, factor in shift.items())
+        nulls = rng.normal(0, 0.01, (4, SIZE))
+        zeros: dict[str, Any] = {
+            'pose_columns': np.zeros((6, SIZE)),
+            'edge_columns': np.zeros((2, SIZE)),
+            'displaced': np.zeros(SIZE),
+            'plane_columns': np.zeros((0, SIZE)),
+            'truth_spread': np.zeros(SIZE),
+            'pose': np.zeros(6),
+            'sure_pose': np.zeros(6),
+            'planes': np.zeros(0),
+        }
+        evidence.append(
+            Evidence(
+                name=f'{r}',
+                real=real + rng.normal(0, 0.01, SIZE),
+                base=base,
+                base_variance=np.full(SIZE, 1e-5),
+                noise=np.full(SIZE, 1e-4),
+                nulls=nulls,
+                columns=own.astype(np.float32),
+                covariance=None,
+                uptime=100.0 * (r + 1),
+                step=1e-3,
+                grain=rng.normal(size=(8, 8)).astype(np.float16),
+                null_grain=rng.normal(size=(8, 8)).astype(np.float16),
+                fingerprint=rng.normal(size=16).astype(np.float16),
+                sigma=np.full(BINS, 0.01, np.float32),
+                counts=np.full(BINS, 1e4, np.float32),
+                compared=10000,
+                frames=10,
+                moving=False,
+                notes=(),
+                axes=axes_of(flexx2()),
+                accuracy=Accuracy(),
+                checksum=f'{r}',
+                **zeros,
+            )
+        )
+    return Model(evidence, columns, PRIOR)
+
+
+def signal(seed: int, channels: tuple[str, ...], size: float) -> np.ndarray:
+    """Return (RECORDINGS, SIZE) of random numbers in some channels."""
+    there = np.array([one.channel in channels for one in LAYOUT])
+    values = np.random.default_rng(seed).normal(0, size, (RECORDINGS, SIZE))
+    return np.where(there, values, 0.0)
+
+
+def test_numbers_of_a_set_may_move_by_steps_within_their_bounds() -> None:
+    effects = table_of(
+        parse_effects(
+            {'offset': {'bias': 0.02}, 'quantisation': {}, 'random_dropout': {'share': 0.0}}
+        )
+    )
+    columns, members = around(effects, CANDIDATES)
+    by_name = {one.name: one for one in columns}
+    members_of = {one.name: one for one in members}
+    offset = members_of['offset']
+    assert by_name[offset.without].without == ('offset',)
+    assert by_name[offset.without].effects == {}
+    assert offset.candidate is not None
+    (term,) = offset.candidate.terms
+    assert term.neutral == 0
+    ((less, column), (more, _)) = term.nodes
+    name = str(column)
+    assert less < 0 < more
+    assert by_name[name].effects['offset']['bias'] == pytest.approx(0.02 + less)
+    assert by_name[name].without == ('offset',)
+    assert offset.candidate.build((0.005,))['bias'] == pytest.approx(0.025)
+    # The step between depths comes from their histogram, and is not fitted.
+    assert members_of['quantisation'].candidate is None
+    # A fraction cannot be less than nothing.
+    share = members_of['random_dropout'].candidate
+    assert share is not None
+    assert share.terms[0].low == 0
+    assert all(value > 0 for value, _ in share.terms[0].nodes)
+
+
+def test_what_explains_the_gap_is_added_and_nothing_else() -> None:
+    bias, lost = candidate('offset'), candidate('random_dropout')
+    other = candidate('heavy_tails')
+    nodes = [node for one in (bias, lost, other) for term in one.terms for node in term.nodes]
+    names = [str(name) for _, name in nodes]
+    columns = [one for one in COLUMNS if one.name in names or one in COLUMNS[:4]]
+    signals = {
+        name: signal(k, ('bias',) if 'offset' in name else ('invalid', 'high'), 1.0)
+        for k, name in enumerate(names)
+    }
+    true = {bias.terms[0].nodes[0][1]: 1.0, lost.terms[0].nodes[0][1]: 1.0}
+    model = made(columns, {str(name): size for name, size in true.items()}, signals)
+    some = proposals(model, nothing(model), [], [bias, lost, other])
+    assert some[0].effects == {}
+    assert set(some[-1].effects) == {'offset', 'random_dropout'}
+    found = some[-1].effects['offset']['bias']
+    assert found == pytest.approx(bias.terms[0].nodes[0][0], rel=0.05)
+    assert all(gain > 0 for gain, _ in some[-1].gains.values())
+    assert len(some[-1].without) == RECORDINGS
+    losses = [one.loss for one in some]
+    assert losses == sorted(losses, reverse=True)
+
+
+def test_what_the_others_make_unnecessary_is_taken_off() -> None:
+    effects = table_of(parse_effects({'offset': {'bias': 0.02}, 'heavy_tails': {}}))
+    columns, members = around(effects, CANDIDATES)
+    columns = [*COLUMNS[:4], *columns]
+    signals = {
+        'offset: without': signal(1, ('bias',), 1.0),
+        'heavy_tails: without': signal(2, ('kurtosis',), 1.0),
+    }
+    # Recordings look as if the camera had no heavy tails.
+    model = made(columns, {'heavy_tails: without': 1.0}, signals)
+    none = nothing(model)
+    forms = {name: candidate(name) for name in effects}
+    now = Proposal(effects, [effects] * RECORDINGS, none.motions, 0.0, 0.0, forms)
+    some = proposals(model, now, members, [])
+    assert some[0].effects == effects
+    assert set(some[-1].effects) == {'offset'}
+    assert some[-1].loss < some[0].loss
