@@ -14,7 +14,8 @@ import pytest
 from rich.console import Console
 from study.benchmark import DEVELOPMENT, make_design, Planned, run_benchmark, score, TEST
 from study.benchmark.answers import joined, read_answers, write_answers
-from study.benchmark.command import add_parser
+from study.benchmark.command import add_options
+from study.benchmark.command import run as run_command
 from study.benchmark.realised import realised_gap
 from study.benchmark.report import draw_confusion, print_report, sheets, write_page
 from study.benchmark.sealing import open_seal, seal
@@ -96,12 +97,10 @@ def test_test_seeds_need_a_release(tmp_path: Path) -> None:
     with pytest.raises(InputError, match='dev or test'):
         seed_range('other', True)
     parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers())
-    arguments = parser.parse_args(
-        ['benchmark', '--seed-set', 'test', '--out', str(tmp_path / 'out')]
-    )
+    add_options(parser)
+    arguments = parser.parse_args(['--seed-set', 'test', '--out', str(tmp_path / 'out')])
     with pytest.raises(InputError, match='--release'):
-        arguments.run(arguments)
+        run_command(arguments)
 
 
 def test_the_full_design_has_all_groups_and_strengths() -> None:

@@ -22,16 +22,17 @@ _MOST_WALKS = 256  # Walking is not batched: if there are more robots, several h
 _INTERVAL = 0.2  # seconds between the frames that go into the grid
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'batch',
-        description='Simulate Go1 robots that walk over stairs, each with two cameras. All images '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Simulate Go1 robots that walk over stairs, each with two cameras. All images '
         'get their noise in one batch (flexx2_sim_ros.batch) and are projected to the height '
         'grid around each robot (x +-0.5 m, y +-0.3 m, every 0.1 m). Prints and draws the '
-        'errors of the grids with and without noise. Needs pip install "flexx2_sim_ros[batch]".',
-        epilog='examples: flexx2 batch; on a GPU with mujoco-warp: flexx2 batch --num-envs 4096 '
-        '--device cuda',
+        'errors of the grids with and without noise. Needs pip install "flexx2_sim_ros[batch]".'
+    )
+    parser.epilog = (
+        'examples: flexx2 batch; on a GPU with mujoco-warp: flexx2 batch --num-envs 4096 '
+        '--device cuda'
     )
     parser.add_argument(
         '--num-envs',
@@ -62,7 +63,6 @@ def add_parser(commands: Any) -> None:
         default=Path('height_grid.png'),
         help='picture to write (default %(default)s)',
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,12 +1,13 @@
 """`flexx2 characterize`: the paper's measurement, on the simulated camera or on a real one."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder, output_folder
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, number, SEEDS, whole_number
-from flexx2_sim_ros.cli.common import add_jobs, add_profile
+from flexx2_sim_ros.cli.common import add_jobs, add_profile, messages
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import find_profile, save_profile
 from flexx2_sim_ros.profiles.modes import Profile
@@ -17,15 +18,14 @@ _BACKENDS = ('auto', 'egl', 'osmesa', 'ray')
 _OUT = 'characterization'
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand and its own."""
-    parser = commands.add_parser(
-        'characterize',
-        description='Measure noise as the paper did: record a flat board at several distances '
+def add_options(parser: argparse.ArgumentParser, _: Sequence[str]) -> None:
+    """Add its own commands."""
+    parser.description = (
+        'Measure noise as the paper did: record a flat board at several distances '
         'and angles (plan, or capture with the simulated camera), then fit the noise model '
-        '(fit). The results are a report and a camera profile.',
-        epilog='example: flexx2 characterize fit campaign --out result',
+        '(fit). The results are a report and a camera profile.'
     )
+    parser.epilog = 'example: flexx2 characterize fit campaign --out result'
     steps = parser.add_subparsers(dest='step', required=True, metavar='STEP')
     _add_plan(steps)
     _add_capture(steps)
@@ -172,7 +172,7 @@ def _capture(arguments: argparse.Namespace) -> int:
     wanted = conditions(
         profile, arguments.usecase, arguments.distances, arguments.angles, arguments.reflectivities
     )
-    console = Console(stderr=True, markup=False)
+    console = messages()
     recorded = 0
     with _progress(console) as progress:
         task = progress.add_task('recording', total=len(wanted))
@@ -184,17 +184,14 @@ def _capture(arguments: argparse.Namespace) -> int:
             seed=arguments.seed,
             renderer=arguments.renderer,
             workers=arguments.jobs,
-            say=lambda text: console.print(
-                printable(text), style='yellow', highlight=False, soft_wrap=True
-            ),
+            say=lambda text: console.print(printable(text), style='yellow', soft_wrap=True),
         ):
             recorded += new
             progress.advance(task)
     kept = len(wanted) - recorded
     console.print(
         f'{arguments.folder}: {recorded} recordings of {arguments.frames} frames'
-        + (f', {kept} were there already' if kept else ''),
-        highlight=False,
+        + (f', {kept} were there already' if kept else '')
     )
     return 0
 
@@ -209,7 +206,7 @@ def _fit(arguments: argparse.Namespace) -> int:
     out = arguments.out or arguments.folder / _OUT
     check_folder(out)
     camera = _profile(arguments)
-    console = Console(stderr=True, markup=False)
+    console = messages()
     with _progress(console) as progress:
         task = progress.add_task('measuring', total=None)
         result = characterize(
@@ -226,12 +223,6 @@ def _fit(arguments: argparse.Namespace) -> int:
     save_profile(out / 'profile.yaml', profile)
     print_result(result)
     for reason in result.left_out:
-        console.print(
-            printable(f'left out: {reason}'),
-            style='yellow',
-            highlight=False,
-            markup=False,
-            soft_wrap=True,
-        )
-    console.print(f'{page}\n{out / "profile.yaml"}', highlight=False, markup=False, soft_wrap=True)
+        console.print(printable(f'left out: {reason}'), style='yellow', soft_wrap=True)
+    console.print(f'{page}\n{out / "profile.yaml"}', soft_wrap=True)
     return 0

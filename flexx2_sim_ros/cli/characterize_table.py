@@ -6,18 +6,16 @@ from flexx2_sim_ros.characterize.analysis import Characterization
 from flexx2_sim_ros.characterize.assumptions import check_assumptions
 from flexx2_sim_ros.characterize.axial import NAMES
 from flexx2_sim_ros.characterize.tables import paper_noise, with_error
+from flexx2_sim_ros.cli.common import plain_table
 import numpy as np
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 
 def print_result(result: Characterization, console: Console | None = None) -> None:
     """Print one table, with the paper's figures below each mode that the paper measured."""
-    console = console or Console(markup=False)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    for name in ('mode', *NAMES, 'sigma_x', 'KL'):
-        table.add_column(name, justify='left' if name == 'mode' else 'right', no_wrap=True)
+    console = console or Console(markup=False, highlight=False)
+    names = 'mode', *NAMES, 'sigma_x', 'KL'
+    table = plain_table(*names, text=('mode',), whole=names)
     for mode in result.modes:
         fit = mode.axial
         table.add_row(
@@ -53,17 +51,15 @@ def print_result(result: Characterization, console: Console | None = None) -> No
                 f'{name} {with_error(getattr(mode.surfaces.noise, name), error)}'
                 for name, error in mode.surfaces.errors.items()
             )
-            console.print(f'{mode.usecase}: surfaces: {shares}', highlight=False, markup=False)
+            console.print(f'{mode.usecase}: surfaces: {shares}')
         for note in mode.axial.notes:
-            console.print(f'{mode.usecase}: {note}', highlight=False, markup=False, soft_wrap=True)
+            console.print(f'{mode.usecase}: {note}', soft_wrap=True)
         for finding in check_assumptions(mode):
             if finding.holds is False:
                 console.print(
                     f'{mode.usecase}: assumption does not hold: {finding.assumption}: '
                     f'{finding.evidence}',
                     style='yellow',
-                    highlight=False,
-                    markup=False,
                     soft_wrap=True,
                 )
 

@@ -1,7 +1,7 @@
 """What several commands share: options, a progress bar, the command as it was typed."""
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager
 import json
 import shlex
@@ -11,9 +11,11 @@ from typing import Any
 from flexx2_sim_ros.cli.argument_types import MOST_JOBS, number, whole_number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.processes import available_cores
-from flexx2_sim_ros.profiles.files import PROFILE_HELP
+from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 MOST_SEED = 10**9 - 1  # of the diagnosis
 
@@ -52,6 +54,14 @@ def add_simulation(parser: argparse.ArgumentParser) -> None:
     add_jobs(parser)
 
 
+def simulation(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what `add_simulation` and `add_scheduler` added, as functions of `gap` take it."""
+    given = {name: getattr(arguments, name) for name in ('seed', 'jobs')}
+    if 'scheduler' in arguments:
+        given['scheduler'] = arguments.scheduler
+    return {'profile': find_profile(arguments.profile), **given}
+
+
 def add_diagnosis(parser: argparse.ArgumentParser) -> None:
     """Add the folder of a diagnosis."""
     parser.add_argument(
@@ -82,10 +92,23 @@ def print_json(table: dict[str, Any]) -> None:
     print(json.dumps(table, indent=2, allow_nan=False))
 
 
+def messages(*, soft_wrap: bool = False) -> Console:
+    """Return the console for what is said besides results, as it is."""
+    return Console(stderr=True, markup=False, highlight=False, soft_wrap=soft_wrap)
+
+
+def plain_table(*names: str, text: Container[str] = (), whole: Container[str] = ()) -> Table:
+    """Return a table without edges; columns of `text` are at the left, `whole` do not wrap."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
+    for name in names:
+        table.add_column(name, justify='left' if name in text else 'right', no_wrap=name in whole)
+    return table
+
+
 def print_lines(console: Console, lines: Iterable[str]) -> None:
     """Print lines whose text may come from files."""
     for line in lines:
-        console.print(printable(line), highlight=False)
+        console.print(printable(line))
 
 
 def add_scheduler(parser: argparse.ArgumentParser) -> None:

@@ -2,7 +2,6 @@
 
 import argparse
 import time
-from typing import Any
 
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
@@ -12,16 +11,15 @@ from flexx2_sim_ros.physics.frame_state import why_no_phases
 from flexx2_sim_ros.profiles.files import find_profile
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'compile',
-        epilog='example: flexx2 compile',
-        description='Compile the camera model and all effects, so that a camera starts at once. '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.epilog = 'example: flexx2 compile'
+    parser.description = (
+        'Compile the camera model and all effects, so that a camera starts at once. '
         'The result is kept in the folder of the package, or in the cache folder of the user if '
         'that is not writable (then each user runs this command once). Run it again after an '
         'update of the package or of numba. The commands characterize and gap have compiled loops '
-        'of their own. They are compiled when these commands run for the first time.',
+        'of their own. They are compiled when these commands run for the first time.'
     )
     parser.add_argument(
         '--no-effects',
@@ -29,7 +27,6 @@ def add_parser(commands: Any) -> None:
         help='leave out the effects, which take most of the time',
     )
     add_profile(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -2,12 +2,10 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import number
-from flexx2_sim_ros.cli.common import progress_bar
+from flexx2_sim_ros.cli.common import messages, progress_bar
 from flexx2_sim_ros.errors import InputError, printable, shown
-from rich.console import Console
 
 _DESCRIPTION = """\
 Convert a recording to another format, without loss. A and B are .npz recordings
@@ -27,14 +25,11 @@ _EXAMPLES = """examples:
   flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'convert',
-        description=_DESCRIPTION,
-        epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = _DESCRIPTION
+    parser.epilog = _EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument('source', metavar='A', help='recording to read')
     parser.add_argument(
         'target',
@@ -53,7 +48,6 @@ def add_parser(commands: Any) -> None:
         help='format of a bag in a folder (default %(default)s)',
     )
     _add_given(parser)
-    parser.set_defaults(run=run)
 
 
 def _add_given(parser: argparse.ArgumentParser) -> None:
@@ -169,7 +163,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.rectified,
         None if arguments.profile is None else find_profile(arguments.profile),
     )
-    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    console = messages(soft_wrap=True)
     with progress_bar(console) as progress:
         written = convert(
             arguments.source,

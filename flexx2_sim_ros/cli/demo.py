@@ -9,13 +9,12 @@ from typing import Any
 from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.children import camera_command, check, nodes, Processes
-from flexx2_sim_ros.cli.common import add_profile
+from flexx2_sim_ros.cli.common import add_profile, plain_table
 from flexx2_sim_ros.cli.demo_picture import draw
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import find_profile
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -27,16 +26,15 @@ _START_SECONDS = 180.0
 _FRAME_SECONDS, _FRAMES = 60.0, 3
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'demo',
-        description='Start go1_cameras and two flexx2_camera nodes as processes, switch through '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Start go1_cameras and two flexx2_camera nodes as processes, switch through '
         'the measured modes (all modes, if none was measured) while they stream, print rates, '
         'latency and noise, and write a '
-        'picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).',
-        epilog='example: flexx2 demo --seconds 5 --out demo_output',
+        'picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).'
     )
+    parser.epilog = 'example: flexx2 demo --seconds 5 --out demo_output'
     parser.add_argument(
         '--seconds',
         type=number(0, 1e6, above=True),
@@ -53,7 +51,6 @@ def add_parser(commands: Any) -> None:
         '--renderer', default='auto', help='auto, egl, osmesa or ray (default %(default)s)'
     )
     add_profile(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -151,23 +148,9 @@ def _keep(probe: Any, usecase: str, table: Table, pictures: Pictures) -> None:
 
 
 def _table() -> Table:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
-    for name in (
-        'camera',
-        'mode',
-        'frames',
-        'Hz',
-        'p50',
-        'p99',
-        'inv.',
-        'sigma',
-        'model',
-        'ratio',
-    ):
-        table.add_column(
-            name, justify='left' if name in ('camera', 'mode') else 'right', no_wrap=True
-        )
-    return table
+    text = 'camera', 'mode'
+    names = *text, 'frames', 'Hz', 'p50', 'p99', 'inv.', 'sigma', 'model', 'ratio'
+    return plain_table(*names, text=text, whole=names)
 
 
 def _add_row(table: Table, camera: str, usecase: str, capture: Any) -> None:

@@ -2,27 +2,25 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
+from flexx2_sim_ros.cli.common import plain_table
 from flexx2_sim_ros.effects import Effect, load_effects, registry
 from flexx2_sim_ros.effects.presets import bounds, markdown, preset_files
 from flexx2_sim_ros.errors import InputError, shown, shown_path
-from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'effects',
-        description='List the effects of a real camera that the noise model leaves out, in the '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'List the effects of a real camera that the noise model leaves out, in the '
         'order in which they act on the light: parameters, typical values, ranges and units. '
-        'flexx2 simulate --effects or the parameters of the camera node switch them on.',
-        epilog='examples: flexx2 effects --sources, flexx2 effects show multipath',
+        'flexx2 simulate --effects or the parameters of the camera node switch them on.'
     )
+    parser.epilog = 'examples: flexx2 effects --sources, flexx2 effects show multipath'
     form = parser.add_mutually_exclusive_group()
     form.add_argument(
         '--sources',
@@ -36,7 +34,6 @@ def add_parser(commands: Any) -> None:
         type=Path,
         help='write a YAML file for each effect, and typical.yaml',
     )
-    parser.set_defaults(run=run)
     actions = parser.add_subparsers(metavar='show', dest='action')
     show = actions.add_parser(
         'show',
@@ -80,15 +77,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _table(*columns: str) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    for column in columns:
-        number = column in ('typical', 'range')
-        table.add_column(
-            column,
-            justify='right' if number else 'left',
-            no_wrap=number or column in ('effect', 'parameter'),
-        )
-    return table
+    numbers = {'typical', 'range'}
+    return plain_table(
+        *columns, text={*columns} - numbers, whole={'effect', 'parameter', *numbers}
+    )
 
 
 def _parameters() -> Table:

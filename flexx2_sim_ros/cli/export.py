@@ -3,7 +3,6 @@
 import argparse
 import math
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.atomic import (
     check_no_overwrite,
@@ -13,7 +12,7 @@ from flexx2_sim_ros.atomic import (
     write_text,
 )
 from flexx2_sim_ros.cli.argument_types import number
-from flexx2_sim_ros.cli.common import add_force, add_profile, progress_bar
+from flexx2_sim_ros.cli.common import add_force, add_profile, messages, progress_bar
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError, printable, shown_path
 from flexx2_sim_ros.export import measure_noise, Noise, Parameters, Target, TARGETS
@@ -28,16 +27,17 @@ _ALL = 'all'
 _CELL = 0.05  # metres, the default of octomap_server and nvblox
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'export',
-        description='Write the noise of a mode as parameters of a mapper or simulator: '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Write the noise of a mode as parameters of a mapper or simulator: '
         f'{", ".join(TARGETS)}. The parameters are fitted by least squares over the range of the '
         'mode. The command prints the worst deviation of each fit, and what the target cannot '
-        'hold. Without TARGET it lists the targets.',
-        epilog='examples: flexx2 export elevation_mapping --usecase Mode_5_30fps, '
-        'flexx2 export all --effects diagnosis/effects.yaml --out exported/',
+        'hold. Without TARGET it lists the targets.'
+    )
+    parser.epilog = (
+        'examples: flexx2 export elevation_mapping --usecase Mode_5_30fps, '
+        'flexx2 export all --effects diagnosis/effects.yaml --out exported/'
     )
     parser.add_argument(
         'target',
@@ -80,7 +80,6 @@ def add_parser(commands: Any) -> None:
         '--out', metavar='PATH', type=Path, help='file, or folder for all (default: by target)'
     )
     add_force(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -96,7 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = _target_path(arguments, chosen, profile)
     effects = load_effects(arguments.effects) if arguments.effects else ()
     angles = ANGLES if arguments.incidence is None else (arguments.incidence,)
-    with progress_bar(Console(stderr=True)) as report:
+    with progress_bar(messages()) as report:
         noise = measure_noise(
             profile,
             arguments.usecase or profile.default_usecase,

@@ -1,7 +1,8 @@
 """`flexx2 gap`: diagnose the sim-to-real gap."""
 
+import argparse
+from collections.abc import Sequence
 import sys
-from typing import Any
 
 from flexx2_sim_ros.cli.lazily import add_commands
 from flexx2_sim_ros.paths import checkout
@@ -21,14 +22,13 @@ COMMANDS = {
 }
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommands."""
-    parser = commands.add_parser(
-        'gap',
-        description='Compare recordings of a real camera with the simulation of the same scenes. '
-        'The gap is the difference between the two.',
-        epilog='example: flexx2 gap diagnose recordings --out diagnosis',
+def add_options(parser: argparse.ArgumentParser, words: Sequence[str]) -> None:
+    """Add the commands that the words name."""
+    parser.description = (
+        'Compare recordings of a real camera with the simulation of the same scenes. '
+        'The gap is the difference between the two.'
     )
+    parser.epilog = 'example: flexx2 gap diagnose recordings --out diagnosis'
     subcommands = parser.add_subparsers(dest='gap_command', required=True, metavar='COMMAND')
     texts, modules = dict(COMMANDS), {name: f'flexx2_sim_ros.cli.gap_{name}' for name in COMMANDS}
     if (folder := checkout()) is None:
@@ -37,4 +37,4 @@ def add_parser(commands: Any) -> None:
         modules['benchmark'] = 'study.benchmark.command'
         if str(folder) not in sys.path:
             sys.path.append(str(folder))
-    add_commands(subcommands, texts, modules, commands.words)
+    add_commands(subcommands, texts, modules, words)

@@ -3,82 +3,64 @@
 import argparse
 from typing import Any
 
-from flexx2_sim_ros.cli.common import (
-    add_diagnosis,
-    add_json,
-    add_known,
-    add_out,
-    add_pose_prior,
-    add_scheduler,
-    add_simulation,
-    print_json,
-    print_lines,
-    progress_bar,
-    read_known,
-)
+from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'check',
-        description='Compare the recordings in FRESH with their simulation, before and after the '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Compare the recordings in FRESH with their simulation, before and after the '
         'effects of DIAGNOSIS/effects.yaml are simulated. Prints a table with 90 % intervals over '
         'recordings, and writes check.json and check.html. The exit status is 0 if the gap '
         'shrinks and no physical measure gets significantly worse, 1 if not, and 2 if something '
-        'cannot be used. Recordings that were part of the diagnosis are refused.',
-        epilog='example: flexx2 gap check diagnosis/ fresh/ --out checked/',
+        'cannot be used. Recordings that were part of the diagnosis are refused.'
     )
-    add_diagnosis(parser)
+    parser.epilog = 'example: flexx2 gap check diagnosis/ fresh/ --out checked/'
+    common.add_diagnosis(parser)
     parser.add_argument(
         'fresh', metavar='FRESH', help='folder of recordings with clean_depth (.npz or bags)'
     )
-    add_out(parser, 'DIAGNOSIS')
-    add_json(parser, 'check.json')
-    add_known(parser, 'as in the diagnosis')
-    add_simulation(parser)
-    add_scheduler(parser)
-    add_pose_prior(parser, None, 'as in the diagnosis')
-    parser.set_defaults(run=run)
+    common.add_out(parser, 'DIAGNOSIS')
+    common.add_json(parser, 'check.json')
+    common.add_known(parser, 'as in the diagnosis')
+    common.add_simulation(parser)
+    common.add_scheduler(parser)
+    common.add_pose_prior(parser, None, 'as in the diagnosis')
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check with a progress bar; print the table or JSON."""
     from flexx2_sim_ros.gap import check
-    from flexx2_sim_ros.profiles.files import find_profile
 
-    console = Console(stderr=True, markup=False)
+    console = common.messages()
     out = arguments.out or arguments.diagnosis
     prior = arguments.pose_prior
-    with progress_bar(console) as progress:
+    with common.progress_bar(console) as progress:
         table = check(
             arguments.diagnosis,
             arguments.fresh,
-            profile=find_profile(arguments.profile),
-            seed=arguments.seed,
-            jobs=arguments.jobs,
+            **common.simulation(arguments),
             out=out,
             pose_prior=(prior[0], prior[1]) if prior else None,
-            scheduler=arguments.scheduler,
-            known=read_known(arguments.known),
+            known=common.read_known(arguments.known),
             progress=progress,
         )
     if arguments.json:
-        print_json(table)
+        common.print_json(table)
     else:
         _print(table, console)
-        console.print(f'{out}: check.json, check.html ({table["seconds"]:.0f} s)', highlight=False)
+        console.print(f'{out}: check.json, check.html ({table["seconds"]:.0f} s)')
     return 0 if table['holds'] else 1
 
 
 def _print(table: dict[str, Any], console: Console) -> None:
     from flexx2_sim_ros.gap.report.check_page import headline, lines, sentences
 
-    console.print(printable(headline(table)), style='bold', highlight=False)
+    console.print(printable(headline(table)), style='bold')
     shown = Table(
         Column(overflow='fold'),
         'before',
@@ -93,4 +75,4 @@ def _print(table: dict[str, Any], console: Console) -> None:
         # A value above its interval, so that the table fits a terminal of 80 columns.
         shown.add_row(*(text.replace(' (', '\n(') for text in line))
     console.print(shown)
-    print_lines(console, sentences(table))
+    common.print_lines(console, sentences(table))

@@ -3,15 +3,8 @@
 import argparse
 from typing import Any
 
+from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.argument_types import number
-from flexx2_sim_ros.cli.common import (
-    add_json,
-    add_out,
-    add_simulation,
-    print_json,
-    print_lines,
-    progress_bar,
-)
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.limits import CONSUMER_SECONDS
 from rich.box import SIMPLE_HEAD
@@ -19,16 +12,15 @@ from rich.console import Console
 from rich.table import Column, Table
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'cost',
-        description='Send the recordings in CAMPAIGN and their simulations (as simulated, with '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Send the recordings in CAMPAIGN and their simulations (as simulated, with '
         'each diagnosed effect, with all) through what reads depth on a robot: a height grid, an '
         'elevation map, an occupancy map, the distance of obstacles, or your own. Writes '
-        'cost.json and cost.html.',
-        epilog='example: flexx2 gap cost recordings/ --diagnosis diagnosis/ --out cost/',
+        'cost.json and cost.html.'
     )
+    parser.epilog = 'example: flexx2 gap cost recordings/ --diagnosis diagnosis/ --out cost/'
     parser.add_argument(
         'campaign', metavar='CAMPAIGN', help='folder of recordings with clean_depth'
     )
@@ -38,7 +30,7 @@ def add_parser(commands: Any) -> None:
         metavar='DIR',
         help='folder that flexx2 gap diagnose or calibrate has written',
     )
-    add_out(parser)
+    common.add_out(parser)
     parser.add_argument(
         '--consumer',
         action='append',
@@ -62,38 +54,32 @@ def add_parser(commands: Any) -> None:
         metavar='SECONDS',
         help=f'how long a consumer may take for a recording (default {CONSUMER_SECONDS:g})',
     )
-    add_json(parser, 'cost.json')
-    add_simulation(parser)
-    parser.set_defaults(run=run)
+    common.add_json(parser, 'cost.json')
+    common.add_simulation(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure with a progress bar; print the table or JSON."""
     from flexx2_sim_ros.gap import cost
-    from flexx2_sim_ros.profiles.files import find_profile
 
-    console = Console(stderr=True, markup=False)
+    console = common.messages()
     mounting = arguments.mounting
-    with progress_bar(console) as progress:
+    with common.progress_bar(console) as progress:
         table = cost(
             arguments.campaign,
             arguments.diagnosis,
             consumers=arguments.consumer,
-            profile=find_profile(arguments.profile),
-            seed=arguments.seed,
-            jobs=arguments.jobs,
+            **common.simulation(arguments),
             out=arguments.out,
             mounting=None if mounting is None else (mounting[0], mounting[1]),
             limit=arguments.limit,
             progress=progress,
         )
     if arguments.json:
-        print_json(table)
+        common.print_json(table)
     else:
         _print(table, console)
-        console.print(
-            f'{arguments.out}: cost.json, cost.html ({table["seconds"]:.0f} s)', highlight=False
-        )
+        console.print(f'{arguments.out}: cost.json, cost.html ({table["seconds"]:.0f} s)')
     return 0
 
 
@@ -101,7 +87,7 @@ def _print(table: dict[str, Any], console: Console) -> None:
     from flexx2_sim_ros.gap.report.cost_page import headline, lines, NOTHING_SEEN, sentences
     from flexx2_sim_ros.gap.report.text import spaced
 
-    console.print(printable(headline(table)), style='bold', highlight=False)
+    console.print(printable(headline(table)), style='bold')
     shown = Table(
         Column(overflow='fold'),
         'recorded',
@@ -119,4 +105,4 @@ def _print(table: dict[str, Any], console: Console) -> None:
         if not consumer['measures']:
             shown.add_row(NOTHING_SEEN, style='dim')
     console.print(shown)
-    print_lines(console, sentences(table))
+    common.print_lines(console, sentences(table))

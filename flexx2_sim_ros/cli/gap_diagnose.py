@@ -1,26 +1,14 @@
 """`flexx2 gap diagnose`: find out why recordings differ from the simulation."""
 
 import argparse
-from typing import Any
 
-from flexx2_sim_ros.cli.common import (
-    add_known,
-    add_out,
-    add_pose_prior,
-    add_scheduler,
-    add_simulation,
-    print_lines,
-    progress_bar,
-    read_known,
-)
-from rich.console import Console
+from flexx2_sim_ros.cli import common
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'diagnose',
-        description='Find the effects that explain the gap. The result says for example that '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Find the effects that explain the gap. The result says for example that '
         'an effect removes 61 % of the gap: this fraction of the difference goes away, on '
         'recordings that were not used for the fit, once the effect is simulated. An '
         'alternative explanation is another effect that may be present: the recordings do not '
@@ -28,11 +16,11 @@ def add_parser(commands: Any) -> None:
         'CAMPAIGN is a folder of recordings (.npz or bags) with their ground truth, '
         'clean_depth; each shows one scene. DIR gets report.html, diagnosis.json '
         '(docs/diagnosis.md) and effects.yaml (for flexx2 simulate --effects and the node), with '
-        'curves, tables and maps as the recordings show them.',
-        epilog='example: flexx2 gap diagnose recordings --out diagnosis',
+        'curves, tables and maps as the recordings show them.'
     )
+    parser.epilog = 'example: flexx2 gap diagnose recordings --out diagnosis'
     parser.add_argument('campaign', metavar='CAMPAIGN', help='folder of recordings')
-    add_out(parser)
+    common.add_out(parser)
     parser.add_argument(
         '--without',
         action='append',
@@ -40,10 +28,10 @@ def add_parser(commands: Any) -> None:
         metavar='NAME',
         help='do not consider this effect (may be repeated)',
     )
-    add_simulation(parser)
-    add_scheduler(parser)
-    add_pose_prior(parser, (0.010, 0.5), '0.01 0.5')
-    add_known(parser)
+    common.add_simulation(parser)
+    common.add_scheduler(parser)
+    common.add_pose_prior(parser, (0.010, 0.5), '0.01 0.5')
+    common.add_known(parser)
     parser.add_argument(
         '--no-calibrate',
         dest='calibrate',
@@ -56,7 +44,6 @@ def add_parser(commands: Any) -> None:
         help='measure what the gap costs a robot as well, as flexx2 gap cost does; the report '
         'gets a section about it',
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -64,30 +51,25 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.gap import diagnose
     from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
     from flexx2_sim_ros.gap.report.words import headline, remarks, sentences
-    from flexx2_sim_ros.profiles.files import find_profile
 
-    console = Console(stderr=True, markup=False)
-    with progress_bar(console) as progress:
+    console = common.messages()
+    with common.progress_bar(console) as progress:
         table = diagnose(
             arguments.campaign,
-            profile=find_profile(arguments.profile),
             without=arguments.without,
-            seed=arguments.seed,
-            jobs=arguments.jobs,
+            **common.simulation(arguments),
             out=arguments.out,
             pose_prior=tuple(arguments.pose_prior),
-            scheduler=arguments.scheduler,
-            known=read_known(arguments.known),
+            known=common.read_known(arguments.known),
             cost=arguments.cost,
             calibrate=arguments.calibrate,
             progress=progress,
         )
-    console.print(headline(table), style='bold', highlight=False)
-    print_lines(console, sentences(table) + remarks(table))
+    console.print(headline(table), style='bold')
+    common.print_lines(console, sentences(table) + remarks(table))
     if arguments.cost:
-        print_lines(console, [cost_in_short(table['cost'])])
+        common.print_lines(console, [cost_in_short(table['cost'])])
     console.print(
-        f'{arguments.out}: diagnosis.json, effects.yaml, report.html ({table["seconds"]:.0f} s)',
-        highlight=False,
+        f'{arguments.out}: diagnosis.json, effects.yaml, report.html ({table["seconds"]:.0f} s)'
     )
     return 0

@@ -6,33 +6,31 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_outputs, output_folder, write_text
-from flexx2_sim_ros.cli.common import add_diagnosis, add_out, add_simulation, progress_bar
+from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 _FILE, _PAGE = 'next.json', 'next.html'
 _ROWS = 10
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'next',
-        description='Simulate the explanations that DIAGNOSIS leaves open in recordings that you '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Simulate the explanations that DIAGNOSIS leaves open in recordings that you '
         'could make next, and diagnose each together with the recordings of CAMPAIGN. The ranking '
         'says how often that names the right cause. Prints the suggestion and the ranking, and '
         f'writes {_FILE} and {_PAGE} with pictures of what each explanation would look like. For '
         'some causes no set-up of the plan is enough. How often a suggestion came true on a blind '
-        'camera is in docs/planning.md.',
-        epilog='example: flexx2 gap next diagnosis/ campaign/ --truth tape',
+        'camera is in docs/planning.md.'
     )
-    add_diagnosis(parser)
+    parser.epilog = 'example: flexx2 gap next diagnosis/ campaign/ --truth tape'
+    common.add_diagnosis(parser)
     parser.add_argument(
         'campaign', metavar='CAMPAIGN', help='folder of the recordings that were diagnosed'
     )
-    add_out(parser, 'DIAGNOSIS')
+    common.add_out(parser, 'DIAGNOSIS')
     parser.add_argument(
         '--plan', metavar='FILE', help='what could be recorded (default: config/gap_plan.yaml)'
     )
@@ -53,8 +51,7 @@ def add_parser(commands: Any) -> None:
         help='a scene of your own to rank as well: an .npz file as for flexx2 simulate (may be '
         'repeated)',
     )
-    add_simulation(parser)
-    parser.set_defaults(run=run)
+    common.add_simulation(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -65,11 +62,11 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
     from flexx2_sim_ros.profiles.files import find_profile
 
-    console = Console(stderr=True, markup=False)
+    console = common.messages()
     out = Path(arguments.out or arguments.diagnosis)
     check_outputs('--out', out, [_FILE, _PAGE])
     profile = find_profile(arguments.profile)
-    with progress_bar(console) as progress:
+    with common.progress_bar(console) as progress:
         found = suggest(
             arguments.diagnosis,
             arguments.campaign,
@@ -85,8 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
     write_text(folder / _FILE, json.dumps(found.table, indent=2, allow_nan=False) + '\n')
     write_text(folder / _PAGE, page(found, profile.intrinsics))
     console.print(_shown(found.table))
-    console.print(printable(suggested(found.table)), highlight=False)
-    console.print(f'{out}: {_FILE}, {_PAGE}', highlight=False)
+    console.print(printable(suggested(found.table)))
+    console.print(f'{out}: {_FILE}, {_PAGE}')
     return 0
 
 

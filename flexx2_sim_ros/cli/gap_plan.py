@@ -3,23 +3,20 @@
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from flexx2_sim_ros.cli.common import add_jobs, add_profile, add_seed, command_line, progress_bar
-from rich.console import Console
+from flexx2_sim_ros.cli import common
 
 CHECKLIST, PAGE, TABLE = 'checklist.md', 'plan.html', 'table.yaml'
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'plan',
-        description='Write a checklist for one hour with a camera: what to set up, which command '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Write a checklist for one hour with a camera: what to set up, which command '
         'records it, and what ground truth it needs; and a table of how weak an effect may be and '
-        'still be found. See docs/planning.md.',
-        epilog='example: flexx2 gap plan --out plan/',
+        'still be found. See docs/planning.md.'
     )
+    parser.epilog = 'example: flexx2 gap plan --out plan/'
     parser.add_argument('--out', required=True, metavar='DIR', help=f'gets {CHECKLIST} and {PAGE}')
     parser.add_argument(
         '--plan', metavar='FILE', help='your own plan (default: config/gap_plan.yaml)'
@@ -36,10 +33,9 @@ def add_parser(commands: Any) -> None:
         help=f'compute the table for this plan and camera, and write it to {TABLE}. Takes about '
         'ten minutes; an interrupted run resumes',
     )
-    add_profile(parser)
-    add_seed(parser, most=10**6)
-    add_jobs(parser)
-    parser.set_defaults(run=run)
+    common.add_profile(parser)
+    common.add_seed(parser, most=10**6)
+    common.add_jobs(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -65,11 +61,11 @@ def run(arguments: argparse.Namespace) -> int:
         plan = replace(plan, usecase=profile.default_usecase)
     profile.mode(plan.usecase)
     out = atomic.output_folder(arguments.out)
-    console = Console(stderr=True, markup=False)
+    console = common.messages()
     if arguments.compute:
         request = Request(plan, profile, out, arguments.seed, jobs=arguments.jobs)
-        with progress_bar(console) as progress:
-            table = compute(request, command_line('gap', 'plan'), progress)
+        with common.progress_bar(console) as progress:
+            table = compute(request, common.command_line('gap', 'plan'), progress)
         atomic.write_text(out / TABLE, to_yaml(table))
     else:
         table = read_table(shipped_table())
@@ -78,5 +74,5 @@ def run(arguments: argparse.Namespace) -> int:
     atomic.write_text(out / CHECKLIST, markdown(told))
     atomic.write_text(out / PAGE, page(told))
     written = [CHECKLIST, PAGE, *([TABLE] if arguments.compute else [])]
-    console.print(f'{out}: {", ".join(written)}', highlight=False)
+    console.print(f'{out}: {", ".join(written)}')
     return 0

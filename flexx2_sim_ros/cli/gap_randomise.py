@@ -1,29 +1,25 @@
 """`flexx2 gap randomise`: distributions of effects for training."""
 
 import argparse
-from typing import Any
 
 from flexx2_sim_ros.atomic import check_no_overwrite, checked_target
-from flexx2_sim_ros.cli.common import add_diagnosis, add_force, print_lines
+from flexx2_sim_ros.cli.common import add_diagnosis, add_force, messages, print_lines
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'randomise',
-        description='Write what a diagnosis knows of its camera as distributions: named effects '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Write what a diagnosis knows of its camera as distributions: named effects '
         'with the uncertainty and the correlations of their parameters, effects that could not be '
         'decided as in the catalogue, all others off. flexx2 simulate --draw, the node and '
-        'BatchCamera draw cameras from them.',
-        epilog='example: flexx2 gap randomise diagnosis/ --out randomisation.yaml',
+        'BatchCamera draw cameras from them.'
     )
+    parser.epilog = 'example: flexx2 gap randomise diagnosis/ --out randomisation.yaml'
     add_diagnosis(parser)
     parser.add_argument('--out', required=True, metavar='FILE', help='YAML file to write')
     add_force(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -32,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     check_no_overwrite('--out', [checked_target(arguments.out)], arguments.force)
     found = randomise(arguments.diagnosis, arguments.out)
-    console = Console(stderr=True, markup=False)
+    console = messages()
     shown = Table('parameter', 'mean', 'spread', 'narrower by', box=SIMPLE_HEAD)
     for one in found.randomisation.distributions:
         factor = found.narrower.get(one.name)
@@ -44,5 +40,5 @@ def run(arguments: argparse.Namespace) -> int:
         )
     console.print(shown)
     print_lines(console, comment(found)[1:])
-    console.print(str(arguments.out), highlight=False)
+    console.print(str(arguments.out))
     return 0

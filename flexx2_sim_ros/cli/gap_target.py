@@ -2,7 +2,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros import atomic
 from flexx2_sim_ros.cli.common import add_force
@@ -11,15 +10,14 @@ from flexx2_sim_ros.errors import InputError, shown_path
 SIZES = 'A4', 'A3', 'A2'
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'target',
-        description='Write a PDF to print at 100 % on a sheet of the given size, and beside it a '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Write a PDF to print at 100 % on a sheet of the given size, and beside it a '
         '.yaml that describes it for flexx2 gap truth --board. Two rulers on the sheet show '
-        'whether the print is true to scale. See docs/truth_board.md.',
-        epilog='example: flexx2 gap target --out target.pdf --size A3',
+        'whether the print is true to scale. See docs/truth_board.md.'
     )
+    parser.epilog = 'example: flexx2 gap target --out target.pdf --size A3'
     parser.add_argument('--out', required=True, metavar='PDF', help='file to write')
     parser.add_argument(
         '--size',
@@ -28,7 +26,6 @@ def add_parser(commands: Any) -> None:
         help='size of the sheet (default A3: found up to 2 m; A2 for more)',
     )
     add_force(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -7,18 +7,10 @@ import math
 from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.argument_types import number
-from flexx2_sim_ros.cli.common import (
-    add_jobs,
-    add_out,
-    add_profile,
-    add_scheduler,
-    command_line,
-    progress_bar,
-)
 from flexx2_sim_ros.errors import each_once, InputError, printable, shown
 from flexx2_sim_ros.profiles.files import find_profile
-from rich.console import Console
 
 # Options that say where the camera is.
 _PLACES = (
@@ -34,20 +26,19 @@ _PLACES = (
 _UPS = '+x', '-x', '+y', '-y', '+z', '-z'
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'truth',
-        description='Register each RECORDING (.npz, a bag, or a folder of them) to a room, a '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Register each RECORDING (.npz, a bag, or a folder of them) to a room, a '
         'printed board or planes, and write it to DIR with clean_depth and its accuracy. '
-        'Writes truth.yaml and truth.html as well. An interrupted run resumes. See docs/truth.md.',
-        epilog='example: flexx2 gap truth bags/ --scan room.ply --out campaign/',
+        'Writes truth.yaml and truth.html as well. An interrupted run resumes. See docs/truth.md.'
     )
+    parser.epilog = 'example: flexx2 gap truth bags/ --scan room.ply --out campaign/'
     parser.add_argument(
         'recordings', nargs='+', metavar='RECORDING', help='.npz file, bag, or folder of these'
     )
     _add_rooms(parser)
-    add_out(parser)
+    common.add_out(parser)
     parser.add_argument(
         '--pose',
         action='append',
@@ -65,7 +56,7 @@ def add_parser(commands: Any) -> None:
         help="the room's axis that points up, for finding poses: +z, or +y for .glb (default)",
     )
     parser.add_argument('--camera', metavar='NAME', help='the camera of a bag that has several')
-    add_profile(parser)
+    common.add_profile(parser)
     parser.add_argument(
         '--motion',
         choices=('auto', 'still', 'moving'),
@@ -91,9 +82,8 @@ def add_parser(commands: Any) -> None:
         help='time from power-on to the first frame of the earliest recording; the others follow '
         'from their stamps (default: counted from the earliest recording)',
     )
-    add_jobs(parser)
-    add_scheduler(parser)
-    parser.set_defaults(run=run)
+    common.add_jobs(parser)
+    common.add_scheduler(parser)
 
 
 def _add_rooms(parser: argparse.ArgumentParser) -> None:
@@ -166,34 +156,31 @@ def _seconds_or_auto(text: str) -> float | None:
 def run(arguments: argparse.Namespace) -> int:
     """Make ground truth with a progress bar, and print the verdicts."""
     make = _maker(arguments)
-    console = Console(stderr=True, markup=False)
-    with progress_bar(console) as progress:
+    console = common.messages()
+    with common.progress_bar(console) as progress:
         table = make(progress)
     notes = [(row['source'], note) for row in table['recordings'] for note in row.get('notes', ())]
     for note in each_once(notes):
-        console.print(printable(note), style='yellow', highlight=False)
+        console.print(printable(note), style='yellow')
     for row in table['recordings']:
         reasons = f': {"; ".join(row["reasons"])}' if row['reasons'] else ''
-        console.print(printable(f'{row["name"]}: {row["verdict"]}{reasons}'), highlight=False)
+        console.print(printable(f'{row["name"]}: {row["verdict"]}{reasons}'))
     for row in table['cannot_decide']:
-        console.print(
-            printable(f'cannot decide {row["effect"]}: {row["reason"]}'), highlight=False
-        )
+        console.print(printable(f'cannot decide {row["effect"]}: {row["reason"]}'))
     clock = table.get('clock_offset')
     if clock is not None:
-        console.print(printable(_clock_words(clock)), highlight=False)
+        console.print(printable(_clock_words(clock)))
     for name, found in table.get('shared', {}).items():
         if found['verdict'] == 'found':
-            console.print(printable(f'{name}: {found["reason"]}'), highlight=False)
+            console.print(printable(f'{name}: {found["reason"]}'))
     for name in table.get('not_of_this_run', []):
         console.print(
             printable(
                 f'{name}: is in {arguments.out}, but not of this run; a diagnosis reads it, so '
                 'remove it if you removed its recording'
-            ),
-            highlight=False,
+            )
         )
-    console.print(f'{arguments.out}: truth.yaml, truth.html', highlight=False)
+    console.print(f'{arguments.out}: truth.yaml, truth.html')
     return 0
 
 
@@ -294,7 +281,7 @@ def _plane_maker(arguments: argparse.Namespace) -> _Maker:
     )
     asked = asked_for(request)
     if asked:  # Before the work: it can still be measured.
-        Console(stderr=True, markup=False).print(printable(asked), highlight=False)
+        common.messages().print(printable(asked))
     return partial(make_plane_truth, request)
 
 
@@ -308,7 +295,7 @@ def _common(arguments: argparse.Namespace) -> dict[str, Any]:
         'jobs': arguments.jobs,
         'scheduler': arguments.scheduler,
         'uptime': arguments.uptime,
-        'command': command_line('gap', 'truth'),
+        'command': common.command_line('gap', 'truth'),
     }
 
 

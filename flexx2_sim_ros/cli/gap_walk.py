@@ -3,30 +3,28 @@
 import argparse
 from typing import Any
 
+from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.argument_types import number, whole_number
-from flexx2_sim_ros.cli.common import add_json, add_out, add_simulation, print_json, progress_bar
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Column, Table
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'walk',
-        description='Let simulated robots walk over stairs, rubble and gaps with footholds chosen '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Let simulated robots walk over stairs, rubble and gaps with footholds chosen '
         'on the height grid that their cameras see: with perfect depth, with the noise model, and '
         'with the diagnosed effects added. Writes walk.json and the figure walk.png. Forces are '
         'not simulated; docs/walking.md says when a walk fails. Needs pip install '
-        '"flexx2_sim_ros[batch]".',
-        epilog='example: flexx2 gap walk diagnosis/ --out walk/',
+        '"flexx2_sim_ros[batch]".'
     )
+    parser.epilog = 'example: flexx2 gap walk diagnosis/ --out walk/'
     parser.add_argument(
         'diagnosis',
         metavar='DIAGNOSIS',
         help='folder that flexx2 gap diagnose or calibrate has written',
     )
-    add_out(parser)
+    common.add_out(parser)
     parser.add_argument(
         '--walks',
         type=whole_number(1, 100_000),
@@ -43,42 +41,36 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         '--robot', default='go1', metavar='NAME', help='go1, go2 or a YAML file (default go1)'
     )
-    add_json(parser, 'walk.json')
-    add_simulation(parser)
-    parser.set_defaults(run=run)
+    common.add_json(parser, 'walk.json')
+    common.add_simulation(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Walk with a progress bar; print the table or JSON."""
     from flexx2_sim_ros.cli.batch import import_warp
-    from flexx2_sim_ros.profiles.files import find_profile
 
     import_warp()
     from flexx2_sim_ros.gap.walk import walk
 
-    console = Console(stderr=True, markup=False)
-    with progress_bar(console) as progress:
+    console = common.messages()
+    with common.progress_bar(console) as progress:
         table = walk(
             arguments.diagnosis,
-            profile=find_profile(arguments.profile),
             robot=arguments.robot,
             walks=arguments.walks,
             **({} if arguments.steps is None else {'steps': arguments.steps}),
-            seed=arguments.seed,
-            jobs=arguments.jobs,
+            **common.simulation(arguments),
             out=arguments.out,
             progress=progress,
         )
     if arguments.json:
-        print_json(table)
+        common.print_json(table)
     else:
         console.print(_table(table))
         if table['left_out']:
             names = ', '.join(table['left_out'])
             console.print(f'left out, as walks have no time since power-on: {names}')
-        console.print(
-            f'{arguments.out}: walk.json, walk.png ({table["seconds"]:.0f} s)', highlight=False
-        )
+        console.print(f'{arguments.out}: walk.json, walk.png ({table["seconds"]:.0f} s)')
     return 0
 
 

@@ -1,9 +1,7 @@
 """Add commands to a parser, importing the module of a command only where it is needed."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from importlib import import_module
-from types import SimpleNamespace
 from typing import Any
 
 ALL = ('*',)  # words that name every command
@@ -20,6 +18,9 @@ def add_commands(
     """
     Add commands to the subparsers of a parser.
 
+    A module has ``add_options``, which gets the parser, and ``run``, which gets the arguments; or
+    commands of its own: ``add_options``, which gets the words as well.
+
     Parameters
     ----------
     commands : argparse subparsers
@@ -27,15 +28,17 @@ def add_commands(
     texts : mapping of str to str
         Of each command, what the help of the parser says.
     modules : mapping of str to str
-        Its module, whose ``add_parser`` adds its options.
+        The module of each.
     words : sequence of str
         The command and its own words, or `ALL`. Other commands get no options.
 
     """
     for name, text in texts.items():
+        parser = commands.add_parser(name, help=text)
         if words == ALL or [*words[:1]] == [name]:
-            described = SimpleNamespace(add_parser=partial(commands.add_parser, help=text))
-            described.words = words if words == ALL else words[1:]
-            import_module(modules[name]).add_parser(described)
-        else:
-            commands.add_parser(name, help=text)
+            module = import_module(modules[name])
+            if hasattr(module, 'run'):
+                parser.set_defaults(run=module.run)
+                module.add_options(parser)
+            else:
+                module.add_options(parser, words if words == ALL else words[1:])

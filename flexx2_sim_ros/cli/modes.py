@@ -2,38 +2,35 @@
 
 import argparse
 import math
-from typing import Any
 
-from flexx2_sim_ros.cli.common import add_profile
+from flexx2_sim_ros.cli.common import add_profile, plain_table
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import BUILT_IN, find_profile, shipped
 from flexx2_sim_ros.profiles.modes import Mode
 from flexx2_sim_ros.profiles.sensor import KINDS
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 _TEXT = ('mode', 'noise of', 'source')
 _WHOLE = ('mode', 'noise of', 'range [m]', 'MHz')
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'modes',
-        epilog='example: flexx2 modes --profile kinect_v2',
-        description='List the modes: rate, range, modulation, raw frames, and the noise model '
-        f'with its coefficients. Shipped profiles: {", ".join(shipped())}.',
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.epilog = 'example: flexx2 modes --profile kinect_v2'
+    parser.description = (
+        'List the modes: rate, range, modulation, raw frames, and the noise model '
+        f'with its coefficients. Shipped profiles: {", ".join(shipped())}.'
     )
     add_profile(parser)
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the tables."""
     profile = find_profile(arguments.profile)
     modes = profile.modes
-    table = _table('mode', 'rate [Hz]', 'range [m]', 'MHz', 'raw frames', 'noise of', 'source')
+    names: tuple[str, ...] = 'mode', 'rate [Hz]', 'range [m]', 'MHz', 'raw frames'
+    names += 'noise of', 'source'
+    table = plain_table(*names, text=_TEXT, whole=_WHOLE)
     for mode in modes:
         table.add_row(
             mode.name,
@@ -44,7 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
             _noise_of(mode),
             mode.source,
         )
-    noise = _table('noise of', 'a', 'b', 'c', 'd', 'n', 'sigma_x', 'sigma_z')
+    names = 'noise of', *'abcdn', 'sigma_x', 'sigma_z'
+    noise = plain_table(*names, text=_TEXT, whole=_WHOLE)
     for mode in modes:
         if mode.noise_of == mode.name:
             model = mode.noise
@@ -89,12 +87,3 @@ def _noise_of(mode: Mode) -> str:
     if mode.measured:
         return 'itself'
     return f'{mode.noise_from.replace("_", " ") if mode.noise_of == mode.name else mode.noise_of}*'
-
-
-def _table(*names: str) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    for name in names:
-        table.add_column(
-            name, justify='left' if name in _TEXT else 'right', no_wrap=name in _WHOLE
-        )
-    return table

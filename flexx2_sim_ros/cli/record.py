@@ -10,6 +10,7 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder
 from flexx2_sim_ros.cli.argument_types import number
+from flexx2_sim_ros.cli.common import messages
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError, printable
 from rich import box
@@ -26,11 +27,10 @@ _DRAIN_SECONDS = 2.0
 _IDLE = 5
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'record', description=_DESCRIPTION, epilog='example: flexx2 record walk --seconds 10'
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = _DESCRIPTION
+    parser.epilog = 'example: flexx2 record walk --seconds 10'
     parser.add_argument(
         'bag',
         nargs='?',
@@ -82,7 +82,6 @@ def add_parser(commands: Any) -> None:
         metavar='MB',
         help='memory for messages that wait for the disk (default %(default)g)',
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -120,7 +119,7 @@ def _spin(
 
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)
-    console = Console(stderr=True, markup=False)
+    console = messages()
     begun = shown = time.monotonic()
     with console.status('waiting for cameras') as status:
         while not stopped() and sink.error is None:

@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import number
+from flexx2_sim_ros.cli.common import messages
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import printable
 from rich.console import Console
@@ -14,14 +15,13 @@ _ACKNOWLEDGE_SECONDS = 5.0
 _DISCOVERY_SECONDS = 0.5
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'replay',
-        description='Publish the messages of a rosbag2 bag at the pace of their stamps, and a '
-        '/clock that fits them. Ends at the end of the bag. Needs ROS 2.',
-        epilog="example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'",
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Publish the messages of a rosbag2 bag at the pace of their stamps, and a '
+        '/clock that fits them. Ends at the end of the bag. Needs ROS 2.'
     )
+    parser.epilog = "example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'"
     parser.add_argument('bag', metavar='BAG', help='a folder, or a .mcap or .db3 file')
     parser.add_argument(
         '--rate',
@@ -45,14 +45,13 @@ def add_parser(commands: Any) -> None:
         help='longest time to wait until every topic has a subscriber (default %(default)s)',
     )
     parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Publish until the end, or until told to stop."""
     from flexx2_sim_ros.recording.bag_files import Bag
 
-    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    console = messages(soft_wrap=True)
     bag = Bag(arguments.bag)
     for note in bag.notes:
         console.print(printable(note), style='yellow')

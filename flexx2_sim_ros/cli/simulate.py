@@ -9,7 +9,7 @@ import zlib
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
-from flexx2_sim_ros.cli.common import add_profile, MOST_SEED
+from flexx2_sim_ros.cli.common import add_profile, messages, MOST_SEED
 from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.effects.time_offset import time_offset_of
@@ -30,16 +30,17 @@ _STARTS = 1_000_000  # seconds from which a scene has its own
 _MAY_BE_STACKS = {'amplitude', 'known', 'clean_sigma', 'incidence', 'reflectivity_spread'}
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'simulate',
-        description='Read clean depth and write what the camera would have recorded. IN.npz has '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Read clean depth and write what the camera would have recorded. IN.npz has '
         'clean_depth (H, W) or (T, H, W) in metres, NaN where there is no return, K (3, 3), '
         'optionally reflectivity (0..1) and stamp (T,) in seconds, or stamp_ns. OUT.npz is a '
         'recording: depth (T, H, W) float32 metres with NaN for invalid, clean_depth, K, stamp, '
-        'usecase, seed, effects if any, and all other keys of IN (docs/recordings.md).',
-        epilog='example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300',
+        'usecase, seed, effects if any, and all other keys of IN (docs/recordings.md).'
+    )
+    parser.epilog = (
+        'example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300'
     )
     parser.add_argument('input', metavar='IN.npz', help='scene to read')
     parser.add_argument('output', metavar='OUT.npz', help='recording to write')
@@ -91,7 +92,6 @@ def add_parser(commands: Any) -> None:
         'the first frame, for warm_up_drift (default: uptime of IN, else the '
         'parameter of the effect)',
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
     stamps = _stamps(
         scene, arguments.frames, arguments.start, camera.mode.rate_hz, arguments.input
     )
-    console = Console(stderr=True, markup=False)
+    console = messages()
     count = len(stamps)
     _check_images(scene, count, arguments.input)
     # Stamps of a clock are exact in nanoseconds only; the noise depends on them.
@@ -120,7 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
             'one, and so its noise'
         )
     for note in notes:
-        console.print(printable(note), style='yellow', highlight=False)
+        console.print(printable(note), style='yellow')
     invalid = 0
     with (
         RecordingWriter(arguments.output, count, *scene.clean_depth.shape[-2:]) as writer,
@@ -147,13 +147,6 @@ def run(arguments: argparse.Namespace) -> int:
         if effects:
             writer.add_array('effects', effects_yaml(effects))
     _say(console, arguments.output, camera, scene, count, invalid)
-    if repeated := count - len(np.unique(times)):
-        console.print(
-            f'stamp: should differ from frame to frame, but {repeated} of {count} frames repeat '
-            'one, and with it the noise of that frame',
-            style='yellow',
-            highlight=False,
-        )
     return 0
 
 
@@ -175,8 +168,7 @@ def _say(
     console.print(
         f'{path}: {count} frames of {width} x {height}, '
         f'{printable(camera.profile.model)}, {camera.usecase}, '
-        f'{invalid / (count * height * width):.1%} invalid',
-        highlight=False,
+        f'{invalid / (count * height * width):.1%} invalid'
     )
     if invalid == count * height * width:
         mode, depth = camera.mode, scene.clean_depth
@@ -185,13 +177,11 @@ def _say(
             f'clean_depth: must be metres, from {mode.range_min:g} to {mode.range_max:g} in this '
             f'mode, got a median of {middle:.4g}',
             style='yellow',
-            highlight=False,
         )
     if not camera.mode.measured:
         console.print(
             f'{camera.usecase} was not measured: its noise is {camera.mode.noise_words}',
             style='yellow',
-            highlight=False,
         )
 
 

@@ -25,18 +25,19 @@ _CAMERAS = ('front_left', 'front_right')
 _EVERYWHERE = ('0.0.0.0', '::', '')
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'view',
-        description='Serve a page that shows depth, what it is compared with, their difference '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Serve a page that shows depth, what it is compared with, their difference '
         'and the point cloud of all cameras. Without PATH it shows the cameras that stream now '
         '(needs ROS 2): on the page you switch modes and drive the robot with W A S D. PATH is a '
         'recording (.npz or bag) or a folder of recordings: their depth is compared with the '
         'ground truth and with a simulation at it. If PATH is a folder that flexx2 gap diagnose '
         'has written, CAMPAIGN is the folder of its recordings: their depth is also compared '
-        'with a simulation with the diagnosed effects.',
-        epilog='examples: flexx2 view --demo; flexx2 view walk; flexx2 view diagnosis recordings',
+        'with a simulation with the diagnosed effects.'
+    )
+    parser.epilog = (
+        'examples: flexx2 view --demo; flexx2 view walk; flexx2 view diagnosis recordings'
     )
     parser.add_argument(
         'path', nargs='?', type=Path, metavar='PATH', help='recording, folder or diagnosis'
@@ -72,7 +73,6 @@ def add_parser(commands: Any) -> None:
         help='topic for driving (default %(default)s)',
     )
     _add_serving(parser)
-    parser.set_defaults(run=run)
 
 
 def _add_serving(parser: argparse.ArgumentParser) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from flexx2_sim_ros.cli.common import messages
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.errors import InputError, printable, shown, shown_path
 from flexx2_sim_ros.profiles.files import find_profile
@@ -10,7 +11,6 @@ from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording import open_recording, recording_cameras
 from flexx2_sim_ros.recording.folders import find_recordings, is_bag
 from flexx2_sim_ros.view.recorded import RecordedCamera
-from rich.console import Console
 
 # Of frames that stay in memory, for all recordings together.
 _MOST_BYTES = 512 << 20
@@ -97,7 +97,7 @@ def _open_all(
             problems.append(printable(str(error)))
     if not found:
         raise InputError(problems[0])
-    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    console = messages(soft_wrap=True)
     for problem in problems:
         console.print(f'left out: {problem}', style='yellow')
     return found

@@ -2,7 +2,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.cli.argument_types import MOST_JOBS, whole_number
 from flexx2_sim_ros.cli.common import command_line
@@ -12,16 +11,15 @@ _CONFUSION = 'benchmark_confusion.png'
 _ANSWERS = 'answers.jsonl'
 
 
-def add_parser(commands: Any) -> None:
-    """Add the subcommand."""
-    parser = commands.add_parser(
-        'benchmark',
-        description='Record campaigns with a blind camera, whose physics is separate from the '
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add what the command takes."""
+    parser.description = (
+        'Record campaigns with a blind camera, whose physics is separate from the '
         'simulator, diagnose each, and score the answers against labels that were sealed before '
         'the run. Resumes after an interruption. Prints the tables and writes '
-        f'benchmark.md, {_CONFUSION} and {_ANSWERS} to --out.',
-        epilog='example: flexx2 gap benchmark --quick --out /tmp/benchmark',
+        f'benchmark.md, {_CONFUSION} and {_ANSWERS} to --out.'
     )
+    parser.epilog = 'example: flexx2 gap benchmark --quick --out /tmp/benchmark'
     parser.add_argument('--quick', action='store_true', help='a few small cases, in minutes')
     parser.add_argument(
         '--seed-set',
@@ -56,7 +54,6 @@ def add_parser(commands: Any) -> None:
         help=f'{_ANSWERS} of an earlier part of this run, with the same version: its cases are '
         'not run again, and all are scored together',
     )
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
