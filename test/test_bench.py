@@ -7,8 +7,10 @@ import sys
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-# Tests of their own: the batch, the diagnosis, all effects, `soak` and `torture_node`.
-SHORT = 'model', 'exposure', 'agreement', 'rendering', 'bags', 'nodes', 'start', 'torture_kill'
+# `soak` and `torture_node` have tests of their own; `batch`, `gap` and `torture_files` take half a
+# minute each.
+SHORT = 'model', 'effects', 'exposure', 'agreement', 'rendering', 'bags'
+SHORT += 'nodes', 'start', 'torture_kill'
 
 
 def run(words: list[str], folder: Path, env: dict[str, str]) -> subprocess.CompletedProcess[str]:

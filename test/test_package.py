@@ -268,6 +268,9 @@ def test_the_wheel_runs_in_a_clean_environment(
     assert run(flexx2, '--version', cwd=tmp_path).split()[-1] == version
     assert set(re.findall(r'Mode_\w+', run(flexx2, 'modes', cwd=tmp_path))) == MODES
     assert 'flying_pixels' in run(flexx2, 'effects', cwd=tmp_path)
+    help_of_gap = run(flexx2, 'gap', '--help', cwd=tmp_path)
+    assert 'diagnose' in help_of_gap
+    assert 'benchmark' not in help_of_gap  # needs the blind camera, which is in a checkout
 
 
 def test_library_imports_no_ros(tmp_path: Path) -> None:
