@@ -1,11 +1,13 @@
 """Ground truth for frames of real cameras; skipped where these are not."""
 
+import json
 from pathlib import Path
 import re
 import shutil
 from typing import Any
 
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.truth.trajectory import camera_trajectory, PoseSource
 import numpy as np
 import pytest
 from real_frames import DATA
@@ -117,3 +119,44 @@ def test_a_measured_angle_stands_above_what_the_camera_shows(case: Path) -> None
     # The camera's error is in the difference, and not in the ground truth.
     error = (arrays['depth'][0] - arrays['clean_depth'])[arrays['known']]
     assert np.sqrt(np.nanmean(error**2)) > 0.03
+
+
+@pytest.mark.parametrize(
+    ('case', 'name', 'scan', 'accuracy'),
+    [
+        ('vl53_panel_crash', 'A0', 'panel.obj', ''),
+        ('vl53_still_but_flying', 'A1', 'panel_floor.obj', ''),
+        ('vl53_still_but_flying', 'A1', 'panel_floor.obj', '0.01,0.5'),
+    ],
+    indirect=['case'],
+)
+def test_a_flight_is_where_motion_capture_says(
+    case: Path, name: str, scan: str, accuracy: str
+) -> None:
+    """Assert it for a camera of 8 x 8 pixels, which sees a single panel, and find its latency."""
+    mount = 0.0, 0.0, 0.0, -0.5, 0.5, -0.5, 0.5
+    options = ['--scan', scan, '--trajectory', f'{name}.txt', '--clock-offset', '0']
+    options += ['--camera-in-body', ','.join(map(str, mount)), '--profile', 'vl53l5cx.yaml']
+    options += ['--pose-accuracy', accuracy] if accuracy else []
+    table, arrays = truth(f'{name}.npz', *options)
+    (row,) = table['recordings']
+    assert (row['verdict'], row['motion']) == ('used', 'moving')
+    assert row['known'] > 0
+    assert bool(row['reasons']) == (not accuracy)
+    assert 'told_off_mm' not in row
+    # Nothing is left that motion capture would decide.
+    assert table['cannot_decide'] == []
+    given = camera_trajectory(PoseSource(Path(f'{name}.txt'), camera_in_body=mount), Path())
+    stamp_ns = np.rint(arrays['stamp'] * 1e9).astype(np.int64)
+    first = next(pose for pose in given.at(stamp_ns) if np.isfinite(pose).all())
+    assert row['pose'][:3] == pytest.approx(first[:3], abs=1e-5)
+    assert abs(row['pose'][3:] @ first[3:]) == pytest.approx(1, abs=1e-5)
+    sigmas = np.sqrt(np.diag(arrays['pose_covariance']))
+    assert sigmas == pytest.approx(np.repeat([0.01, np.radians(0.5)], 3))
+    command = ['gap', 'diagnose', 'out', '--profile', 'vl53l5cx.yaml', '--out', 'found']
+    assert main([*command, '--jobs', '1']) == 0
+    found = json.loads(Path('found/diagnosis.json').read_text())
+    latency = {one['name']: one['parameters'] for one in found['effects']}['time_offset'][
+        'latency'
+    ]
+    assert 0.078 < latency < 0.115

@@ -10,15 +10,13 @@ from typing import Any
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, open_recording
-from flexx2_sim_ros.truth import Request
-from flexx2_sim_ros.truth.campaign import check_room
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Registered
 from flexx2_sim_ros.truth.search import _orientations
-from flexx2_sim_ros.truth.verdict import Verdict
+from flexx2_sim_ros.truth.verdict import check_room, Verdict
 import numpy as np
 import pytest
 from scans import box, HEIGHT, record, scaled, SMALL_K, WIDTH
@@ -198,9 +196,8 @@ def test_a_room_that_breaks_its_library_is_one_sentence(
     ],
 )
 def test_one_recording_that_fits_by_chance_does_not_make_it_the_room(
-    tmp_path: Path, fitting: tuple[float, ...], states: str, wrong: bool
+    fitting: tuple[float, ...], states: str, wrong: bool
 ) -> None:
-    request = Request(recordings=(), room=tmp_path / 'room.ply', out=tmp_path / 'out')
     verdicts = [
         Verdict(state, (), part, 0.01, (0.001, 0.1))
         for state, part in zip(states.split(), fitting, strict=True)
@@ -210,9 +207,9 @@ def test_one_recording_that_fits_by_chance_does_not_make_it_the_room(
     )
     if wrong:
         with pytest.raises(InputError, match='must be the room of the recordings'):
-            check_room(request, registered, verdicts)
+            check_room(Path('room.ply'), False, registered, verdicts)
     else:
-        check_room(request, registered, verdicts)
+        check_room(Path('room.ply'), False, registered, verdicts)
 
 
 @pytest.mark.parametrize(

@@ -120,6 +120,42 @@ def test_given_poses_tell_the_motion_and_are_never_left(
         assert row['motion'] == ('moving' if moves else 'still')
 
 
+@pytest.mark.parametrize(
+    ('options', 'words'),
+    [
+        (['--pose-accuracy', '0.002,0.2'], ''),
+        (['--pose-accuracy', '0.002,0.2', '--clock-offset', 'auto'], 'and --clock-offset SECONDS'),
+        (['--pose-accuracy', '2'], 'must be METRES,DEGREES'),
+        (['--pose-accuracy', '0,0.2'], 'must be METRES,DEGREES'),
+    ],
+)
+def test_poses_of_a_known_accuracy_are_used_as_they_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
+) -> None:
+    """Assert it for a camera that shows another pose, and a folder of trajectories."""
+    pose, depth = box(tmp_path)
+    x, *others = map(float, pose.split(','))
+    file, stamp = tmp_path / 'r.npz', np.arange(8) * 0.033
+    np.savez(file, depth=np.tile(depth, (8, 1, 1)), K=SMALL_K, stamp=stamp)
+    (tmp_path / 'poses').mkdir()
+    lines = [[t, x + 0.02 + 0.5 * t, *others] for t in stamp[:-2]]
+    (tmp_path / 'poses' / 'r.txt').write_text('\n'.join(' '.join(map(str, n)) for n in lines))
+    scan = ['--scan', str(tmp_path / 'room.ply'), '--jobs', '1', '--out', str(tmp_path / 'out')]
+    command = ['gap', 'truth', str(file), *scan, '--trajectory', str(tmp_path / 'poses')]
+    command += ['--clock-offset', '0', *options]
+    assert main(command) == (2 if words else 0)
+    assert words in ' '.join(capsys.readouterr().err.split())
+    if not words:
+        row = yaml.safe_load((tmp_path / 'out' / 'truth.yaml').read_text())['recordings'][0]
+        assert (row['motion'], row['pose_sigma_mm']) == ('moving', 2.0)
+        assert row['pose'][0] == pytest.approx(x + 0.02)
+        written = open_recording(tmp_path / 'out' / 'r.npz').load()
+        known = written.extra['known'].mean(axis=(1, 2))
+        # There is no pose for the last two frames, and the others are not those of the images.
+        assert (known > 0.9).tolist() == [True] * 6 + [False] * 2
+        assert np.abs(written.clean_depth[5] - depth).max() > 0.05
+
+
 def transform(parent: str, child: str, stamp: int, pose: Pose) -> Any:
     """Return one transform of TF."""
     x, y, z, *turn = pose.numbers()

@@ -22,6 +22,7 @@ _PLACES = (
     'camera_in_body',
     'clock_offset',
     'relative',
+    'pose_accuracy',
 )
 _UPS = '+x', '-x', '+y', '-y', '+z', '-z'
 
@@ -115,7 +116,8 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
         '--trajectory',
         metavar='FILE',
         help='rough poses with stamps, as of motion capture: text (lines t x y z qx qy qz qw, '
-        'TUM) or .csv with these columns; seconds, metres, in the room',
+        'TUM) or .csv with these columns; seconds, metres, in the room. A folder has a file for '
+        'each recording, of the same name',
     )
     told.add_argument(
         '--odometry',
@@ -132,6 +134,12 @@ def _add_poses(parser: argparse.ArgumentParser) -> None:
         metavar='X,Y,Z,QX,QY,QZ,QW',
         help='pose of the camera (optical frame) in the frame of the tracked body (default: the '
         'poses are those of the camera)',
+    )
+    parser.add_argument(
+        '--pose-accuracy',
+        metavar='METRES,DEGREES',
+        help='standard deviations of these poses, such as 0.002,0.2 of motion capture: they are '
+        'used as they are, and not fitted (default: they are rough). Needs --clock-offset',
     )
     parser.add_argument(
         '--clock-offset',
@@ -228,7 +236,7 @@ def _told(arguments: argparse.Namespace) -> Any:
 
     given = arguments.trajectory, arguments.odometry, arguments.tf
     if not any(given):
-        names = 'camera_in_body', 'clock_offset', 'relative'
+        names = 'camera_in_body', 'clock_offset', 'relative', 'pose_accuracy'
         _check_unused(arguments, names, '--trajectory, --odometry or --tf')
         return None
     if arguments.pose and not arguments.relative:
@@ -246,7 +254,22 @@ def _told(arguments: argparse.Namespace) -> Any:
         _pose('--camera-in-body', body) if body else PoseSource.camera_in_body,
         arguments.clock_offset,
         arguments.relative,
+        _accuracy(arguments.pose_accuracy),
     )
+
+
+def _accuracy(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        metres, degrees = (float(word) for word in text.split(','))
+    except ValueError:
+        metres, degrees = math.nan, math.nan
+    if not (0 < metres < 1 and 0 < degrees < 90):
+        raise InputError(
+            f'--pose-accuracy: must be METRES,DEGREES, such as 0.002,0.2, got {shown(text)}'
+        )
+    return metres, degrees
 
 
 def _check_unused(arguments: argparse.Namespace, names: tuple[str, ...], fitting: str) -> None:

@@ -28,12 +28,10 @@ from flexx2_sim_ros.truth.run import (
 )
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import PoseSource, read_trajectory
-from flexx2_sim_ros.truth.verdict import FITTING, judge, Verdict
+from flexx2_sim_ros.truth.verdict import as_given, ASSUMED, check_room, judge, strays, Verdict
 from flexx2_sim_ros.truth.writing import Picture, read_light, write_recording, Writing
 import numpy as np
 
-# Cost of the best pose in the mirror image of the room, as a fraction of the cost in the room.
-_MIRRORED = 0.4
 _CLEAR_LATENCY = 3.0  # standard deviations
 _REFUSED = 'refused: '  # begins the text of a recording that cannot be registered
 # Shared errors that the poses take where they are confounded; the poses' covariance omits this.
@@ -97,12 +95,12 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
     room = load_room(request.room)
     with running(request, progress) as run:
         placed, refused = _register(run, sources, jobs)
-        registered = [one.where for one in placed]
         numbered = [(i, one.job, one.where) for i, one in enumerate(placed)]
         parts = run.each('simulating bounces', (0.55, 0.65), views_of, numbered)
         progress('fitting poses and shared errors', 0.65)
-        shared, verdicts = _fit([view for part in parts for view in part], registered)
-        check_room(request, registered, verdicts)
+        shared, placed, verdicts = _fit(parts, placed)
+        registered = [one.where for one in placed]
+        check_room(request.room, bool(request.poses), registered, verdicts)
         clock = _clock(registered)
         late = _latency(request, clock)
         writings = _writings(request, placed, shared, verdicts, late or 0.0)
@@ -125,7 +123,7 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
                 **({} if clock is None else {'clock_offset': _clock_table(clock, late)}),
                 'shared': shared.findings,
                 'cannot_decide': _cannot_decide(shared, registered, late is not None),
-                'absorbed': absorbed('scan'),
+                'absorbed': {} if all(one.believed for one in registered) else absorbed('scan'),
             },
             lambda table: page(
                 table,
@@ -151,7 +149,8 @@ def _jobs(request: Request, sources: Sequence[Source]) -> list[Job]:
             f'{len(request.poses)}'
         )
     if request.told is not None and request.told.file is not None:
-        read_trajectory(request.told.file)
+        for source in sources:
+            read_trajectory(request.told.file_of(source.path))
     guesses: Sequence[tuple[float, ...] | None] = request.poses or [None]
     if len(guesses) == 1:
         guesses = list(guesses) * len(sources)
@@ -177,7 +176,11 @@ def _register(
     # The recordings that can be registered, and the rows of the others by number.
     digests = [
         digest(
-            (job.path, job.room, *([job.told.file] if job.told and job.told.file else [])),
+            (
+                job.path,
+                job.room,
+                *([job.told.file_of(job.path)] if job.told and job.told.file else []),
+            ),
             (job.camera, job.motion, job.guess, job.up, job.profile, job.told),
         )
         for job in jobs
@@ -202,61 +205,59 @@ def _register_one(job: Job) -> str:
         return f'{_REFUSED}{error}'
 
 
-def _fit(views: Sequence[View], registered: Sequence[Registered]) -> tuple[Shared, list[Verdict]]:
-    # Recordings that do not fit would distort the shared errors, so they are left out first.
-    alone = solve(views, Columns(False, (), False))
-    verdicts = judge(registered, alone)
-    good = [view for view in alone.views if verdicts[view.recording].state != 'refused']
-    if not good:
-        return Shared(alone, {}), verdicts
-    shared = estimate(good)
-    final = judge(registered, shared.solution)
-    return shared, [
-        before if before.state == 'refused' else after
-        for before, after in zip(verdicts, final, strict=True)
+def _fit(
+    parts: Sequence[Sequence[View]], placed: Sequence[_Placed]
+) -> tuple[Shared, list[_Placed], list[Verdict]]:
+    # Recordings that do not fit would distort the shared errors, so they are left out first. So
+    # are those whose poses are used as they were given.
+    registered = [one.where for one in placed]
+    fitted = [
+        view
+        for part, one in zip(parts, registered, strict=True)
+        for view in part
+        if not one.believed
     ]
+    alone = solve(fitted, Columns(False, (), False))
+    verdicts = judge(registered, alone)
+    out = [_as_given(*both) for both in zip(placed, verdicts, strict=True)]
+    registered = [one.where for one in out]
+    good = [
+        view
+        for view in alone.views
+        if verdicts[view.recording].state != 'refused' and not registered[view.recording].believed
+    ]
+    shared = estimate(good) if good else Shared(alone, {})
+    final = judge(registered, shared.solution) if good else verdicts
+    for i, one in enumerate(out):
+        if one.where.believed:
+            views = parts[i] if placed[i].where.believed else views_of((i, one.job, one.where))
+            final[i] = as_given(views, _accuracy(one), _why_given(placed[i], one))
+        elif verdicts[i].state == 'refused':
+            final[i] = verdicts[i]
+    return shared, out, final
 
 
-def check_room(
-    request: Request, registered: Sequence[Registered], verdicts: Sequence[Verdict]
-) -> None:
-    """
-    Check that most recordings fit the room.
+def _as_given(placed: _Placed, verdict: Verdict) -> _Placed:
+    # What a camera of few pixels sees may not hold its pose, so that it strays from the given one.
+    where = placed.where
+    if where.given and strays(where) and not verdict.held:
+        return replace(placed, where=where.as_given())
+    return placed
 
-    Parameters
-    ----------
-    request : Request
-        The request.
-    registered : sequence of Registered
-        Registrations, by number of the recording.
-    verdicts : sequence of Verdict
-        Verdicts, likewise.
 
-    Raises
-    ------
-    InputError
-        When it is another room, or the mirror image of the room.
+def _accuracy(placed: _Placed) -> tuple[float, float]:
+    told = placed.job.told
+    return ASSUMED if told is None or told.accuracy is None else told.accuracy
 
-    """
-    refused = [verdict for verdict in verdicts if verdict.state == 'refused']
-    better = [one.mirrored < _MIRRORED * min(one.costs) for one in registered]
-    used = sum(
-        verdict.state == 'used' and not other
-        for verdict, other in zip(verdicts, better, strict=True)
-    )
-    if sum(better) > used:
-        raise InputError(
-            f'{request.room}: must not be mirrored: the recordings fit its mirror image; negate '
-            'one coordinate of the mesh'
-        )
-    # Some recordings may fit a wrong room by chance: rooms are boxes of about the same size.
-    usual = float(np.median([verdict.fitting for verdict in verdicts]))
-    if len(refused) > used and usual < FITTING:
-        hint = '' if request.poses else ', or the wrong --up'
-        raise InputError(
-            f'{request.room}: must be the room of the recordings: only {usual:.0%} of the '
-            f'pixels of most recordings fit it; it is another room{hint}, or the pose is far off'
-        )
+
+def _why_given(before: _Placed, after: _Placed) -> list[str]:
+    if before.where.believed:
+        return []
+    metres, degrees = _accuracy(after)
+    return [
+        'what it sees does not hold its pose, so that the given poses are used as they are, and '
+        f'taken to be right within {metres * 1e3:g} mm and {degrees:g} degrees (--pose-accuracy)'
+    ]
 
 
 def _writings(
@@ -270,19 +271,27 @@ def _writings(
     out = {}
     for i, one in enumerate(placed):
         mine = [k for k, view in enumerate(solution.views) if view.recording == i]
-        if verdicts[i].state != 'refused' and mine:
-            out[i] = Writing(
-                one.job,
-                one.where,
-                tuple(solution.views[mine[0]].pose.numbers()),
-                solution.columns,
-                tuple(map(float, solution.values)),
-                np.mean([solution.full_covariance(k) for k in mine], axis=0),
-                request.room_error,
-                one.source.target,
-                keys=one.source.keys,
-                latency=latency,
-            )
+        if one.where.believed:
+            pose = next(pose for pose in one.where.poses if np.isfinite(pose).all())
+            sigmas = np.array(_accuracy(one)) * (1, np.radians(1))
+            covariance = np.diag(np.repeat(sigmas**2, 3))
+        elif verdicts[i].state != 'refused' and mine:
+            pose = tuple(solution.views[mine[0]].pose.numbers())
+            covariance = np.mean([solution.full_covariance(k) for k in mine], axis=0)
+        else:
+            continue
+        out[i] = Writing(
+            one.job,
+            one.where,
+            pose,
+            solution.columns,
+            tuple(map(float, solution.values)),
+            covariance,
+            request.room_error,
+            one.source.target,
+            keys=one.source.keys,
+            latency=0.0 if one.where.believed else latency,
+        )
     return out
 
 
@@ -319,7 +328,9 @@ def _row(
             'pose': [round(value, 6) for value in writing.pose],
             'pose_sigma_mm': round(verdict.deviation[0] * 1e3, 3),
             'pose_sigma_deg': round(verdict.deviation[1], 4),
-            'residual_mm': round(verdict.residual * 1e3, 3),
+            'residual_mm': round(verdict.residual * 1e3, 3)
+            if np.isfinite(verdict.residual)
+            else None,
             **picture.table(),
         }
     return row
@@ -359,7 +370,10 @@ def _cannot_decide(
         for effect, finding in shared.findings.items()
         if effect in _HIDDEN_UNLESS_FITTED and finding['verdict'] == 'confounded'
     }
-    out = hidden_by_scan(any(one.moving for one in registered), late, confounded)
+    fitted = [one for one in registered if not one.believed]
+    if not fitted:
+        return []
+    out = hidden_by_scan(any(one.moving for one in fitted), late, confounded)
     for effect, finding in shared.findings.items():
         if effect not in confounded and finding['verdict'] == 'confounded':
             remedy = 'a recording of a bright corner'

@@ -128,6 +128,8 @@ class Solution:
         not estimated.
     left_out : numpy.ndarray
         (R, k) coefficients without each recording.
+    free : tuple of float
+        Metres: how far each view can move along its least certain axis, by its pixels alone.
 
     """
 
@@ -139,6 +141,7 @@ class Solution:
     covariances: tuple[np.ndarray, ...]
     drags: tuple[np.ndarray, ...]
     left_out: np.ndarray
+    free: tuple[float, ...] = ()
 
     def full_covariance(self, view: int) -> np.ndarray:
         """Return the (6, 6) covariance of a pose, including a bias that is not estimated."""
@@ -264,13 +267,14 @@ def _finish(views: list[View], columns: Columns, values: np.ndarray) -> Solution
     scores = [_tile_scores(one, values) for one in equations]
     meat = prior + sum((own.T @ own for _, own in scores), np.zeros((k, k)))
     spread = inverse @ meat @ inverse
-    poses, drags = [], []
+    poses, drags, free = [], [], []
     for one, (g, own) in zip(equations, scores, strict=True):
         H_inverse = np.linalg.inv(one.H)
         pull = H_inverse @ one.B
         here = g @ H_inverse - own @ inverse @ pull.T
         others = spread - inverse @ (own.T @ own) @ inverse
         poses.append(here.T @ here + pull @ others @ pull.T)
+        free.append(float(np.sqrt(np.linalg.eigvalsh(H_inverse[:3, :3])[-1])))
         drags.append(PRIOR * H_inverse @ (one.J.T @ (one.weight * one.bias)))
     data = S - prior
     scale = np.sqrt(np.maximum(np.diag(data), 1e-30))
@@ -284,6 +288,7 @@ def _finish(views: list[View], columns: Columns, values: np.ndarray) -> Solution
         tuple(poses),
         tuple(drags),
         apart,
+        tuple(free),
     )
 
 

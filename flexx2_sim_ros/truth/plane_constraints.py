@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.plane_file import Angle, Measured
+from flexx2_sim_ros.truth.plane_finding import Surface
 import numpy as np
 
 # Standard deviations of a plane without measurements: metres, radians. They are large, because a
@@ -15,6 +16,13 @@ FREE_OFFSET, FREE_TILT = 0.1, np.radians(5.0)
 _FITTED_TILT = np.radians(0.3)
 _GIVES_WAY = 1e-6
 _PARALLEL = np.radians(3.0)  # from 0 or 180 degrees
+_MOST_TURN = 10.0  # degrees by which errors of the camera turn a plane
+_CONTRADICTION = 5.0  # standard deviations
+# Metres, root mean square: effects of usual strength bend a plane by at most 0.006 (python -m
+# bench.planes --bends), two walls taken for one by 0.017 to 0.035.
+_MOST_BEND = 0.015
+# Metres by which an offset and bounced light may change a distance.
+_MOST_OFFSET = 0.1
 _ITERATIONS = 8
 _STEP = 1e-6
 
@@ -195,3 +203,64 @@ def _slope(placed: Placed, change: np.ndarray, constraints: Constraints) -> np.n
         for step in _STEP * np.eye(len(change))
     ]
     return np.stack(columns, axis=1) / (2 * _STEP)
+
+
+def turned(surfaces: list[Surface], constraints: Constraints) -> str:
+    """Return why a recording shows other planes than the file means, or nothing."""
+    normals = {surface.name: surface.normal for surface in surfaces}
+    for angle in constraints.angles:
+        seen = np.degrees(seen_angle(normals[angle.first], normals[angle.second]))
+        allowed = 2 * _MOST_TURN + _CONTRADICTION * angle.degrees.deviation
+        if abs(seen - angle.degrees.value) > allowed:
+            return (
+                f'the angle between {angle.first} and {angle.second} must be that of the planes '
+                f'found, {seen:.0f} degrees, got {angle.degrees.value:g}'
+            )
+    return ''
+
+
+def turns(surfaces: list[Surface], constraints: Constraints) -> list[str]:
+    """Return where the recording shows another angle than was measured: a finding."""
+    normals = {surface.name: surface.normal for surface in surfaces}
+    out = []
+    for angle in constraints.angles:
+        seen = float(np.degrees(seen_angle(normals[angle.first], normals[angle.second])))
+        told = angle.degrees
+        if abs(seen - told.value) > _CONTRADICTION * told.deviation:
+            out.append(
+                f'{angle.first} and {angle.second}: the recording shows {seen:.1f} degrees '
+                f'between them, {told.value:g} +- {told.deviation:g} were measured and count'
+            )
+    return out
+
+
+def contradiction(placed: Placed, constraints: Constraints) -> str:
+    """Return which measurements contradict each other, or nothing."""
+    errors, words = constraints.errors(placed)
+    if not len(errors) or np.abs(errors).max() <= _CONTRADICTION:
+        return ''
+    worst = int(np.abs(errors).argmax())
+    return (
+        f'the {words[worst]} must agree with the other measurements, got one that is '
+        f'{abs(errors[worst]):.0f} standard deviations off'
+    )
+
+
+def doubts_of(surfaces: list[Surface], constraints: Constraints) -> list[str]:
+    """Return why the planes of a recording are doubtful."""
+    doubts = [
+        f'{surface.name}: the recording bends it by {surface.bend * 1e3:.0f} mm rms: several '
+        'surfaces (give the outline of one), or an error of the camera'
+        for surface in surfaces
+        if surface.bend > _MOST_BEND
+    ]
+    for surface, told in zip(surfaces, constraints.distances, strict=True):
+        if told is None:
+            continue
+        seen = surface.distance - float(surface.normal @ np.array(constraints.origin))
+        if abs(seen - told.value) > _MOST_OFFSET + _CONTRADICTION * told.deviation:
+            doubts.append(
+                f'{surface.name}: the recording shows it at {seen:.2f} m, the file says '
+                f'{told.value:g} m, which is more than an offset can be'
+            )
+    return doubts

@@ -15,7 +15,15 @@ from flexx2_sim_ros.truth.clean import Clean, KNOWN, OUTSIDE
 from flexx2_sim_ros.truth.files import reason_of
 from flexx2_sim_ros.truth.gray_frames import gray_images
 from flexx2_sim_ros.truth.observation import Observation, observe
-from flexx2_sim_ros.truth.plane_constraints import Constraints, Placed, seen_angle, settle
+from flexx2_sim_ros.truth.plane_constraints import (
+    Constraints,
+    contradiction,
+    doubts_of,
+    Placed,
+    settle,
+    turned,
+    turns,
+)
 from flexx2_sim_ros.truth.plane_file import Angle, PlaneHint
 from flexx2_sim_ros.truth.plane_finding import find_planes, Surface
 from flexx2_sim_ros.truth.reflectivity import (
@@ -28,13 +36,6 @@ from flexx2_sim_ros.truth.writing import Picture, picture_of, shows_light, write
 import numpy as np
 
 _LARGEST_DEPTH = 100.0  # metres; larger values are millimetres
-_MOST_TURN = 10.0  # degrees by which errors of the camera turn a plane
-_CONTRADICTION = 5.0  # standard deviations
-# Metres, root mean square: effects of usual strength bend a plane by at most 0.006 (python -m
-# bench.planes), two walls taken for one by 0.017 to 0.035.
-_MOST_BEND = 0.015
-# Metres by which an offset and bounced light may change a distance.
-_MOST_OFFSET = 0.1
 
 
 @dataclass(frozen=True)
@@ -226,15 +227,15 @@ def _judged(job: PlaneJob) -> Judged:
     if not surfaces:
         return Judged('refused', ('no plane is found in it',))
     constraints = _constraints(job, names)
-    reason = _turned(surfaces, constraints)
+    reason = turned(surfaces, constraints)
     if reason:
         return Judged('refused', (reason,))
     placed, covariance = settle(_fitted(surfaces, footage.still), constraints)
-    reason = _contradiction(placed, constraints)
+    reason = contradiction(placed, constraints)
     if reason:
         return Judged('refused', (reason,))
-    doubts = _doubts(surfaces, constraints)
-    notes = _turns(surfaces, constraints)
+    doubts = doubts_of(surfaces, constraints)
+    notes = turns(surfaces, constraints)
     notes += [f'{hint.name}: not found' for hint in missing]
     notes += [note for surface in surfaces for note in surface.notes()]
     return Judged(
@@ -262,65 +263,6 @@ def _fitted(surfaces: list[Surface], image: Observation) -> Placed:
         np.array([surface.distance for surface in surfaces]),
         np.stack(pivots),
     )
-
-
-def _turned(surfaces: list[Surface], constraints: Constraints) -> str:
-    # The recording shows other planes than those of the angle: no camera turns two that far.
-    normals = {surface.name: surface.normal for surface in surfaces}
-    for angle in constraints.angles:
-        seen = np.degrees(seen_angle(normals[angle.first], normals[angle.second]))
-        allowed = 2 * _MOST_TURN + _CONTRADICTION * angle.degrees.deviation
-        if abs(seen - angle.degrees.value) > allowed:
-            return (
-                f'the angle between {angle.first} and {angle.second} must be that of the planes '
-                f'found, {seen:.0f} degrees, got {angle.degrees.value:g}'
-            )
-    return ''
-
-
-def _turns(surfaces: list[Surface], constraints: Constraints) -> list[str]:
-    # What was measured with a tool counts: that the camera shows another angle is a finding.
-    normals = {surface.name: surface.normal for surface in surfaces}
-    out = []
-    for angle in constraints.angles:
-        seen = float(np.degrees(seen_angle(normals[angle.first], normals[angle.second])))
-        told = angle.degrees
-        if abs(seen - told.value) > _CONTRADICTION * told.deviation:
-            out.append(
-                f'{angle.first} and {angle.second}: the recording shows {seen:.1f} degrees '
-                f'between them, {told.value:g} +- {told.deviation:g} were measured and count'
-            )
-    return out
-
-
-def _contradiction(placed: Placed, constraints: Constraints) -> str:
-    errors, words = constraints.errors(placed)
-    if not len(errors) or np.abs(errors).max() <= _CONTRADICTION:
-        return ''
-    worst = int(np.abs(errors).argmax())
-    return (
-        f'the {words[worst]} must agree with the other measurements, got one that is '
-        f'{abs(errors[worst]):.0f} standard deviations off'
-    )
-
-
-def _doubts(surfaces: list[Surface], constraints: Constraints) -> list[str]:
-    doubts = [
-        f'{surface.name}: the recording bends it by {surface.bend * 1e3:.0f} mm rms: several '
-        'surfaces (give the outline of one), or an error of the camera'
-        for surface in surfaces
-        if surface.bend > _MOST_BEND
-    ]
-    for surface, told in zip(surfaces, constraints.distances, strict=True):
-        if told is None:
-            continue
-        seen = surface.distance - float(surface.normal @ np.array(constraints.origin))
-        if abs(seen - told.value) > _MOST_OFFSET + _CONTRADICTION * told.deviation:
-            doubts.append(
-                f'{surface.name}: the recording shows it at {seen:.2f} m, the file says '
-                f'{told.value:g} m, which is more than an offset can be'
-            )
-    return doubts
 
 
 @dataclass(frozen=True)

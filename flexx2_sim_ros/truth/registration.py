@@ -1,7 +1,7 @@
 """Register one recording to a room: a pose for each of its frames, and views for the joint fit."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 import json
 import math
@@ -11,6 +11,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Mode, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.alignment import align, choose
 from flexx2_sim_ros.truth.clean import render
@@ -37,6 +38,7 @@ LOST = 0.6
 # Cost above which the mirror image of the room is tried as well.
 _SUSPECT = 0.12
 _STANDS = 0.03, math.radians(1.5)  # metres, radians: noise of the poses of a camera that stands
+_NOWHERE = (math.nan,) * 7
 _PLAIN = 0.5  # reflectivity where it is unknown
 
 
@@ -99,6 +101,11 @@ class Registered:
         in the room's frame.
     clock : ClockOffset or None
         Offset to the clock of the given poses; None without such poses, and for a still recording.
+    given : tuple of tuple of float
+        The given poses at the stamps, NaN where there is none; empty where they cannot be used as
+        they are: without a common frame or clock.
+    believed : bool
+        Whether `poses` are those.
 
     """
 
@@ -111,6 +118,14 @@ class Registered:
     seconds: float
     told: tuple[float, float] | None = None
     clock: ClockOffset | None = None
+    given: tuple[tuple[float, ...], ...] = ()
+    believed: bool = False
+
+    def as_given(self) -> 'Registered':
+        """Return it with the poses as they were given."""
+        lost = [not np.isfinite(numbers).all() for numbers in self.given]
+        costs = tuple(math.inf if one else 0.0 for one in lost)
+        return replace(self, poses=self.given, costs=costs, told=None, clock=None, believed=True)
 
     def to_json(self) -> str:
         """Return the result as text."""
@@ -122,7 +137,7 @@ class Registered:
         table: dict[str, Any] = json.loads(text)
         for name in ('costs', 'history'):
             table[name] = tuple(table[name])
-        table['poses'] = tuple(map(tuple, table['poses']))
+        table |= {name: tuple(map(tuple, table[name])) for name in ('poses', 'given')}
         table['told'] = table['told'] and tuple(table['told'])
         table['clock'] = table['clock'] and ClockOffset(**table['clock'])
         return cls(**table)
@@ -149,6 +164,14 @@ def register(job: Job) -> Registered:
         motion = 'moving'
     footage = observe(reader, job.profile, motion)
     told = _told(job, footage, source)
+    given = _given(job, told)
+    if job.told is not None and job.told.accuracy is not None:
+        if not given:
+            raise InputError(
+                '--pose-accuracy: must be given with poses in the room and --clock-offset SECONDS'
+            )
+        empty = Registered((), (), (), math.inf, footage.moving, math.inf, 0.0, given=given)
+        return empty.as_given()
     found, first, mirrored = _search(job, footage, _start(job, told))
     clock = None
     if footage.moving:
@@ -171,7 +194,14 @@ def register(job: Job) -> Registered:
         time.perf_counter() - begin,
         None if job.told is None or job.told.relative else _distance(told, fits),
         clock,
+        given,
     )
+
+
+def _given(job: Job, told: Sequence[Pose | None]) -> tuple[tuple[float, ...], ...]:
+    if job.told is None or job.told.relative or job.told.clock_offset is None:
+        return ()
+    return tuple(_NOWHERE if pose is None else tuple(pose.numbers()) for pose in told)
 
 
 def _told_to_move(job: Job, stamp_ns: np.ndarray, source: CameraTrajectory | None) -> bool:

@@ -20,6 +20,7 @@ POSE = 'geometry_msgs/msg/PoseStamped'
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _COLUMNS = 't', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
 _TIMES = 't', 'time', 'stamp', 'timestamp'
+_SUFFIXES = '.txt', '.csv', '.tum'
 _LONGEST_GAP = 500_000_000  # longest time between two poses for interpolation, nanoseconds
 _MOST_BYTES = 1 << 30
 
@@ -27,12 +28,12 @@ _MOST_BYTES = 1 << 30
 @dataclass(frozen=True)
 class PoseSource:
     """
-    A source of rough poses; one of `file`, `topic` and `frames` is set.
+    A source of poses; one of `file`, `topic` and `frames` is set.
 
     Attributes
     ----------
     file : pathlib.Path or None
-        TUM text, or a CSV file; see `read_trajectory`.
+        TUM text, or a CSV file, see `read_trajectory`; or a folder with one for each recording.
     topic : str
         Topic of the bag with odometry or stamped poses.
     frames : tuple of str
@@ -44,6 +45,9 @@ class PoseSource:
         Stamps of the recording minus stamps of the poses, seconds; None: it is found.
     relative : bool
         Whether the poses are in a frame of their own; then only motions are used.
+    accuracy : tuple of float or None
+        Standard deviations of the poses, metres and degrees: they are used as they are. None: they
+        are rough, and fitted to the recordings.
 
     """
 
@@ -53,6 +57,15 @@ class PoseSource:
     camera_in_body: tuple[float, ...] = IDENTITY
     clock_offset: float | None = None
     relative: bool = False
+    accuracy: tuple[float, float] | None = None
+
+    def file_of(self, recording: Path) -> Path:
+        """Return the file with the poses of a recording: in a folder, that of the same name."""
+        assert self.file is not None
+        if not self.file.is_dir():
+            return self.file
+        files = [self.file / f'{recording.stem}{suffix}' for suffix in _SUFFIXES]
+        return next((file for file in files if file.is_file()), files[0])
 
 
 @dataclass(frozen=True)
@@ -193,7 +206,7 @@ def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
 
 def _chain(source: PoseSource, path: Path, camera: str) -> list[Trajectory]:
     if source.file is not None:
-        return [read_trajectory(source.file)]
+        return [read_trajectory(source.file_of(path))]
     if not (is_bag(path) or path.suffix in BAG_FILES):
         option = '--odometry' if source.topic else '--tf'
         raise InputError(f'{option}: must be given with bags only, got {shown_path(path)}')

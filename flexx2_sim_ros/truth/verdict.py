@@ -2,20 +2,26 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.alignment import residuals
-from flexx2_sim_ros.truth.joint import Solution
+from flexx2_sim_ros.truth.columns import Columns
+from flexx2_sim_ros.truth.joint import Solution, View
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.registration import Registered
 import numpy as np
 
 # A pixel fits if its residual is at most this many metres and standard deviations.
 _FITS, _FITS_NOISE = 0.05, 3.0
-_LEAST_FITTING = 0.6
-FITTING = 0.8
+_LEAST__FITTING = 0.6
+_FITTING = 0.8
 _RIVAL = 1.3  # times the cost of the best pose
 _MOST_METRES, _MOST_DEGREES = 0.01, 0.5  # standard deviation of a pose
-_TOLD = 0.3, 20.0  # metres and degrees that a given pose may be wrong by
+ASSUMED = 0.01, 0.5  # metres and degrees: standard deviations of given poses that are not told
+# Cost of the best pose in the mirror image of the room, as a fraction of the cost in the room.
+_MIRRORED = 0.4
+TOLD = 0.3, 20.0  # metres and degrees that a rough pose may be wrong by
 _OUTLYING, _OUTLYING_METRES = 3.0, 0.01  # times the usual median residual; metres
 
 _LOST = 'the camera is lost: none of the frames that were tried fits the room'
@@ -38,6 +44,8 @@ class Verdict:
         Median of the absolute residual, metres.
     deviation : tuple of float
         Standard deviation of the pose along and about its least certain axis: metres, degrees.
+    held : bool
+        Whether the pixels of most frames determine the pose.
 
     """
 
@@ -46,6 +54,32 @@ class Verdict:
     fitting: float
     residual: float
     deviation: tuple[float, float]
+    held: bool = True
+
+
+def strays(one: Registered) -> bool:
+    """Return whether the fitted pose is farther from the given one than that may be wrong."""
+    return one.told is not None and (one.told[0] > TOLD[0] or one.told[1] > TOLD[1])
+
+
+def as_given(
+    views: Sequence[View], accuracy: tuple[float, float], reasons: Sequence[str]
+) -> Verdict:
+    """
+    Return the verdict of a recording whose poses are used as they were given.
+
+    Parameters
+    ----------
+    views : sequence of View
+        Its views.
+    accuracy : tuple of float
+        Standard deviations of the poses, metres and degrees.
+    reasons : sequence of str
+        Why they are used.
+
+    """
+    fitting, residual = _misfit(views, Columns(False, (), False), np.zeros(0))
+    return Verdict('used', tuple(reasons), fitting, residual, accuracy)
 
 
 def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]:
@@ -75,14 +109,16 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]
         if i not in seen:
             out.append(Verdict('refused', (_LOST,), fitting, residual, deviation))
             continue
-        if one.told is not None and (one.told[0] > _TOLD[0] or one.told[1] > _TOLD[1]):
+        if strays(one):
+            assert one.told is not None
             refused.append(
                 f'its pose is {one.told[0]:.2f} m and {one.told[1]:.0f} degrees from the given '
-                f'one, which may be off by {_TOLD[0]:g} m and {_TOLD[1]:g} degrees'
+                f'one, which may be off by {TOLD[0]:g} m and {TOLD[1]:g} degrees; if the given '
+                'ones are right, say how accurate they are (--pose-accuracy)'
             )
-        if fitting < _LEAST_FITTING:
+        if fitting < _LEAST__FITTING:
             refused.append(f'only {fitting:.0%} of its pixels fit the room')
-        elif fitting < FITTING:
+        elif fitting < _FITTING:
             doubts.append(f'only {fitting:.0%} of its pixels fit the room')
         if one.rival < _RIVAL * min(one.costs):
             doubts.append('another pose fits nearly as well')
@@ -96,16 +132,75 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]
                 f'its residual is {residual * 1e3:.0f} mm, that of most is {usual * 1e3:.0f} mm'
             )
         state = 'refused' if refused else 'doubtful' if doubts else 'used'
-        out.append(Verdict(state, tuple(refused + doubts), fitting, residual, deviation))
+        free = [solution.free[k] for k, view in enumerate(solution.views) if view.recording == i]
+        held = float(np.median(free)) < _MOST_METRES
+        out.append(Verdict(state, tuple(refused + doubts), fitting, residual, deviation, held))
     return out
 
 
+def check_room(
+    room: Path, posed: bool, registered: Sequence[Registered], verdicts: Sequence[Verdict]
+) -> None:
+    """
+    Check that most recordings fit the room.
+
+    Parameters
+    ----------
+    room : pathlib.Path
+        The room's file.
+    posed : bool
+        Whether rough poses were given.
+    registered : sequence of Registered
+        Registrations, by number of the recording.
+    verdicts : sequence of Verdict
+        Verdicts, likewise.
+
+    Raises
+    ------
+    InputError
+        When it is another room, or the mirror image of the room.
+
+    """
+    refused = [verdict for verdict in verdicts if verdict.state == 'refused']
+    better = [one.mirrored < _MIRRORED * min(one.costs) for one in registered]
+    used = sum(
+        verdict.state == 'used' and not other
+        for verdict, other in zip(verdicts, better, strict=True)
+    )
+    if sum(better) > used:
+        raise InputError(
+            f'{room}: must not be mirrored: the recordings fit its mirror image; negate '
+            'one coordinate of the mesh'
+        )
+    # Some recordings may fit a wrong room by chance: rooms are boxes of about the same size.
+    pairs = zip(registered, verdicts, strict=True)
+    fitting = [verdict.fitting for one, verdict in pairs if not one.believed]
+    usual = float(np.median(fitting)) if fitting else 1.0
+    if len(refused) > used and usual < _FITTING:
+        hint = '' if posed else ', or the wrong --up'
+        raise InputError(
+            f'{room}: must be the room of the recordings: only {usual:.0%} of the '
+            f'pixels of most recordings fit it; it is another room{hint}, or the pose is far off'
+        )
+
+
 def _numbers(recording: int, solution: Solution) -> tuple[float, float, tuple[float, float]]:
-    left, fits, spread = [], [], np.zeros((6, 6))
     views = [i for i, view in enumerate(solution.views) if view.recording == recording]
-    for i in views:
-        view = solution.views[i]
-        columns, values = solution.columns, solution.values
+    if not views:
+        return 0.0, float('inf'), (float('inf'), float('inf'))
+    fitting, residual = _misfit(
+        [solution.views[i] for i in views], solution.columns, solution.values
+    )
+    spread = sum((solution.covariances[i] for i in views), np.zeros((6, 6))) / len(views)
+    metres = float(np.sqrt(np.linalg.eigvalsh(spread[:3, :3])[-1]))
+    degrees = float(np.degrees(np.sqrt(np.linalg.eigvalsh(spread[3:, 3:])[-1])))
+    return fitting, residual, (metres, degrees)
+
+
+def _misfit(views: Sequence[View], columns: Columns, values: np.ndarray) -> tuple[float, float]:
+    # The fraction of pixels that fit, and the median residual, metres.
+    left, fits = [], []
+    for view in views:
         rays = columns.true_rays(values, view.target.rays)
         hits = load_room(view.room).cast(view.pose, rays)
         error = residuals(hits, view.target)
@@ -113,11 +208,8 @@ def _numbers(recording: int, solution: Solution) -> tuple[float, float, tuple[fl
         with np.errstate(invalid='ignore'):
             fits.append(np.abs(error) < _FITS + _FITS_NOISE * view.target.sigma)
         left.append(np.abs(error[np.isfinite(error)]))
-        spread += solution.covariances[i] / len(views)
-    if not views or not sum(map(len, fits)):
-        return 0.0, float('inf'), (float('inf'), float('inf'))
-    metres = float(np.sqrt(np.linalg.eigvalsh(spread[:3, :3])[-1]))
-    degrees = float(np.degrees(np.sqrt(np.linalg.eigvalsh(spread[3:, 3:])[-1])))
+    if not sum(map(len, fits)):
+        return 0.0, float('inf')
     every = np.concatenate(left)
     residual = float(np.median(every)) if len(every) else float('inf')
-    return float(np.concatenate(fits).mean()), residual, (metres, degrees)
+    return float(np.concatenate(fits).mean()), residual

@@ -181,7 +181,7 @@ def read_light(what: Writing) -> list[GraySamples]:
     every = max(len(poses) // _LIT_FRAMES, 1)
     out = []
     for number, gray in enumerate(gray_images(reader, moving)):
-        if number % every:
+        if number % every or not np.isfinite(poses[number]).all():
             continue
         clean = render(room, Pose.from_numbers(np.array(poses[number])), rays, what.room_error)
         if clean.reflectivity is not None:
@@ -270,9 +270,9 @@ def _of_frames(room: Room, what: Writing, footage: Footage) -> list[Clean]:
     # where later images were taken. The last frames have no later ones and are unknown, as are
     # those beside a frame whose pose was lost.
     frames = [footage.observe(image) for image in footage.frames()]
+    lost = np.array(what.registered.costs) > LOST
     poses = [_pose_of(room, what, footage, frame, i) for i, frame in enumerate(frames)]
     seen = [render(room, pose, footage.still.rays, what.room_error) for pose in poses]
-    lost = np.array(what.registered.costs) > LOST
     truths = [
         truth.without(True, REFUSED) if gone else without_hidden(truth, frame)
         for truth, frame, gone in zip(seen, frames, lost, strict=True)
@@ -297,8 +297,9 @@ def _of_frames(room: Room, what: Writing, footage: Footage) -> list[Clean]:
 
 def _pose_of(room: Room, what: Writing, footage: Footage, frame: Observation, number: int) -> Pose:
     # The pose is fitted again, with the shared errors subtracted.
-    pose = Pose.from_numbers(np.array(what.registered.poses[number]))
-    if what.values:
+    numbers = what.registered.poses[number]
+    pose = Pose.from_numbers(np.array(numbers if np.isfinite(numbers).all() else what.pose))
+    if what.values and not what.registered.believed:
         added = np.zeros(frame.depth.shape)
         if what.columns.bounce and footage.mode is not None:
             added = bounced(room, pose, frame, footage.reader.K, footage.mode, what.job.profile)

@@ -182,19 +182,7 @@ def register(
 
     """
     still = recording.clean.ndim == 2
-    count = len(recording.depth)
-    chosen = (
-        [0]
-        if still
-        else sorted(
-            {
-                round(x)
-                for x in np.linspace(
-                    min(REGISTRATION.lead, count - 1), max(count - 2, 0), REGISTRATION.frames
-                )
-            }
-        )
-    )
+    chosen = [0] if still else _chosen(recording)
     spread = spread_of(recording.truth, prior)
     whiten = np.linalg.pinv(spread)
     shifts = recording.plane_shifts
@@ -234,6 +222,16 @@ def register(
             reach = max(_LATEST, 1.5 * abs(latency))
             lateness = float(np.clip(lateness + _LATE * amounts[-1], -reach, reach))
     return motion, sure
+
+
+def _chosen(recording: RecordingData) -> list[int]:
+    # Frames of a moving recording, spread over those that show what is known.
+    frames, known = np.arange(len(recording.depth)), recording.truth.known
+    if known is not None and known.ndim == 3 and known.any():
+        frames = np.flatnonzero(known.any(axis=(1, 2)))
+    first, last = min(REGISTRATION.lead, len(frames) - 1), max(len(frames) - 2, 0)
+    places = {round(x) for x in np.linspace(first, last, REGISTRATION.frames)}
+    return [int(frames[place]) for place in sorted(places)]
 
 
 class _Biases(NamedTuple):
