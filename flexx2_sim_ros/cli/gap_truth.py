@@ -181,6 +181,10 @@ def run(arguments: argparse.Namespace) -> int:
     for name, found in table.get('shared', {}).items():
         if found['verdict'] == 'found':
             console.print(printable(f'{name}: {found["reason"]}'))
+    for name in table.get('not_given', []):
+        console.print(
+            printable(f'{table["planes"]}: {name} is not among the recordings, and is ignored')
+        )
     for name in table.get('not_of_this_run', []):
         console.print(
             printable(

@@ -78,6 +78,7 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
     plan = read_planes(request.planes)
     sources = sources_of(request, request.planes)
     jobs = _jobs(request, plan, sources)
+    absent = sorted(set(plan.changes) - {source.target.stem for source in sources})
     with running(request, progress) as run:
         digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
         texts = run.each_once('finding planes', (0.0, 0.5), place_planes, jobs, digests)
@@ -109,6 +110,7 @@ def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) ->
             ],
             {
                 **({} if scale is None else {'reflectivity': scale.table()}),
+                **({'not_given': absent} if absent else {}),
                 'cannot_decide': _cannot_decide(judged),
                 'absorbed': absorbed(
                     'tape' if all(any(judged[i].taped) for i in good) else 'planes'
@@ -142,12 +144,6 @@ def asked_for(request: PlaneRequest) -> str:
 
 def _jobs(request: PlaneRequest, plan: PlaneFile, sources: Sequence[Source]) -> list[PlaneJob]:
     names = [source.target.stem for source in sources]
-    for name in plan.changes:
-        if name not in names:
-            raise InputError(
-                f'{shown_path(request.planes)}: recordings: must name recordings that are given, '
-                f'got {name!r:.80}'
-            )
     return [
         PlaneJob(
             source.path,
