@@ -220,6 +220,20 @@ def test_pixels_inside_a_plane_that_contradict_it_are_counted(
     assert (row['unknown']['hidden'] > 0) == ('nearer' in words)
 
 
+def test_a_patch_of_a_plane_without_depth_stays_known(tmp_path: Path) -> None:
+    """Assert it for a patch that saturates, in which a few pixels read too near."""
+    clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)
+    stamp = np.arange(FRAMES) / 30
+    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
+    depth[:, 20:40, 20:40] = np.nan
+    depth[:, 25:30, 25:30] = 1.0
+    np.savez(tmp_path / 'wall.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
+    planes = tmp_path / 'planes.yaml'
+    planes.write_text('schema: 1\nplanes:\n- name: wall\n')
+    (row,) = make(tmp_path / 'wall.npz', planes, tmp_path / 'out')['recordings']
+    assert row['known'] == 1
+
+
 def test_a_plane_is_as_large_as_what_is_seen_of_it(tmp_path: Path) -> None:
     """Assert it for two walls in one plane with a gap between them; a box is on one."""
     clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)

@@ -230,9 +230,8 @@ class _Search:
             holes, count = ndimage.label(ndimage.binary_fill_holes(region) & ~region)
             for k in range(1, count + 1):
                 hole = holes == k
-                seen = error[hole & np.isfinite(error)]
                 # Nothing is seen through a wall: what is farther is an error, or no return.
-                if len(seen) and np.median(seen) < 0:
+                if np.mean(error[hole] < 0) > 0.5:
                     hidden |= hole
                 elif not (hole & others).any():
                     whole |= hole
