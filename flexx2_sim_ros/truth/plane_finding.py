@@ -338,8 +338,9 @@ def _most(mask: np.ndarray, of: np.ndarray) -> np.ndarray:
 
 
 def _closed(mask: np.ndarray) -> np.ndarray:
-    # Closes small holes, which are noise, and cuts bridges of single pixels.
+    # Closes small holes, which are noise, and cuts bridges of a few pixels.
     holes, count = ndimage.label(~mask)
     small = np.bincount(holes.ravel(), minlength=count + 1) <= _HOLE
     small[0] = False
-    return np.asarray(ndimage.binary_opening(mask | small[holes], np.ones((3, 3), bool)))
+    square = np.ones((3, 3), bool)
+    return np.asarray(ndimage.binary_opening(mask | small[holes], square, iterations=_BORDER))
