@@ -80,8 +80,12 @@ class IndirectLight:
                 bounce,
                 patches,
             )
-        threads = (count, bounce.receiver_count, bounce.frequencies)
-        launch(bounce_kernels.gather, threads, first, lights, bounce)
+        threads = (count, bounce.receiver_count)
+        if self._images.lists:
+            launch(bounce_kernels.gather_all, threads, first, lights, bounce)
+        else:
+            each = (*threads, bounce.frequencies)
+            launch(bounce_kernels.gather, each, first, lights, bounce)
         grid, chunk = self._images.grid(count)
         wide = (count, self._receivers[0], grid[2])
         launch(bounce_kernels.widen, wide, lens, first, chunk, lights, bounce)

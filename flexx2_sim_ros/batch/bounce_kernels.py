@@ -4,7 +4,7 @@ The effect multipath as Warp kernels; see `effects.interreflection`.
 What patches get from each other is kept: it changes only when a patch does.
 """
 
-from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import reflectivity_at, Surfaces, TURN
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
@@ -122,6 +122,29 @@ def find_patches(
         bounce.changed[place] = _YES
 
 
+@wp.func
+def light_between(bounce: Bounce, r: wp.int32, s: wp.int32) -> tuple[wp.float32, wp.float32]:
+    """Return the light from sender ``s`` at receiver ``r``, and how much longer its path is."""
+    count = bounce.receiver_count
+    senders = bounce.sender_count
+    light, path = _light_from(
+        at(bounce.senders, s) - at(bounce.receivers, r),
+        at(bounce.senders, s + senders) - at(bounce.receivers, r + count),
+        at(bounce.senders, s + 2 * senders) - at(bounce.receivers, r + 2 * count),
+        at(bounce.senders, s + 3 * senders),
+        at(bounce.senders, s + 4 * senders),
+        at(bounce.senders, s + 5 * senders),
+        at(bounce.senders, s + 7 * senders),
+        at(bounce.senders, s + 9 * senders),
+        at(bounce.senders, s + 6 * senders),
+        at(bounce.receivers, r + 3 * count),
+        at(bounce.receivers, r + 4 * count),
+        at(bounce.receivers, r + 5 * count),
+        at(bounce.receivers, r + 6 * count),
+    )
+    return light, path
+
+
 @wp.kernel
 def gather(first: wp.int32, lights: wp.array(dtype=Light), bounce: Bounce):
     """Write what a receiver gets from all senders at a frequency, over the direct light."""
@@ -137,35 +160,12 @@ def gather(first: wp.int32, lights: wp.array(dtype=Light), bounce: Bounce):
     real = wp.float32(0.0)
     imaginary = wp.float32(0.0)
     if at(bounce.receivers, r + 8 * count) > 0.0:
-        x = at(bounce.receivers, r)
-        y = at(bounce.receivers, r + count)
-        z = at(bounce.receivers, r + 2 * count)
-        nx = at(bounce.receivers, r + 3 * count)
-        ny = at(bounce.receivers, r + 4 * count)
-        nz = at(bounce.receivers, r + 5 * count)
-        reach = at(bounce.receivers, r + 6 * count)
         # The longer path is passed once, the direct one there and back.
         turns = 0.5 * lights[first + n].turns[f]
-        senders = bounce.sender_count
-        s = place * _FIELDS * senders
+        s = place * _FIELDS * bounce.sender_count
         i = wp.int32(0)
-        while i < senders:
-            k = s + i
-            light, path = _light_from(
-                at(bounce.senders, k) - x,
-                at(bounce.senders, k + senders) - y,
-                at(bounce.senders, k + 2 * senders) - z,
-                at(bounce.senders, k + 3 * senders),
-                at(bounce.senders, k + 4 * senders),
-                at(bounce.senders, k + 5 * senders),
-                at(bounce.senders, k + 7 * senders),
-                at(bounce.senders, k + 9 * senders),
-                at(bounce.senders, k + 6 * senders),
-                nx,
-                ny,
-                nz,
-                reach,
-            )
+        while i < bounce.sender_count:
+            light, path = light_between(bounce, r, s + i)
             cosine, sine = _direction(turns * path)
             real += light * cosine
             imaginary += light * sine
@@ -175,6 +175,40 @@ def gather(first: wp.int32, lights: wp.array(dtype=Light), bounce: Bounce):
         imaginary = imaginary / irradiance
     put(bounce.indirect, out, real)
     put(bounce.indirect, out + count, imaginary)
+
+
+@wp.kernel
+def gather_all(first: wp.int32, lights: wp.array(dtype=Light), bounce: Bounce):
+    """Do what `gather` does for all frequencies, which share the geometry. For CUDA."""
+    n, receiver = wp.tid()
+    place = bounce.places[first + n]
+    if place < 0 or bounce.changed[place] == _NO:
+        return
+    count = bounce.receiver_count
+    r = place * _FIELDS * count + receiver
+    real = wp.vec3f()
+    imaginary = wp.vec3f()
+    frequencies = lights[first + n].frequencies
+    if at(bounce.receivers, r + 8 * count) > 0.0:
+        turns = 0.5 * lights[first + n].turns
+        s = place * _FIELDS * bounce.sender_count
+        i = wp.int32(0)
+        while i < bounce.sender_count:
+            light, path = light_between(bounce, r, s + i)
+            for f in range(3):
+                if f < frequencies:
+                    cosine, sine = _direction(turns[f] * path)
+                    real[f] += light * cosine
+                    imaginary[f] += light * sine
+            i += 1
+        irradiance = at(bounce.receivers, r + 10 * count)
+        real = real / irradiance
+        imaginary = imaginary / irradiance
+    for f in range(3):
+        if f < frequencies:
+            out = (place * bounce.frequencies + f) * 2 * count + receiver
+            put(bounce.indirect, out, real[f])
+            put(bounce.indirect, out + count, imaginary[f])
 
 
 @wp.kernel
@@ -193,8 +227,9 @@ def widen(
     size = lens.width * count / columns
     out = n * bounce.fields * size + row * lens.width
     values = 2 * lights[first + n].frequencies
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         left, _share = _receiver_before(x, columns)
         right = wp.min(left + 1, columns - 1)
@@ -206,7 +241,7 @@ def widen(
             put(bounce.wide, field, at(bounce.indirect, indirect + k * count + left))
             put(bounce.wide, field + size, at(bounce.indirect, indirect + k * count + right))
             k += 1
-        x += 1
+        x += stride
 
 
 @wp.func
@@ -242,7 +277,7 @@ def mixed_around(
     return above + w[2] * at(wide, b) + w[3] * at(wide, b + size)
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=(256, 5))
 def add_bounce(
     surfaces: Surfaces,
     lens: Lens,
@@ -268,8 +303,9 @@ def add_bounce(
     # 0 where the image has one column or one row of receivers.
     others = wp.vec2f(wp.where(columns > 1, 1.0, 0.0), wp.where(rows > 1, 1.0, 0.0))
     ry = (wp.float32(y) - lens.cy) / lens.fy
-    start = c * chunk
-    end = wp.min(start + chunk, lens.width)
+    start = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     pixel = (n * lens.height + y) * lens.width
     i = padded(lens, n, y, 0)
     f = wp.int32(0)
@@ -295,10 +331,10 @@ def add_bounce(
             put(phasors.shifts, shift + x, at(phasors.shifts, shift + x) + more)
             before = wp.where(f == 0, 0.0, at(phasors.total, pixel + x))
             put(phasors.total, pixel + x, before + weight * gain)
-            x += 1
+            x += stride
         f += 1
     x = wp.int32(start)
     while x < end:
         brighter = at(phasors.total, pixel + x)
         put(phasors.amplitude, pixel + x, at(phasors.amplitude, pixel + x) * brighter)
-        x += 1
+        x += stride

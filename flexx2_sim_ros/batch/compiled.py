@@ -3,8 +3,15 @@
 from types import FunctionType, GenericAlias
 from typing import Any
 
-from flexx2_sim_ros.batch.arrays import at
-from flexx2_sim_ros.formulas import Backend
+from flexx2_sim_ros.batch.arrays import (
+    at,
+    on_cuda,
+    quick_cosine,
+    quick_exp2,
+    quick_log2,
+    quick_sine,
+)
+from flexx2_sim_ros.formulas import Backend, fastmath
 import numpy as np
 from numpy.typing import NDArray
 import warp as wp
@@ -80,3 +87,38 @@ def _finish(function: FunctionType) -> Any:
 
 
 compiled = Backend(_NAMES, _constant, _finish)
+
+
+# A GPU computes some functions in one instruction, to about 2^-21: enough for phases and for
+# sigma, not for the logarithm of a number close to 1, as in normals.
+_series_exp2 = compiled(fastmath.exp2)
+_series_log2 = compiled(fastmath.log2)
+_series_cos_sin = compiled(fastmath.cos_sin_turns)
+
+
+@wp.func
+def _power(x: wp.float32, exponent: wp.float32) -> wp.float32:
+    if on_cuda():
+        return quick_exp2(exponent * quick_log2(x))
+    return _series_exp2(exponent * _series_log2(x))
+
+
+@wp.func
+def _exp2(y: wp.float32) -> wp.float32:
+    if on_cuda():
+        return quick_exp2(y)
+    return _series_exp2(y)
+
+
+@wp.func
+def _cos_sin_turns(turns: wp.float32) -> tuple[wp.float32, wp.float32]:
+    cosine, sine = _series_cos_sin(turns)
+    if on_cuda():
+        cosine = quick_cosine(turns)
+        sine = quick_sine(turns)
+    return cosine, sine
+
+
+compiled.replace(fastmath.power, _power)
+compiled.replace(fastmath.exp2, _exp2)
+compiled.replace(fastmath.cos_sin_turns, _cos_sin_turns)

@@ -1,9 +1,9 @@
 """Lateral noise as Warp kernels: edges that jitter as a whole; see `physics.lateral`."""
 
 from flexx2_sim_ros.batch.arithmetic import COLUMN_EDGES, counter_of, edge_draw, ROW_EDGES
-from flexx2_sim_ros.batch.arrays import at_byte, at_word, put_word
+from flexx2_sim_ros.batch.arrays import at_byte, put_byte, put_least
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.batch.kernels import BORDER, Lens, Noise, OPTIONS, padded
+from flexx2_sim_ros.batch.kernels import add_to_list, BORDER, Lens, Noise, OPTIONS, padded, SPREAD
 from flexx2_sim_ros.formulas import edges
 from flexx2_sim_ros.physics import lateral
 import warp as wp
@@ -11,6 +11,10 @@ import warp as wp
 wp.set_module_options(OPTIONS)
 
 _WINDOW = wp.constant(lateral.WINDOW)
+_STILL = wp.constant(wp.uint16(0))
+# In `jumps`, besides the jump to the right and the one below: which of them is a displaced edge.
+_EDGES = wp.constant(12)
+_COLUMN_EDGE = wp.constant(8)
 
 _is_upright = compiled(edges.is_upright)
 _is_apart = compiled(edges.is_apart)
@@ -33,7 +37,7 @@ def is_upright(
         while xx < wp.min(x + _WINDOW + 1, lens.width):
             jump = wp.int32(at_byte(jumps, row + xx))
             across += jump & 1
-            down += jump >> 1
+            down += (jump >> 1) & 1
             xx += 1
         yy += 1
     return _is_upright(across, down)
@@ -48,16 +52,18 @@ def displace(
     first: wp.int32,
     pitch: wp.int32,
     column: wp.int32,
-    pixels: wp.int32,
+    lens: Lens,
     moved: wp.array(dtype=wp.uint16),
-    moved_pixels: wp.array(dtype=wp.int32),
+    lists: wp.bool,
+    listed: wp.array(dtype=wp.int32),
     pixel_list: wp.array(dtype=wp.int32),
 ):
     """
     Displace one edge, between positions ``along`` and ``along + 1`` of a line of pixels.
 
     The nearest displaced edge wins: ``moved`` holds its distance, the direction of its line and
-    from where along it the pixel takes its value, 0 for no edge.
+    from where along it the pixel takes its value, 0 for no edge. The least of these is right in
+    any order: as near, rows win over columns, and edges from the left or above over others.
     """
     step = wp.int32(1)
     while step <= wp.abs(shift):
@@ -65,13 +71,10 @@ def displace(
         if position < 0 or position > last:
             break
         pixel = first + position * pitch
-        before = wp.int32(at_word(moved, pixel))
-        if before == 0 or step < (before >> 9):
-            offset = _source_of(position, shift, last) - position
-            put_word(moved, pixel, wp.uint16((step << 9) | (column << 8) | (offset + 128)))
-        if before == 0:
-            place = wp.atomic_add(moved_pixels, n, 1)
-            pixel_list[n * pixels + place] = pixel - n * pixels
+        offset = _source_of(position, shift, last) - position
+        code = wp.uint16((step << 9) | (column << 8) | (offset + 128))
+        if put_least(moved, pixel, code) == _STILL and lists:
+            add_to_list(lens, n, pixel - n * lens.height * lens.width, 1, 1, 1, listed, pixel_list)
         step += 1
 
 
@@ -94,10 +97,10 @@ def move_edges(
     keys: wp.array(dtype=wp.vec2ui),
     stamps: wp.array(dtype=wp.int64),
     moved: wp.array(dtype=wp.uint16),
-    moved_pixels: wp.array(dtype=wp.int32),
+    listed: wp.array(dtype=wp.int32),
     pixel_list: wp.array(dtype=wp.int32),
 ):
-    """Displace the edges of one row, or (``column`` 1, after all rows) of one column."""
+    """Displace the edges of one row, or (``column`` 1) of one column. For the CPU."""
     n, line = wp.tid()
     noise = noises[first + n]
     if noise.edge_sigma <= 0.0:
@@ -132,9 +135,92 @@ def move_edges(
                     n * pixels + wp.where(column == 1, line, line * lens.width),
                     wp.where(column == 1, lens.width, 1),
                     column,
-                    pixels,
+                    lens,
                     moved,
-                    moved_pixels,
+                    True,
+                    listed,
                     pixel_list,
                 )
         at_line += 1
+
+
+@wp.kernel
+def mark_edges(
+    jumps: wp.array(dtype=wp.uint8),
+    lens: Lens,
+    threads: wp.int32,
+    listed: wp.array(dtype=wp.int32),
+    pixel_list: wp.array(dtype=wp.int32),
+):
+    """Mark which of the jumps of the listed pixels are edges of their row (4) or column (8)."""
+    n, thread = wp.tid()
+    entry = wp.int32(thread)
+    while entry < listed[n * SPREAD]:
+        pixel = pixel_list[n * lens.height * lens.width + entry]
+        y = pixel / lens.width
+        x = pixel - y * lens.width
+        i = padded(lens, n, y, x)
+        own = wp.int32(at_byte(jumps, i)) & 3
+        edge = wp.where(is_upright(jumps, lens, n, y, x), own & 1, own & 2)
+        put_byte(jumps, i, wp.uint8(own | (edge << 2)))
+        entry += threads
+
+
+@wp.kernel
+def move_marked(
+    jumps: wp.array(dtype=wp.uint8),
+    lens: Lens,
+    first: wp.int32,
+    threads: wp.int32,
+    noises: wp.array(dtype=Noise),
+    keys: wp.array(dtype=wp.vec2ui),
+    stamps: wp.array(dtype=wp.int64),
+    moved: wp.array(dtype=wp.uint16),
+    listed: wp.array(dtype=wp.int32),
+    pixel_list: wp.array(dtype=wp.int32),
+):
+    """Displace the marked edges, each on its own. For CUDA."""
+    n, thread = wp.tid()
+    noise = noises[first + n]
+    pixels = lens.height * lens.width
+    entry = wp.int32(thread)
+    while entry < listed[n * SPREAD] and noise.edge_sigma > 0.0:
+        pixel = pixel_list[n * pixels + entry]
+        y = pixel / lens.width
+        x = pixel - y * lens.width
+        i = padded(lens, n, y, x)
+        edge = wp.int32(at_byte(jumps, i)) & _EDGES
+        if edge != 0:
+            column = wp.where(edge == _COLUMN_EDGE, 1, 0)
+            pitch = wp.where(column == 1, lens.width, 1)
+            border = wp.where(column == 1, lens.width + BORDER, 1)
+            along = wp.where(column == 1, y, x)
+            # The first of the edges that move as one.
+            head = wp.int32(along)
+            before = along - 1
+            while before >= 0 and not _is_apart(head, before, lens.neighbourhood):
+                if (wp.int32(at_byte(jumps, i - (along - before) * border)) & edge) != 0:
+                    head = before
+                before -= 1
+            shift = edge_shift(
+                noise,
+                pixel - (along - head) * pitch,
+                wp.where(column == 1, COLUMN_EDGES, ROW_EDGES),
+                stamps[first + n],
+                keys[first + n],
+            )
+            displace(
+                n,
+                along,
+                shift,
+                wp.where(column == 1, lens.height, lens.width) - 1,
+                n * pixels + pixel - along * pitch,
+                pitch,
+                column,
+                lens,
+                moved,
+                False,
+                listed,
+                pixel_list,
+            )
+        entry += threads

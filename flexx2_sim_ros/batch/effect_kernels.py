@@ -8,11 +8,19 @@ that sees it.
 
 import math
 
-from flexx2_sim_ros.batch.arrays import at, at_word, put, put_word
+from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import unwrapped, wrapped
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
-from flexx2_sim_ros.batch.kernels import blocks_of, distance, Lens, Noise, OPTIONS, padded
+from flexx2_sim_ros.batch.kernels import (
+    blocks_of,
+    distance,
+    Lens,
+    Noise,
+    OPTIONS,
+    padded,
+    source_of,
+)
 from flexx2_sim_ros.batch.light_kernels import Phasors
 from flexx2_sim_ros.batch.memory_kernels import Kept, PassImages
 from flexx2_sim_ros.effects import quantisation, spatial_filter, temporal_filter
@@ -31,23 +39,7 @@ _filtered = compiled(temporal_filter.filtered)
 _stored = compiled(quantisation.stored)
 
 
-@wp.func
-def source_of(
-    moved: wp.array(dtype=wp.uint16), lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32
-) -> wp.vec2i:
-    """Return row and column of the pixel whose surface this one sees, and clear its entry."""
-    out = wp.vec2i(y, x)
-    pixel = (n * lens.height + y) * lens.width + x
-    code = wp.int32(at_word(moved, pixel))
-    if code != 0:
-        put_word(moved, pixel, wp.uint16(0))
-        offset = (code & 255) - 128
-        down = (code >> 8) & 1
-        out = wp.vec2i(y + offset * down, x + offset * (1 - down))
-    return out
-
-
-@wp.kernel
+@wp.kernel(launch_bounds=(256, 4))
 def measure(
     p: wp.array(dtype=wp.float32),
     lens: Lens,
@@ -71,8 +63,9 @@ def measure(
     wraps = e.range_wrap_strength > 0.0
     low = wp.where(wraps, 0.0, noise.range_min)
     high = wp.where(wraps, _FLT_MAX, noise.range_max)
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         pixel = y * lens.width + x
         here = n * pixels + pixel
@@ -96,7 +89,7 @@ def measure(
         put(seen.cosine, here, at(seen.facing, there))
         put(seen.amplitude, here, at(phasors.amplitude, there))
         put(seen.depth, here, z)
-        x += 1
+        x += stride
 
 
 @wp.kernel
@@ -111,8 +104,9 @@ def filter_neighbours(
     n, y, c = wp.tid()
     e = effects[first + n]
     frame = n * lens.height * lens.width
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         pixel = frame + y * lens.width + x
         out = at(seen.measured, pixel)
@@ -122,7 +116,7 @@ def filter_neighbours(
                 seen.measured, frame, lens.height, lens.width, y, x, limit, e.spatial_filter_mix
             )
         put(seen.filtered, pixel, out)
-        x += 1
+        x += stride
 
 
 @wp.kernel
@@ -142,8 +136,9 @@ def filter_in_time(
         return
     here = (n * lens.height + y) * lens.width
     own = ((first + n) * lens.height + y) * lens.width
-    begin = c * chunk
-    end = wp.min(begin + chunk, lens.width)
+    begin = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     x = wp.int32(begin)
     if kept.is_first[first + n] == wp.uint8(0):
         while x < end:
@@ -151,11 +146,11 @@ def filter_in_time(
             sigma = at(seen.sigma, here + x)
             value = _filtered(at(filtered, here + x), before, sigma, e.temporal_filter_share)
             put(filtered, here + x, value)
-            x += 1
+            x += stride
     x = wp.int32(begin)
     while x < end:
         put(kept.measured, own + x, at(filtered, here + x))
-        x += 1
+        x += stride
 
 
 @wp.kernel
@@ -174,16 +169,17 @@ def finish(
     step = effects[first + n].quantisation_step
     here = (n * lens.height + y) * lens.width
     target = ((first + n) * lens.height + y) * lens.width
-    begin = c * chunk
-    end = wp.min(begin + chunk, lens.width)
+    begin = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     x = wp.int32(begin)
     if effects[first + n].quantisation_strength > 0.0:
         while x < end:
             value = _stored(at(filtered, here + x), step)
             value = _kept_within(value, noise.range_min, noise.range_max)
             put(out, target + x, wp.where(value == value, value, lens.invalid))
-            x += 1
+            x += stride
     while x < end:
         value = at(filtered, here + x)
         put(out, target + x, wp.where(value == value, value, lens.invalid))
-        x += 1
+        x += stride

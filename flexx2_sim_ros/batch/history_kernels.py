@@ -1,6 +1,6 @@
 """The effect time_offset as Warp kernels: earlier frames; see `effects.time_offset`."""
 
-from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import Surfaces
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS
@@ -97,8 +97,9 @@ def look_back(
     n, y, c = wp.tid()
     k = wp.where(is_due[first + n] == _YES, history.places[first + n], -1)
     pixels = lens.height * lens.width
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     source = (first_given + n) * pixels + y * lens.width
     shade = (surfaces.first_of_reflectivity + n) * pixels + y * lens.width
     target = n * pixels + y * lens.width
@@ -136,4 +137,4 @@ def look_back(
                 put(history.reflectivity, newest + x, rho)
                 rho = at(history.reflectivity, nearer + x)
             put(reflectivity, target + x, rho)
-        x += 1
+        x += stride

@@ -6,7 +6,8 @@ from functools import cached_property
 import math
 from typing import Any
 
-from flexx2_sim_ros.batch import edge_kernels, kernels, region_kernels
+from flexx2_sim_ros.batch import edge_kernels, kernels, observe_kernels, region_kernels
+from flexx2_sim_ros.batch.arrays import PIXELS_A_THREAD
 from flexx2_sim_ros.batch.effect_tables import Effects, effects_row, noise_row
 from flexx2_sim_ros.batch.host import without_kernel
 from flexx2_sim_ros.camera import Intrinsics, Mode
@@ -19,10 +20,9 @@ import warp as wp
 
 # Environments whose images are made at a time, so that they stay in the cache (measured on the
 # CPU; on CUDA chosen for an L2 cache of 50 MB, not measured).
-AT_A_TIME = {'cpu': 8, 'cuda': 256}
+AT_A_TIME = {'cpu': 8, 'cuda': 512}
 MOST_PIXELS = 2**31 - 1  # of an array of Warp
-_THREADS_FOR_MOVED = 256
-_PIXELS_A_THREAD = 4  # where there are many
+_THREADS_FOR_LISTED = 1024  # of an environment, where there are many
 
 
 def many_threads(device: Any) -> bool:
@@ -160,6 +160,11 @@ class Images:
     count : int
         Environments at a time.
     lens : kernels.Lens
+    lists : bool
+        Whether there are many threads, so that lists share out the work of a few pixels.
+    listed, pixel_list : warp.array
+        How many pixels of each environment at hand are listed (every `kernels.SPREAD`), and
+        which, int32: those that see another surface; with many threads those with a jump.
     moved : warp.array
         Where pixels of the environments at hand take their values from, uint16; 0 everywhere
         between frames.
@@ -173,7 +178,7 @@ class Images:
     ) -> None:
         """Allocate the memory."""
         self.height, self.width = camera.height, camera.width
-        self._many_threads = many_threads(device)
+        self.lists = many_threads(device)
         self.count = min(num_envs, AT_A_TIME['cuda' if device.is_cuda else 'cpu'])
         self.lens = _lens(camera, profile, invalid)
         pixels = self.height * self.width
@@ -186,15 +191,16 @@ class Images:
         self._p = zeros(bordered, wp.float32)
         self._jumps = zeros(bordered, wp.uint8)
         self.moved = zeros(pixels, wp.uint16)
-        self._moved_pixels = zeros(1, wp.int32)
-        self._pixel_list = zeros(pixels, wp.int32)
+        self.listed = zeros(kernels.SPREAD, wp.int32)
+        self.pixel_list = zeros(pixels, wp.int32)
         self._shape = (num_envs, self.height, self.width)
         self.out = wp.zeros(self._shape, dtype=wp.float32, device=device)
         outside = profile.sensor.outside(camera)
         self._outside = (
             None if outside is None else wp.array(outside.ravel(), dtype=wp.bool, device=device)
         )
-        for module in (kernels, edge_kernels, region_kernels):  # Not while a graph is captured.
+        # Not while a graph is captured.
+        for module in (kernels, edge_kernels, observe_kernels, region_kernels):
             wp.load_module(module, device=device)
 
     @cached_property
@@ -225,13 +231,17 @@ class Images:
 
     def grid(self, count: int) -> tuple[tuple[int, int, int], int]:
         """Return the threads for the pixels of some environments, and the pixels of each."""
-        chunk = min(_PIXELS_A_THREAD, self.width) if self._many_threads else self.width
+        chunk = min(PIXELS_A_THREAD, self.width) if self.lists else self.width
         return (count, self.height, -(-self.width // chunk)), chunk
 
     def block_grid(self, count: int) -> tuple[tuple[int, int], int]:
         """Return the threads for random numbers of some environments, and the blocks of each."""
-        chunk = 1 if self._many_threads else self.blocks
+        chunk = 1 if self.lists else self.blocks
         return (count, self.blocks // chunk), chunk
+
+    def list_grid(self, count: int) -> tuple[tuple[int, int], int]:
+        """Return the threads for the listed pixels of some environments, and those of each."""
+        return (count, _THREADS_FOR_LISTED), _THREADS_FOR_LISTED
 
     def find_surfaces(self, depth: wp.array, first: int, count: int) -> None:
         """
@@ -246,11 +256,22 @@ class Images:
 
         """
         grid, chunk = self.grid(count)
-        launch(kernels.invert, grid, depth, self.lens, first, chunk, self._p, self._moved_pixels)
-        launch(kernels.find_jumps, grid, self._p, self.lens, chunk, self._jumps)
+        launch(kernels.invert, grid, depth, self.lens, first, chunk, self._p, self.listed)
+        surface = self._p, self.lens, chunk, self._jumps
+        if self.lists:
+            launch(kernels.list_jumps, grid, *surface, self.listed, self.pixel_list)
+        else:
+            launch(kernels.find_jumps, grid, *surface)
 
     def move_edges(self, first: int, count: int, rows: Rows) -> None:
         """Move the edges of environments, into `moved`."""
+        random = rows.noise, rows.keys, rows.stamps, self.moved, self.listed, self.pixel_list
+        if self.lists:
+            grid, threads = self.list_grid(count)
+            place = self._jumps, self.lens
+            launch(edge_kernels.mark_edges, grid, *place, threads, self.listed, self.pixel_list)
+            launch(edge_kernels.move_marked, grid, *place, first, threads, *random)
+            return
         for column, lines in enumerate((self.height, self.width)):
             launch(
                 edge_kernels.move_edges,
@@ -259,19 +280,14 @@ class Images:
                 self.lens,
                 first,
                 column,
-                rows.noise,
-                rows.keys,
-                rows.stamps,
-                self.moved,
-                self._moved_pixels,
-                self._pixel_list,
+                *random,
             )
 
     def draw_normals(self, first: int, count: int, rows: Rows) -> wp.array:
         """Return the axial noise's normals of some environments, in `normals`."""
         grid, chunk = self.block_grid(count)
         launch(
-            kernels.draw_normals,
+            observe_kernels.draw_normals,
             grid,
             self.height * self.width,
             first,
@@ -297,20 +313,21 @@ class Images:
 
         """
         surface = (self._p, self._jumps, self.lens)
-        if self._many_threads:
+        if self.lists:
             launch(
-                kernels.observe_blocks,
+                observe_kernels.observe_blocks,
                 (count, (self.height * self.width + 3) // 4),
                 *surface,
                 first,
                 rows.noise,
                 rows.keys,
                 rows.stamps,
+                self.moved,
                 out,
             )
         else:
             launch(
-                kernels.observe_rows,
+                observe_kernels.observe_rows,
                 (count, self.height),
                 *surface,
                 first,
@@ -318,21 +335,19 @@ class Images:
                 self.draw_normals(first, count, rows),
                 out,
             )
-        threads = _THREADS_FOR_MOVED if self._many_threads else 1
-        launch(
-            kernels.observe_moved,
-            (count, threads),
-            *surface,
-            first,
-            threads,
-            rows.noise,
-            rows.keys,
-            rows.stamps,
-            self.moved,
-            self._moved_pixels,
-            self._pixel_list,
-            out,
-        )
+            launch(
+                observe_kernels.observe_moved,
+                count,
+                *surface,
+                first,
+                rows.noise,
+                rows.keys,
+                rows.stamps,
+                self.moved,
+                self.listed,
+                self.pixel_list,
+                out,
+            )
 
     def blank_outside(self, out: wp.array) -> None:
         """Blank all environments' (N * H * W,) float32 frames outside of the valid region."""

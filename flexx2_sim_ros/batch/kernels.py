@@ -7,10 +7,20 @@ takes ``chunk`` pixels of a row: all of them on the CPU, where the loop becomes 
 instructions, a few on CUDA. `formulas.surfaces` explains the model; edges move in `edge_kernels`.
 """
 
-from flexx2_sim_ros.batch.arithmetic import AXIAL, counter_of, four_normals, one_of
-from flexx2_sim_ros.batch.arrays import at, at_byte, at_word, put, put_byte, put_word
+from flexx2_sim_ros.batch.arrays import (
+    add_each,
+    at,
+    at_byte,
+    at_word,
+    end_of,
+    first_of,
+    put,
+    put_byte,
+    put_word,
+    stride_of,
+)
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.formulas import pixels, surfaces
+from flexx2_sim_ros.formulas import surfaces
 from flexx2_sim_ros.physics import surface
 import warp as wp
 
@@ -26,6 +36,8 @@ wp.set_module_options(OPTIONS)
 
 PAD = wp.constant(surface.PAD)
 BORDER = wp.constant(2 * surface.PAD)
+# Counters are so far apart that those of two environments are not in one line of a cache.
+SPREAD = wp.constant(32)
 _NEAREST = wp.constant(wp.float32(surface.NEAREST))
 _FARTHEST = wp.constant(wp.float32(surface.FARTHEST))
 _ROW = wp.constant(wp.uint8(1))
@@ -38,7 +50,6 @@ _slope_between = compiled(surfaces.slope_between)
 _cos_incidence = compiled(surfaces.cos_incidence)
 _sigma_of_surface = compiled(surfaces.sigma_of_surface)
 _inverse_depth = compiled(surfaces.inverse_depth)
-_is_seen = compiled(pixels.is_seen)
 distance = compiled(surfaces.distance)
 
 
@@ -88,51 +99,109 @@ def invert(
     first: wp.int32,
     chunk: wp.int32,
     p: wp.array(dtype=wp.float32),
-    moved_pixels: wp.array(dtype=wp.int32),
+    listed: wp.array(dtype=wp.int32),
 ):
-    """Write inverse depth; 0 where depth is not a distance."""
+    """Write inverse depth, 0 where depth is not a distance; no pixel is listed."""
     n, y, c = wp.tid()
     if y == 0 and c == 0:
-        moved_pixels[n] = 0
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+        listed[n * SPREAD] = 0
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     source = ((first + n) * lens.height + y) * lens.width
     target = padded(lens, n, y, 0)
     while x < end:
         put(p, target + x, _inverse_depth(at(depth, source + x), _NEAREST, _FARTHEST))
-        x += 1
+        x += stride
+
+
+@wp.func
+def jumps_at(
+    p: wp.array(dtype=wp.float32), lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32
+) -> wp.uint8:
+    """Return the depth jumps to the right of (1) and below (2) a pixel."""
+    i = padded(lens, n, y, x)
+    pitch = lens.width + BORDER
+    here = at(p, i)
+    across = _is_jump(
+        at(p, i - 1), here, at(p, i + 1), at(p, i + 2), lens.jump_share, lens.steep_share
+    )
+    down = _is_jump(
+        at(p, i - pitch),
+        here,
+        at(p, i + pitch),
+        at(p, i + 2 * pitch),
+        lens.jump_share,
+        lens.steep_share,
+    )
+    below = wp.where(y < lens.height - 1, _COLUMN, _NONE)
+    return wp.where(across and x < lens.width - 1, _ROW, _NONE) | wp.where(down, below, _NONE)
 
 
 @wp.kernel
 def find_jumps(
     p: wp.array(dtype=wp.float32), lens: Lens, chunk: wp.int32, jumps: wp.array(dtype=wp.uint8)
 ):
-    """Flag the depth jumps to the right of (1) and below (2) every pixel."""
+    """Flag the depth jumps of every pixel."""
     n, y, c = wp.tid()
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
-    pitch = lens.width + BORDER
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     row = padded(lens, n, y, 0)
-    last = lens.width - 1
-    below = wp.where(y < lens.height - 1, _COLUMN, _NONE)
     while x < end:
-        i = row + x
-        here = at(p, i)
-        across = _is_jump(
-            at(p, i - 1), here, at(p, i + 1), at(p, i + 2), lens.jump_share, lens.steep_share
-        )
-        down = _is_jump(
-            at(p, i - pitch),
-            here,
-            at(p, i + pitch),
-            at(p, i + 2 * pitch),
-            lens.jump_share,
-            lens.steep_share,
-        )
-        put_byte(
-            jumps, i, (wp.where(across and x < last, _ROW, _NONE) | wp.where(down, below, _NONE))
-        )
-        x += 1
+        put_byte(jumps, row + x, jumps_at(p, lens, n, y, x))
+        x += stride
+
+
+@wp.kernel
+def list_jumps(
+    p: wp.array(dtype=wp.float32),
+    lens: Lens,
+    chunk: wp.int32,
+    jumps: wp.array(dtype=wp.uint8),
+    listed: wp.array(dtype=wp.int32),
+    pixel_list: wp.array(dtype=wp.int32),
+):
+    """Flag the depth jumps of every pixel, and list the pixels that have one. For CUDA."""
+    n, y, c = wp.tid()
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
+    row = padded(lens, n, y, 0)
+    found = wp.int32(0)
+    bits = wp.int32(0)
+    while x < end:
+        jump = jumps_at(p, lens, n, y, x)
+        put_byte(jumps, row + x, jump)
+        bits = bits * 2
+        if jump != _NONE:
+            bits += 1
+            found += 1
+        x += stride
+    add_to_list(lens, n, y * lens.width + x - stride, stride, bits, found, listed, pixel_list)
+
+
+@wp.func
+def add_to_list(
+    lens: Lens,
+    n: wp.int32,
+    last: wp.int32,
+    stride: wp.int32,
+    bits: wp.int32,
+    found: wp.int32,
+    listed: wp.array(dtype=wp.int32),
+    pixel_list: wp.array(dtype=wp.int32),
+):
+    """List pixels of an environment of the pass: of every ``stride``, back from the last."""
+    place = n * lens.height * lens.width + add_each(listed, n * SPREAD, found)
+    pixel = wp.int32(last)
+    left = wp.int32(bits)
+    while left > 0:
+        if left % 2 == 1:
+            pixel_list[place] = pixel
+            place += 1
+        left = left / 2
+        pixel -= stride
 
 
 @wp.func
@@ -209,166 +278,34 @@ def describe(
     n, y, c = wp.tid()
     noise = noises[first + n]
     row = (n * lens.height + y) * lens.width
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         i = padded(lens, n, y, x)
         facing = cos_incidence(p, jumps, lens, i, y, x)
         put(cosine, row + x, facing)
         put(sigma, row + x, model_sigma(noise, lens, at(p, i), facing))
-        x += 1
+        x += stride
 
 
 @wp.func
-def noisy(
-    p: wp.array(dtype=wp.float32),
-    jumps: wp.array(dtype=wp.uint8),
-    noise: Noise,
-    lens: Lens,
-    n: wp.int32,
-    y: wp.int32,
-    x: wp.int32,
-    normal: wp.float32,
-) -> wp.float32:
-    """Return what is seen of the surface at a pixel, with axial noise."""
-    i = padded(lens, n, y, x)
-    inverse = at(p, i)
-    sigma = model_sigma(noise, lens, inverse, cos_incidence(p, jumps, lens, i, y, x))
-    z = distance(inverse, 0.0)
-    value = z + sigma * normal
-    seen = _is_seen(z, value, noise.range_min, noise.range_max)
-    return wp.where(seen, value, lens.invalid)
+def source_of(
+    moved: wp.array(dtype=wp.uint16), lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32
+) -> wp.vec2i:
+    """Return row and column of the pixel whose surface this one sees, and clear its entry."""
+    out = wp.vec2i(y, x)
+    pixel = (n * lens.height + y) * lens.width + x
+    code = wp.int32(at_word(moved, pixel))
+    if code != 0:
+        put_word(moved, pixel, _STILL)
+        offset = (code & 255) - 128
+        down = (code >> 8) & 1
+        out = wp.vec2i(y + offset * down, x + offset * (1 - down))
+    return out
 
 
 @wp.func
 def blocks_of(pixels: wp.int32) -> wp.int32:
     """Return how many counters the pixels of a frame need."""
     return (pixels + 3) / 4
-
-
-@wp.kernel
-def draw_normals(
-    pixels: wp.int32,
-    first: wp.int32,
-    chunk: wp.int32,
-    keys: wp.array(dtype=wp.vec2ui),
-    stamps: wp.array(dtype=wp.int64),
-    out: wp.array(dtype=wp.float32),
-):
-    """Write normals, ``chunk`` blocks of four a thread; ``out`` has room for whole blocks."""
-    n, c = wp.tid()
-    key = keys[first + n]
-    stamp = stamps[first + n]
-    blocks = blocks_of(pixels)
-    base = n * 4 * blocks
-    block = c * chunk
-    end = wp.min(block + chunk, blocks)
-    while block < end:
-        four = four_normals(counter_of(block, AXIAL, stamp), key)
-        i = base + 4 * block
-        put(out, i, four[0])
-        put(out, i + 1, four[1])
-        put(out, i + 2, four[2])
-        put(out, i + 3, four[3])
-        block += 1
-
-
-@wp.kernel
-def observe_rows(
-    p: wp.array(dtype=wp.float32),
-    jumps: wp.array(dtype=wp.uint8),
-    lens: Lens,
-    first: wp.int32,
-    noises: wp.array(dtype=Noise),
-    normals: wp.array(dtype=wp.float32),
-    out: wp.array(dtype=wp.float32),
-):
-    """Write a row of the frame, as if no edge had moved. For the CPU."""
-    n, y = wp.tid()
-    noise = noises[first + n]
-    pixels = lens.height * lens.width
-    row = y * lens.width
-    drawn = n * blocks_of(pixels) * 4 + row
-    target = (first + n) * pixels + row
-    x = wp.int32(0)
-    while x < lens.width:
-        put(out, target + x, noisy(p, jumps, noise, lens, n, y, x, at(normals, drawn + x)))
-        x += 1
-
-
-@wp.kernel
-def observe_blocks(
-    p: wp.array(dtype=wp.float32),
-    jumps: wp.array(dtype=wp.uint8),
-    lens: Lens,
-    first: wp.int32,
-    noises: wp.array(dtype=Noise),
-    keys: wp.array(dtype=wp.vec2ui),
-    stamps: wp.array(dtype=wp.int64),
-    out: wp.array(dtype=wp.float32),
-):
-    """Write four pixels that share a counter, as if no edge had moved. For CUDA."""
-    n, block = wp.tid()
-    noise = noises[first + n]
-    pixels = lens.height * lens.width
-    four = four_normals(counter_of(block, AXIAL, stamps[first + n]), keys[first + n])
-    y = 4 * block / lens.width
-    x = 4 * block - y * lens.width
-    for k in range(4):
-        if y < lens.height:
-            put(
-                out,
-                (first + n) * pixels + 4 * block + k,
-                noisy(p, jumps, noise, lens, n, y, x, four[k]),
-            )
-        x += 1
-        if x == lens.width:
-            x = 0
-            y += 1
-
-
-@wp.kernel
-def observe_moved(
-    p: wp.array(dtype=wp.float32),
-    jumps: wp.array(dtype=wp.uint8),
-    lens: Lens,
-    first: wp.int32,
-    threads: wp.int32,
-    noises: wp.array(dtype=Noise),
-    keys: wp.array(dtype=wp.vec2ui),
-    stamps: wp.array(dtype=wp.int64),
-    moved: wp.array(dtype=wp.uint16),
-    moved_pixels: wp.array(dtype=wp.int32),
-    pixel_list: wp.array(dtype=wp.int32),
-    out: wp.array(dtype=wp.float32),
-):
-    """Write again the few pixels that see another surface, and clear their entries."""
-    n, thread = wp.tid()
-    noise = noises[first + n]
-    pixels = lens.height * lens.width
-    entry = thread
-    while entry < moved_pixels[n]:
-        pixel = pixel_list[n * pixels + entry]
-        code = wp.int32(at_word(moved, n * pixels + pixel))
-        put_word(moved, n * pixels + pixel, _STILL)
-        offset = (code & 255) - 128
-        column = (code >> 8) & 1
-        y = pixel / lens.width
-        x = pixel - y * lens.width
-        if offset != 0:
-            four = four_normals(counter_of(pixel / 4, AXIAL, stamps[first + n]), keys[first + n])
-            put(
-                out,
-                (first + n) * pixels + pixel,
-                noisy(
-                    p,
-                    jumps,
-                    noise,
-                    lens,
-                    n,
-                    y + offset * column,
-                    x + offset * (1 - column),
-                    one_of(four, pixel % 4),
-                ),
-            )
-        entry += threads

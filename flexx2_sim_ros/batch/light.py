@@ -52,6 +52,7 @@ class PixelLight:
         bounces = [one is not None for one in each_with('bounce', effects)]
         widths = [None if one is None else one.width for one in each_with('scatter', effects)]
         self._indirect = self._scattered = None
+        self._mixes = any(one.name == 'flying_pixels' for own in effects for one in own)
         if any(bounces):
             self._indirect = IndirectLight(bounces, frequencies, images, device)
         if any(widths):
@@ -90,21 +91,19 @@ class PixelLight:
             (N,) vec2ui, the cameras' random keys.
 
         """
-        grid, chunk = self._images.grid(count)
-        lens, phasors = self._images.lens, self.phasors
-        launch(
-            light_kernels.find_light,
-            grid,
-            surfaces,
-            lens,
-            first,
-            chunk,
-            effects,
-            lights,
-            keys,
-            facing,
-            phasors,
-        )
+        images, phasors = self._images, self.phasors
+        grid, chunk = images.grid(count)
+        part = surfaces, images.lens, first
+        listed = images.listed, images.pixel_list
+        images.listed.zero_()
+        light = effects, lights, facing, phasors, images.lists, *listed
+        launch(light_kernels.find_light, grid, *part, chunk, *light)
+        rows = effects, lights, keys, phasors
+        if self._mixes and images.lists:
+            threads, each = images.list_grid(count)
+            launch(light_kernels.mix_listed, threads, *part, each, *rows, *listed)
+        elif self._mixes:
+            launch(light_kernels.mix_rows, (count, images.height), *part, *rows)
         if self._indirect is not None:
             self._indirect.add(surfaces, first, count, effects, lights, phasors)
         if self._scattered is not None:

@@ -1,6 +1,6 @@
 """The effect motion_artefact as Warp kernels; see `effects.motion_artefact`."""
 
-from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import agreed, draw, reflectivity_at, Surfaces, TURN
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
@@ -66,13 +66,14 @@ def look(surfaces: Surfaces, lens: Lens, first: wp.int32, chunk: wp.int32, motio
     n, y, c = wp.tid()
     row = (n * lens.height + y) * lens.width
     i = padded(lens, n, y, 0)
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         put(motion.late, row + x, distance(at(surfaces.p, i + x), _NAN))
         rho = wp.max(reflectivity_at(surfaces, lens, n, y, x), _DARKEST)
         put(motion.late_reflectivity, row + x, rho)
-        x += 1
+        x += stride
 
 
 @wp.func
@@ -87,8 +88,9 @@ def mark_edges(lens: Lens, first: wp.int32, chunk: wp.int32, motion: Motion):
     """Write where edges are now."""
     n, y, c = wp.tid()
     row = (n * lens.height + y) * lens.width
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         i = row + x
         across = wp.float32(0.0)
@@ -99,10 +101,10 @@ def mark_edges(lens: Lens, first: wp.int32, chunk: wp.int32, motion: Motion):
             down = edge_between(motion, i - lens.width, i)
         put(motion.across, i, across)
         put(motion.down, i, down)
-        x += 1
+        x += stride
 
 
-@wp.kernel
+@wp.kernel(launch_bounds=(256, 4))
 def find_motion(
     lens: Lens,
     first: wp.int32,
@@ -126,8 +128,9 @@ def find_motion(
     earliest = 1.0 - moment(0.0, e, light, seconds)
     latest = moment(wp.float32(_TAPS * light.frequencies - 1), e, light, seconds) - 1.0
     reach = _edge_reach(earliest, latest)
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         i = row + x
         right = _edge_distance(motion.across, i, 1, wp.min(reach, lens.width - 1 - x))
@@ -165,7 +168,7 @@ def find_motion(
         put(motion.other, row + x, other)
         put(motion.light, row + x, light_there)
         put(motion.when, row + x, when)
-        x += 1
+        x += stride
 
 
 @wp.kernel
@@ -176,12 +179,13 @@ def keep(lens: Lens, first: wp.int32, chunk: wp.int32, kept: Kept, motion: Motio
         return
     row = (n * lens.height + y) * lens.width
     before = ((first + n) * lens.height + y) * lens.width
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         put(motion.depth, before + x, at(motion.late, row + x))
         put(motion.reflectivity, before + x, at(motion.late_reflectivity, row + x))
-        x += 1
+        x += stride
 
 
 @wp.kernel
@@ -203,8 +207,9 @@ def shift_phases(
     if seconds <= 0.0:
         return
     row = (n * lens.height + y) * lens.width
-    begin = c * chunk
-    end = wp.min(begin + chunk, lens.width)
+    begin = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     f = wp.int32(0)
     while f < light.frequencies:
         tap = wp.float32(_TAPS * f)
@@ -233,7 +238,7 @@ def shift_phases(
                 add,
             )
             put(phasors.shifts, shifts + x, wp.where(z > 0.0, add + more, add))
-            x += 1
+            x += stride
         f += 1
 
 
@@ -254,8 +259,9 @@ def unwrap(
     if seconds_between(kept, effects[first + n], first + n) <= 0.0 or light.frequencies < 2:
         return
     row = (n * lens.height + y) * lens.width
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         if at(motion.when, row + x) != 1.0:
             shifts = wp.vec3f()
@@ -266,4 +272,4 @@ def unwrap(
             for f in range(3):
                 if f < light.frequencies:
                     put(phasors.shifts, f * phasors.pitch + row + x, shifts[f])
-        x += 1
+        x += stride

@@ -101,7 +101,8 @@ class ScatteredLight:
         )
         launch(scatter_kernels.sum_blocks, blocks, lens, first, f, lights, phasors, scatter)
         launch(scatter_kernels.spread_across, blocks, first, f, lights, scatter)
-        launch(scatter_kernels.spread_down, blocks, first, f, lights, scatter)
+        columns = (count, scatter.columns, scatter.rows)
+        launch(scatter_kernels.spread_down, columns, first, f, lights, scatter)
         wide = (count, scatter.rows, grid[2])
         launch(scatter_kernels.widen, wide, lens, first, chunk, f, lights, scatter)
 

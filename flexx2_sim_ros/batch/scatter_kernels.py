@@ -5,7 +5,7 @@ The kernel over the image is a sum of products of a function of the row and one 
 (`batch.light`): light spreads along the rows first, then along the columns.
 """
 
-from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import TURN
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
@@ -65,8 +65,9 @@ def find_directions(
     row = (n * lens.height + y) * lens.width
     imaginary = scatter.envs * lens.height * lens.width
     i = padded(lens, n, y, 0)
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         inverse = at(surfaces_p, i + x)
         there = wp.where(inverse > 0.0, 1.0, 0.0)
@@ -74,7 +75,7 @@ def find_directions(
         cosine, sine = _direction(turns * (z + at(phasors.shifts, f * phasors.pitch + row + x)))
         put(scatter.directions, row + x, there * cosine)
         put(scatter.directions, imaginary + row + x, there * sine)
-        x += 1
+        x += stride
 
 
 @wp.kernel
@@ -144,7 +145,7 @@ def spread_across(first: wp.int32, f: wp.int32, lights: wp.array(dtype=Light), s
 @wp.kernel
 def spread_down(first: wp.int32, f: wp.int32, lights: wp.array(dtype=Light), scatter: Scatter):
     """Spread light along the columns, and add the kernel's terms."""
-    n, row, column = wp.tid()
+    n, column, row = wp.tid()  # Neighbouring threads read the same light.
     kind = scatter.kinds[first + n]
     if kind < 0 or f >= lights[first + n].frequencies:
         return
@@ -187,8 +188,9 @@ def widen(
     target = (n * scatter.rows + row) * lens.width
     other_source = scatter.envs * scatter.rows * columns
     other_target = scatter.envs * scatter.rows * lens.width
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         left, share = _block_before(x, columns)
         a = source + left
@@ -207,7 +209,7 @@ def widen(
                 share,
             ),
         )
-        x += 1
+        x += stride
 
 
 @wp.kernel
@@ -236,8 +238,9 @@ def add_scattered(
     below = (n * scatter.rows + wp.min(top + 1, scatter.rows - 1)) * lens.width
     row = (n * lens.height + y) * lens.width
     shift = f * phasors.pitch + row
-    start = c * chunk
-    end = wp.min(start + chunk, lens.width)
+    start = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     x = wp.int32(start)
     while x < end:
         amplitude = at(phasors.amplitude, row + x)
@@ -258,9 +261,9 @@ def add_scattered(
         before = wp.where(f == 0, 0.0, at(phasors.total, row + x))
         total = before + there * wp.sqrt(real * real + imaginary * imaginary)
         put(phasors.total, row + x, total)
-        x += 1
+        x += stride
     if f == light.frequencies - 1:
         x = wp.int32(start)
         while x < end:
             put(phasors.amplitude, row + x, at(phasors.total, row + x))
-            x += 1
+            x += stride

@@ -1,6 +1,6 @@
 """Effects on the shift and the noise of each pixel, before edges move, as Warp kernels."""
 
-from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import draw_four, reflectivity_at, Surfaces
 from flexx2_sim_ros.batch.effect_tables import Effects, Light
@@ -48,8 +48,9 @@ def wiggle(
         return
     row = (n * lens.height + y) * lens.width
     i = padded(lens, n, y, 0)
-    begin = c * chunk
-    end = wp.min(begin + chunk, lens.width)
+    begin = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     f = wp.int32(0)
     while f < light.frequencies:
         turns = light.turns[f]
@@ -69,7 +70,7 @@ def wiggle(
                 e.wiggling_b4,
             )
             put(phasors.shifts, shifts + x, shift + harmonics)
-            x += 1
+            x += stride
         f += 1
 
 
@@ -94,21 +95,22 @@ def shift_alike(
     own_row = ((first + n) * lens.height + y) * lens.width
     row = (n * lens.height + y) * lens.width
     spread = e.fixed_pattern_rms
-    begin = c * chunk
-    end = wp.min(begin + chunk, lens.width)
+    begin = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     f = wp.int32(0)
     while f < light.frequencies:
         shifts = f * phasors.pitch + row
         x = wp.int32(begin)
         while x < end:
             put(phasors.shifts, shifts + x, at(phasors.shifts, shifts + x) + same)
-            x += 1
+            x += stride
         if spread > 0.0:
             x = wp.int32(begin)
             while x < end:
                 grain = spread * at(kept.grain, own_row + x)
                 put(phasors.shifts, shifts + x, at(phasors.shifts, shifts + x) + grain)
-                x += 1
+                x += stride
         if e.amplitude_bias_strength > 0.0:
             x = wp.int32(begin)
             while x < end:
@@ -120,7 +122,7 @@ def shift_alike(
                     e.amplitude_bias_span,
                 )
                 put(phasors.shifts, shifts + x, at(phasors.shifts, shifts + x) + bias)
-                x += 1
+                x += stride
         f += 1
 
 
@@ -138,8 +140,9 @@ def change_noise(
     n, y, c = wp.tid()
     e = effects[first + n]
     row = (n * lens.height + y) * lens.width
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         sigma = at(seen.expected, row + x)
         if e.excess_noise_strength > 0.0:
@@ -153,7 +156,7 @@ def change_noise(
                 e.ambient_light_reflected,
             )
         put(seen.expected, row + x, sigma)
-        x += 1
+        x += stride
 
 
 @wp.kernel

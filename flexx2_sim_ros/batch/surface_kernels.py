@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import reflectivity_at, Surfaces
 from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded
@@ -31,8 +31,9 @@ def scale_by_surface(
     n, y, c = wp.tid()
     own = coefficients[first + n]
     row = (n * lens.height + y) * lens.width
-    x = c * chunk
-    end = wp.min(x + chunk, lens.width)
+    x = first_of(c, chunk)
+    end = end_of(c, chunk, lens.width)
+    stride = stride_of(lens.width)
     while x < end:
         factor = _surface_factor(
             reflectivity_at(surfaces, lens, n, y, x),
@@ -43,7 +44,7 @@ def scale_by_surface(
             own[2],
         )
         put(sigma, row + x, at(sigma, row + x) * factor)
-        x += 1
+        x += stride
 
 
 def depends_on_surfaces(modes: Sequence[Mode]) -> bool:

@@ -1,6 +1,6 @@
 """When frames are taken and when they arrive, as Warp kernels."""
 
-from flexx2_sim_ros.batch.arrays import at, put
+from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.kernels import OPTIONS
 import warp as wp
 
@@ -109,18 +109,19 @@ def exchange(
     newest = (n * timing.slots + timing.newest[n]) * pixels + y * width
     arrived = (n * timing.slots + timing.arrived[n]) * pixels + y * width
     takes = is_due[n] == _YES
-    begin = c * chunk
-    end = wp.min(begin + chunk, width)
+    begin = first_of(c, chunk)
+    end = end_of(c, chunk, width)
+    stride = stride_of(width)
     x = wp.int32(begin)
     if takes:
         while x < end:
             put(timing.frames, newest + x, at(images, own + x))
-            x += 1
+            x += stride
     if arrived != newest or not takes:
         x = wp.int32(begin)
         while x < end:
             put(images, own + x, at(timing.frames, arrived + x))
-            x += 1
+            x += stride
 
 
 @wp.kernel
