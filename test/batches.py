@@ -9,6 +9,8 @@ DEVICES = [
     'cpu',
     pytest.param('cuda', marks=pytest.mark.skipif(not wp.is_cuda_available(), reason='no GPU')),
 ]
+# A device, and whether a thread gets a few pixels: on a GPU always.
+WAYS = [('cpu', False), ('cpu', True), pytest.param('cuda', True, marks=DEVICES[1].marks)]
 V, U = np.mgrid[:172, :224]
 
 
@@ -28,7 +30,7 @@ def scenes(count: int) -> np.ndarray:
     return out
 
 
-def look(device: str, camera: object, depth: np.ndarray, *more: np.ndarray) -> np.ndarray:
+def look(device: str, camera: object, *images: np.ndarray, **how: int) -> np.ndarray:
     """Return a copy of what a batch of cameras sees of NumPy arrays, put on its device."""
-    given = [wp.array(one, dtype=wp.float32, device=device) for one in (depth, *more)]
-    return camera(*given).numpy().copy()
+    given = [wp.array(one, dtype=wp.float32, device=device) for one in images]
+    return camera(*given, **how).numpy().copy()

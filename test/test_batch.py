@@ -5,8 +5,9 @@ import math
 from pathlib import Path
 import re
 import sys
+from typing import Any
 
-from batches import DEVICES, look, scenes
+from batches import DEVICES, look, scenes, WAYS
 from boards import board, edge_sigma, K, mean_kl
 from flexx2_sim_ros.batch import (
     BatchCamera,
@@ -19,6 +20,7 @@ from flexx2_sim_ros.batch import (
     scatter_kernels,
     timing_kernels,
 )
+from flexx2_sim_ros.batch.effect_tables import BATCHED
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.errors import InputError
 import numpy as np
@@ -29,8 +31,7 @@ MODES = flexx2().names
 MATRIX = flexx2().intrinsics.matrix
 
 
-@pytest.mark.parametrize('many', [False, True])
-@pytest.mark.parametrize('device', DEVICES)
+@pytest.mark.parametrize(('device', 'many'), WAYS)
 def test_batch_and_camera_agree_in_every_pixel_and_mode(
     device: str, many: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -74,23 +75,26 @@ def test_modes_seeds_and_stamps_of_each_environment(device: str) -> None:
     np.testing.assert_array_equal(camera.stamps.numpy(), [-5, 0, 10**15, 7] + periods)
 
 
+@pytest.mark.parametrize(('device', 'many'), WAYS)
 @pytest.mark.parametrize('size', [(1, 1), (1, 9), (9, 1), (2, 3), (5, 7), (31, 18)])
-def test_any_size_and_matrix(size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_any_size_and_matrix(
+    size: tuple[int, int], device: str, many: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     generator = np.random.default_rng(0)
     clean = generator.choice([0.5, 0.9, 2.0, math.nan], (11, *size)).astype(np.float32)
     matrix = np.array([[30.0, 0, size[1] / 2], [0, 31, size[0] / 2], [0, 0, 1]])
-    for many in (False, True):
-        monkeypatch.setattr(images, 'many_threads', lambda _, chosen=many: chosen)
-        seen = BatchCamera(11, 'Mode_9_30fps', K=matrix, device='cpu')(clean)
-        for i in range(11):
-            alone = Camera('Mode_9_30fps', seed=i).capture(clean[i], matrix, 0).depth
-            np.testing.assert_allclose(seen[i], alone, rtol=0, atol=2e-5)
+    monkeypatch.setattr(images, 'many_threads', lambda _: many)
+    seen = look(device, BatchCamera(11, 'Mode_9_30fps', K=matrix, device=device), clean)
+    for i in range(11):
+        alone = Camera('Mode_9_30fps', seed=i).capture(clean[i], matrix, 0).depth
+        np.testing.assert_allclose(seen[i], alone, rtol=0, atol=2e-5)
 
 
-def test_a_small_image_has_the_same_field_of_view() -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_a_small_image_has_the_same_field_of_view(device: str) -> None:
     clean = np.linspace(1, 1.4, 112, dtype=np.float32) * np.ones((1, 86, 1), np.float32)
     matrix = np.array([[105.3, 0, 55.5], [0, 106.43, 42.5], [0, 0, 1]])
-    seen = [BatchCamera(1, K=one, device='cpu')(clean).copy() for one in (None, matrix)]
+    seen = [look(device, BatchCamera(1, K=one, device=device), clean) for one in (None, matrix)]
     np.testing.assert_allclose(*seen, rtol=0, atol=1e-5)
 
 
@@ -146,23 +150,30 @@ def test_closed_loop_lateral(usecase: str, device: str) -> None:
 
 def as_numpy(value: object) -> np.ndarray:
     """Return any library's array as NumPy's."""
-    return value.numpy() if isinstance(value, wp.array) else np.asarray(value)
+    if isinstance(value, wp.array):
+        return value.numpy()
+    return np.asarray(value.cpu() if hasattr(value, 'cpu') else value)
 
 
-def arrays_of(library: str, values: np.ndarray) -> object:
+def arrays_of(library: str, values: np.ndarray, device: str) -> object:
     if library == 'torch':
-        return pytest.importorskip('torch').from_numpy(values)
+        return pytest.importorskip('torch').from_numpy(values).to(device)
     if library == 'jax':
-        return pytest.importorskip('jax.numpy').asarray(values)
-    return wp.array(values, device='cpu', copy=False) if library == 'warp' else values
+        return pytest.importorskip('jax').device_put(values, wp.device_to_jax(device))
+    return wp.array(values, device=device, copy=False) if library == 'warp' else values
 
 
-@pytest.mark.parametrize('library', ['numpy', 'warp', 'torch', 'jax'])
-def test_output_arrays_are_of_the_inputs_kind_and_reused(library: str) -> None:
+ARRAYS = [(library, 'cpu') for library in ('numpy', 'warp', 'torch', 'jax')] + [
+    pytest.param(library, 'cuda', marks=DEVICES[1].marks) for library in ('warp', 'torch', 'jax')
+]
+
+
+@pytest.mark.parametrize(('library', 'device'), ARRAYS)
+def test_output_arrays_are_of_the_inputs_kind_and_reused(library: str, device: str) -> None:
     clean = scenes(3)
-    wanted = BatchCamera(3, device='cpu')(clean).copy()
-    camera = BatchCamera(3, device='cpu')
-    given = arrays_of(library, clean)
+    wanted = look(device, BatchCamera(3, device=device), clean)
+    camera = BatchCamera(3, device=device)
+    given = arrays_of(library, clean, device)
     seen = camera(given)
     assert type(seen) is type(given)
     np.testing.assert_array_equal(as_numpy(seen), wanted)
@@ -173,16 +184,16 @@ def test_output_arrays_are_of_the_inputs_kind_and_reused(library: str) -> None:
         return
     # The camera's own memory.
     np.testing.assert_array_equal(as_numpy(seen), as_numpy(again))
-    out = arrays_of(library, np.zeros_like(clean))
+    out = arrays_of(library, np.zeros_like(clean), device)
     camera.stamps.zero_()
     assert camera(given, out=out) is out
     np.testing.assert_array_equal(as_numpy(out), wanted)
 
 
-@pytest.mark.parametrize('library', ['numpy', 'warp', 'torch'])
-def test_arrays_need_not_be_contiguous(library: str) -> None:
+@pytest.mark.parametrize(('library', 'device'), [one for one in ARRAYS if 'jax' not in str(one)])
+def test_arrays_need_not_be_contiguous(library: str, device: str) -> None:
     clean = scenes(3)
-    wanted = BatchCamera(3, device='cpu')(clean).copy()
+    wanted = look(device, BatchCamera(3, device=device), clean)
     wide = np.zeros((172, 3, 448), np.float32)
     wide[:, :, ::2] = np.swapaxes(clean, 0, 1)
     views = {
@@ -190,17 +201,17 @@ def test_arrays_need_not_be_contiguous(library: str) -> None:
             wide.swapaxes(0, 1)[:, :, ::2],
             np.ascontiguousarray(clean[:, ::-1])[:, ::-1],
         ],
-        'torch': lambda: [arrays_of('torch', wide).transpose(0, 1)[:, :, ::2]],
-        'warp': lambda: [arrays_of('warp', wide).transpose([1, 0, 2])[:, :, ::2]],
+        'torch': lambda: [arrays_of('torch', wide, device).transpose(0, 1)[:, :, ::2]],
+        'warp': lambda: [arrays_of('warp', wide, device).transpose([1, 0, 2])[:, :, ::2]],
     }[library]()
     for view in views:
-        np.testing.assert_array_equal(as_numpy(BatchCamera(3, device='cpu')(view)), wanted)
+        np.testing.assert_array_equal(as_numpy(BatchCamera(3, device=device)(view)), wanted)
     if library == 'numpy':
         clean.flags.writeable = False
-        np.testing.assert_array_equal(BatchCamera(3, device='cpu')(clean), wanted)
+        np.testing.assert_array_equal(BatchCamera(3, device=device)(clean), wanted)
     if library == 'torch':  # One scene for all, as torch expands it.
-        one = arrays_of('torch', clean)[:1].expand(3, -1, -1).requires_grad_()
-        assert as_numpy(BatchCamera(3, device='cpu')(one).detach()).shape == clean.shape
+        one = arrays_of('torch', clean, device)[:1].expand(3, -1, -1).requires_grad_()
+        assert as_numpy(BatchCamera(3, device=device)(one).detach()).shape == clean.shape
 
 
 CLEAN = np.ones((2, 4, 5), np.float32)
@@ -276,16 +287,41 @@ def test_arrays_on_another_device() -> None:
 
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason='no GPU')
-def test_a_captured_graph_gives_the_frames_of_calls() -> None:
+@pytest.mark.parametrize('effects', [(), dict.fromkeys(BATCHED)], ids=['none', 'all'])
+def test_a_captured_graph_gives_the_frames_of_calls(effects: Any) -> None:
+    """What waits for the device or allocates memory in a call cannot be captured."""
     clean = wp.array(scenes(4), device='cuda')
-    one, other = (BatchCamera(4, device='cuda') for _ in range(2))
+    one, other = (BatchCamera(4, effects=effects, device='cuda', step_s=1 / 60) for _ in range(2))
     seen, wanted = one(clean), other(clean)
     with wp.ScopedCapture('cuda') as capture:
         one(clean)
-    for _ in range(3):
+    for step in range(3):
+        clean.assign(scenes(4) - np.float32(0.01 * step))
         wp.capture_launch(capture.graph)
         other(clean)
         np.testing.assert_array_equal(seen.numpy(), wanted.numpy())
+
+
+@pytest.mark.skipif(not wp.is_cuda_available(), reason='no GPU')
+def test_calls_are_in_the_order_of_torchs_stream() -> None:
+    torch = pytest.importorskip('torch')
+    wanted = look('cuda', BatchCamera(3, device='cuda'), scenes(3))
+    given = torch.from_numpy(scenes(3)).pin_memory()
+    camera, stream = BatchCamera(3, device='cuda'), torch.cuda.Stream()
+    camera(given.cuda())  # allocates
+    camera.stamps.zero_()
+    torch.cuda.synchronize()
+    with torch.cuda.stream(stream):
+        busy = torch.zeros(2**26, device='cuda')
+        for _ in range(200):
+            busy += 1
+        clean = given.to('cuda', non_blocking=True)
+        seen = camera(clean, out=clean)  # in place
+        assert not stream.query()
+        found = seen.clone()
+    stream.synchronize()
+    assert seen is clean
+    np.testing.assert_array_equal(found.cpu().numpy(), wanted)
 
 
 @pytest.mark.parametrize(

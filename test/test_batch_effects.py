@@ -5,7 +5,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from batches import DEVICES, look, scenes
+from batches import DEVICES, look, scenes, WAYS
 from flexx2_sim_ros.batch import BatchCamera, images
 from flexx2_sim_ros.batch.effect_tables import BATCHED
 from flexx2_sim_ros.camera import Camera, flexx2, Mode, Profile
@@ -77,13 +77,13 @@ def test_batch_and_camera_agree_for_every_effect(name: str, device: str) -> None
     assert changed > 1e-3
 
 
-@pytest.mark.parametrize('many', [False, True])
+@pytest.mark.parametrize(('device', 'many'), WAYS)
 def test_batch_and_camera_agree_for_all_effects_together(
-    many: bool, monkeypatch: pytest.MonkeyPatch
+    device: str, many: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Assert it in all but one pixel of 1,000: rounding to 4 mm after filters flips more often."""
     monkeypatch.setattr(images, 'many_threads', lambda _: many)
-    other, changed = disagreement('cpu', [EVERYTHING] * 3, frames=2)
+    other, changed = disagreement(device, [EVERYTHING] * 3, frames=2)
     assert other <= 1e-3
     assert changed > 0.5
 
@@ -107,18 +107,21 @@ def test_batch_and_camera_agree_where_edges_move(device: str, stamp_at: float) -
     assert other < 1e-3
 
 
-def test_each_environment_has_its_own_effects() -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_each_environment_has_its_own_effects(device: str) -> None:
     own = [
         {'offset': {'bias': 0.05}, 'saturation': None, 'pose_error': None},
         (),
         ({'intrinsics_error': {'k1': -0.05}, 'heavy_tails': None}),
     ]
-    other, changed = disagreement('cpu', own)
+    other, changed = disagreement(device, own)
     assert other <= 1e-4
     assert changed > 0.3
     # As fixed patterns and seeds are: of the camera.
-    camera = BatchCamera(3, seed=[4, 5, 4], effects={'fixed_pattern': {'rms': 0.05}}, device='cpu')
-    seen = camera(np.repeat(scenes(1), 3, axis=0))
+    camera = BatchCamera(
+        3, seed=[4, 5, 4], effects={'fixed_pattern': {'rms': 0.05}}, device=device
+    )
+    seen = look(device, camera, np.repeat(scenes(1), 3, axis=0))
     np.testing.assert_array_equal(seen[0], seen[2])
     assert not np.array_equal(seen[0], seen[1], equal_nan=True)
 
@@ -133,24 +136,25 @@ def test_each_environment_has_its_own_effects() -> None:
     ],
     ids=['time_offset', 'stray_light', 'multipath'],
 )
-@pytest.mark.parametrize('many', [False, True])
+@pytest.mark.parametrize(('device', 'many'), WAYS)
 def test_each_environment_has_its_own_reflectivity_and_uptime(
-    own: list, many: bool, monkeypatch: pytest.MonkeyPatch
+    own: list, device: str, many: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Assert 2e-5 m in all but 1 of 10,000 pixels: where light nearly cancels, phases differ."""
     monkeypatch.setattr(images, 'many_threads', lambda _: many)
-    other, changed = disagreement('cpu', own, frames=4)
+    other, changed = disagreement(device, own, frames=4)
     assert other <= 1e-4
     assert changed > 1e-3
 
 
 @pytest.mark.parametrize('name', ['time_offset', 'multipath'])
-def test_cached_parts_of_a_scene_follow_the_scene(name: str) -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_cached_parts_of_a_scene_follow_the_scene(device: str, name: str) -> None:
     """A scene stands still, changes in one pixel, its reflectivity changes, its modes change."""
     scene, shades = film(2, 1)
     clean = scene[0, :, 20:90, 30:120].copy()
     shades = shades[:, 20:90, 30:120].copy()
-    camera = BatchCamera(2, 'Mode_9_30fps', effects={name: None}, K=MATRIX, device='cpu')
+    camera = BatchCamera(2, 'Mode_9_30fps', effects={name: None}, K=MATRIX, device=device)
     alone = [Camera('Mode_9_30fps', seed=i, effects={name: None}) for i in range(2)]
     stamps = np.zeros(2, np.int64)
     for step in range(8):
@@ -164,34 +168,35 @@ def test_cached_parts_of_a_scene_follow_the_scene(name: str) -> None:
         if step == 7:  # stamps go back
             camera.stamps.zero_()
             stamps[:] = 0
-        seen = camera(clean, shades)
+        seen = look(device, camera, clean, shades)
         for i, one in enumerate(alone):
             wanted = one.capture(clean[i], MATRIX, stamps[i], shades[i]).depth
             np.testing.assert_allclose(seen[i], wanted, rtol=0, atol=2e-6)
             stamps[i] += round(1e9 / one.mode.rate_hz)
 
 
-def as_mask(library: str, mask: list[bool]) -> object:
+def as_mask(library: str, mask: list[bool], device: str) -> object:
     if library == 'torch':
-        return pytest.importorskip('torch').tensor(mask)
+        return pytest.importorskip('torch').tensor(mask, device=device)
     if library == 'jax':
-        return pytest.importorskip('jax.numpy').asarray(mask)
+        return pytest.importorskip('jax').device_put(np.array(mask), wp.device_to_jax(device))
     if library == 'warp':
-        return wp.array(mask, dtype=wp.bool, device='cpu')
+        return wp.array(mask, dtype=wp.bool, device=device)
     return np.repeat(mask, 2)[::2]  # not contiguous
 
 
 @pytest.mark.parametrize('library', ['numpy', 'warp', 'torch', 'jax'])
-def test_reset_forgets_the_chosen_environments(library: str) -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_reset_forgets_the_chosen_environments(device: str, library: str) -> None:
     effects = [{'temporal_filter': {'share': 0.9}, 'warm_up_drift': {'tau': 1.0, 'bias': 0.1}}] * 3
     clean = np.full((3, 20, 30), 1.5, np.float32)
-    camera, wanted = (BatchCamera(3, effects=effects, K=MATRIX, device='cpu') for _ in range(2))
+    camera, wanted = (BatchCamera(3, effects=effects, K=MATRIX, device=device) for _ in range(2))
     alone = [Camera(seed=i, effects=effects[0]) for i in range(3)]
     for step in range(4):
         if step == 2:
-            camera.reset(as_mask(library, [False, True, False]))
+            camera.reset(as_mask(library, [False, True, False], device))
             alone[1].reset()
-        seen = camera(clean).copy()
+        seen = look(device, camera, clean).copy()
         for i, one in enumerate(alone):
             depth = one.capture(clean[i], MATRIX, step * round(1e9 / 30)).depth
             np.testing.assert_allclose(seen[i], depth, rtol=0, atol=2e-5)
@@ -200,19 +205,20 @@ def test_reset_forgets_the_chosen_environments(library: str) -> None:
         camera.stamps.zero_()
         camera.reset()
         again()
-        np.testing.assert_array_equal(camera(clean), wanted(clean))
-        camera(clean)
+        np.testing.assert_array_equal(look(device, camera, clean), look(device, wanted, clean))
+        look(device, camera, clean)
         wanted.reset()
         wanted.stamps.zero_()
 
 
-def test_effects_and_modes_change_between_frames() -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_effects_and_modes_change_between_frames(device: str) -> None:
     clean = np.full((2, 20, 30), 1.5, np.float32)
-    camera = BatchCamera(2, 'Mode_5_30fps', K=MATRIX, device='cpu')
-    camera(clean)
+    camera = BatchCamera(2, 'Mode_5_30fps', K=MATRIX, device=device)
+    look(device, camera, clean)
     camera.set_effects({'offset': {'bias': 0.1}}, np.array([False, True]))
     camera.set_usecase('Mode_9_20fps', np.array([False, True]))
-    seen = camera(clean)
+    seen = look(device, camera, clean)
     stamp = round(1e9 / 30)
     for i, (mode, effects) in enumerate(
         (('Mode_5_30fps', ()), ('Mode_9_20fps', {'offset': {'bias': 0.1}}))
@@ -221,7 +227,7 @@ def test_effects_and_modes_change_between_frames() -> None:
         np.testing.assert_allclose(seen[i], depth, rtol=0, atol=2e-5)
     camera.set_effects(())
     np.testing.assert_allclose(
-        camera(clean)[0],
+        look(device, camera, clean)[0],
         Camera('Mode_5_30fps').capture(clean[0], MATRIX, 2 * stamp).depth,
         rtol=0,
         atol=2e-5,
@@ -235,23 +241,25 @@ def test_every_effect_of_the_registry_has_a_kernel() -> None:
     assert own <= set(BATCHED)
 
 
+@pytest.mark.parametrize('device', DEVICES)
 def test_batch_and_camera_agree_for_effects_without_a_kernel(
-    caplog: pytest.LogCaptureFixture,
+    device: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Assert it to the bit beside an environment that kernels compute, and that it is said."""
     curve = {'knots': [0.5, 2.0], 'values': [0.01, 0.03]}
     patch = {'residual_patch': {'bias_0': 0.02}, 'offset': {'curve': curve}}
-    other, changed = disagreement('cpu', [{**patch, 'temporal_filter': None}, OFFSET, ()])
+    other, changed = disagreement(device, [{**patch, 'temporal_filter': None}, OFFSET, ()])
     assert other <= 1e-4
     assert changed > 0.3
     assert 'offset, residual_patch: no kernel, 1 environments' in caplog.text
 
 
-def test_an_environment_without_a_kernel_changes_between_frames() -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_an_environment_without_a_kernel_changes_between_frames(device: str) -> None:
     clean = np.full((2, 20, 30), 1.5, np.float32)
     clean[:, :, 20:] = np.nan
     effects = {'residual_patch': {'bias_0': 0.02}, 'temporal_filter': {'share': 0.9}}
-    camera = BatchCamera(2, effects=effects, K=MATRIX, device='cpu', invalid_value='zero')
+    camera = BatchCamera(2, effects=effects, K=MATRIX, device=device, invalid_value='zero')
     alone = [Camera(seed=i, effects=effects) for i in range(2)]
     for step in range(5):
         if step == 2:
@@ -260,13 +268,13 @@ def test_an_environment_without_a_kernel_changes_between_frames() -> None:
         if step == 3:
             camera.set_usecase('Mode_9_30fps', np.array([True, False]))  # starts afresh
             alone[0].reset()
-        seen = camera(clean)
+        seen = look(device, camera, clean)
         for i, one in enumerate(alone):
             depth = one.capture(clean[i], MATRIX, step * round(1e9 / 30)).depth
             np.testing.assert_array_equal(seen[i], np.nan_to_num(depth))
     camera.set_effects(())
     np.testing.assert_allclose(
-        camera(clean)[0],
+        look(device, camera, clean)[0],
         np.nan_to_num(Camera().capture(clean[0], MATRIX, 5 * round(1e9 / 30)).depth),
         rtol=0,
         atol=2e-5,

@@ -5,7 +5,7 @@ import copy
 from pathlib import Path
 import pickle
 
-from batches import DEVICES, look, scenes
+from batches import DEVICES, look, scenes, WAYS
 from flexx2_sim_ros.batch import BatchCamera, images, timing
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import load_randomisation
@@ -87,23 +87,23 @@ KEEPING = {
 CURVE = {'wiggling': {'curve': {'knots': [0.5, 2.0], 'values': [0.01, -0.01]}}}
 
 
-def test_a_latency_reaches_back_over_frames_that_are_close() -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_a_latency_reaches_back_over_frames_that_are_close(device: str) -> None:
     """At 200 Hz, frames of 60 Hz are 15 or 20 ms apart: more of them are needed."""
     own = {'time_offset': {'latency': 0.032}}
-    cameras = BatchCamera(1, 'Mode_5_60fps', effects=own, step_s=0.005, device='cpu', K=MATRIX)
+    cameras = BatchCamera(1, 'Mode_5_60fps', effects=own, step_s=0.005, device=device, K=MATRIX)
     alone, gate = Camera('Mode_5_60fps', effects=own), gate_of(60.0, 5 * MS)
     for step, clean in enumerate(moving(1, 40)):
-        seen = cameras(clean)
+        seen = look(device, cameras, clean)
         if gate.accept(step * 5 * MS):
             wanted = alone.capture(clean[0], MATRIX, step * 5 * MS).depth
         close = np.isclose(seen[0], wanted, rtol=0, atol=2e-5, equal_nan=True)
         assert close.mean() > 1 - 1e-3, step
 
 
-@pytest.mark.parametrize('device', DEVICES)
-@pytest.mark.parametrize('many', [False, True])
+@pytest.mark.parametrize(('device', 'many'), WAYS)
 def test_images_are_those_of_a_camera_that_takes_the_frames_that_are_due(
-    many: bool, device: str, monkeypatch: pytest.MonkeyPatch
+    device: str, many: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Steps without a frame change nothing that effects keep: a `Camera` never sees them."""
     monkeypatch.setattr(images, 'many_threads', lambda _: many)
@@ -131,35 +131,38 @@ def test_images_are_those_of_a_camera_that_takes_the_frames_that_are_due(
     assert stamp - when >= 40 * MS
 
 
-def test_a_reset_shows_the_new_scene_at_once_and_only_there() -> None:
-    cameras = BatchCamera(2, 'Mode_9_5fps', effects=late(0.06), step_s=0.02, device='cpu')
+@pytest.mark.parametrize('device', DEVICES)
+def test_a_reset_shows_the_new_scene_at_once_and_only_there(device: str) -> None:
+    cameras = BatchCamera(2, 'Mode_9_5fps', effects=late(0.06), step_s=0.02, device=device)
     depth = np.full((2, 4, 5), 1.0, np.float32)
     for _ in range(7):
-        cameras(depth)
+        look(device, cameras, depth)
     cameras.reset(np.array([True, False]))
-    seen = cameras(depth + 1)
+    seen = look(device, cameras, depth + 1)
     assert cameras.image_stamps.numpy().tolist() == [140 * MS, 0]
     np.testing.assert_allclose(seen[0], 2.0, atol=0.1)
     np.testing.assert_allclose(seen[1], 1.0, atol=0.1)
-    own = np.empty_like(depth)
-    cameras(depth + 1, out=own)
-    np.testing.assert_array_equal(own, seen)
+    own = wp.array(depth, device=device)
+    cameras(wp.array(depth + 1, device=device), out=own)
+    np.testing.assert_array_equal(own.numpy(), seen)
 
 
-def test_images_of_another_shape_begin_with_a_first_frame() -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_images_of_another_shape_begin_with_a_first_frame(device: str) -> None:
     """Assert it also of as many pixels: what is held has the shape that it was taken in."""
-    cameras = BatchCamera(1, 'Mode_9_5fps', step_s=0.02, device='cpu')
+    cameras = BatchCamera(1, 'Mode_9_5fps', step_s=0.02, device=device)
     for step, shape in enumerate([(4, 6), (6, 4), (2, 12), (5, 5)]):
         depth = np.full((1, *shape), 1.0 + step, np.float32)
-        np.testing.assert_allclose(cameras(depth), depth, atol=0.15)
+        np.testing.assert_allclose(look(device, cameras, depth), depth, atol=0.15)
         assert cameras.image_stamps.numpy().tolist() == [step * 20 * MS]
 
 
-def test_without_steps_an_image_is_late_by_whole_frames() -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_without_steps_an_image_is_late_by_whole_frames(device: str) -> None:
     usecases = ['Mode_9_30fps', 'Mode_9_10fps']
-    cameras = BatchCamera(2, usecases, effects=late(0.1), device='cpu')
+    cameras = BatchCamera(2, usecases, effects=late(0.1), device=device)
     for _ in range(9):
-        cameras(np.ones((2, 4, 5), np.float32))
+        look(device, cameras, np.ones((2, 4, 5), np.float32))
     period = round(1e9 / 30)
     assert cameras.image_stamps.numpy().tolist() == [(8 - 3) * period, (8 - 1) * 100 * MS]
 
@@ -171,9 +174,10 @@ def drawn(folder: Path, effect: str, parameters: dict, **more: float) -> Randomi
     return load_randomisation(path)
 
 
-def test_a_reset_draws_another_delay_and_latency(tmp_path: Path) -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_a_reset_draws_another_delay_and_latency(device: str, tmp_path: Path) -> None:
     parameters = {'latency': {'low': 0.0, 'high': 0.1}, 'delay': {'low': 0.02, 'high': 0.06}}
-    cameras = BatchCamera(8, 'Mode_5_60fps', step_s=0.02, device='cpu', K=MATRIX)
+    cameras = BatchCamera(8, 'Mode_5_60fps', step_s=0.02, device=device, K=MATRIX)
     cameras.randomise(drawn(tmp_path, 'time_offset', parameters, probability=0.9), 3, pool=64)
     assert cameras.drawn is not None
     film = moving(1, 22)
@@ -190,7 +194,7 @@ def test_a_reset_draws_another_delay_and_latency(tmp_path: Path) -> None:
         taken[step * 20 * MS] = [
             camera.capture(film[step, 0], MATRIX, step * 20 * MS).depth for camera in alone
         ]
-        seen = cameras(np.repeat(film[step], 8, axis=0))
+        seen = look(device, cameras, np.repeat(film[step], 8, axis=0))
         for i, when in enumerate(cameras.image_stamps.numpy().tolist()):
             steps = int(np.ceil(delays[i] / 0.02 - 1e-4))
             assert when == max(step - steps, 11 * (step >= 11)) * 20 * MS
@@ -200,14 +204,17 @@ def test_a_reset_draws_another_delay_and_latency(tmp_path: Path) -> None:
     assert all(0.02 <= delay <= 0.06 for delay in delays_drawn[0] if delay)
 
 
-def test_widths_are_drawn_at_a_reset_unless_they_shape_scattered_light(tmp_path: Path) -> None:
-    cameras = BatchCamera(4, device='cpu', K=MATRIX)
+@pytest.mark.parametrize('device', DEVICES)
+def test_widths_are_drawn_at_a_reset_unless_they_shape_scattered_light(
+    device: str, tmp_path: Path
+) -> None:
+    cameras = BatchCamera(4, device=device, K=MATRIX)
     cameras.randomise(
         drawn(tmp_path, 'heavy_tails', {'width': {'low': 3.0, 'high': 8.0}}), seed=2, pool=16
     )
     assert cameras.drawn is not None
     scene = scenes(1)
-    seen = cameras(np.repeat(scene, 4, axis=0))
+    seen = look(device, cameras, np.repeat(scene, 4, axis=0))
     for i, k in enumerate(cameras.drawn.drawn.numpy()):
         alone = Camera(seed=i, effects=cameras.drawn.cameras[k]).capture(scene[0], MATRIX, 0).depth
         assert np.isclose(seen[i], alone, rtol=0, atol=2e-5, equal_nan=True).mean() > 1 - 1e-3
@@ -253,15 +260,16 @@ def test_unusable_numbers_of_steps_are_refused(steps: object) -> None:
 
 
 @pytest.mark.parametrize('step_s', [None, 0.02])
-def test_calls_without_a_step_change_nothing(step_s: float | None) -> None:
+@pytest.mark.parametrize('device', DEVICES)
+def test_calls_without_a_step_change_nothing(device: str, step_s: float | None) -> None:
     """Nothing that effects keep, on the device or in a `Camera`, nor the clock."""
     options: dict = {'effects': [late(0.04), KEEPING, {**CURVE, **late(0.04)}], 'step_s': step_s}
-    cameras, alone = (BatchCamera(3, device='cpu', K=MATRIX, **options) for _ in range(2))
+    cameras, alone = (BatchCamera(3, device=device, K=MATRIX, **options) for _ in range(2))
     for step, clean in enumerate(moving(3, 12)):
-        wanted = cameras(clean, steps=1)
-        np.testing.assert_array_equal(alone(clean, steps=1), wanted)
+        wanted = look(device, cameras, clean, steps=1)
+        np.testing.assert_array_equal(look(device, alone, clean, steps=1), wanted)
         for _ in range(step % 3):
-            np.testing.assert_array_equal(alone(clean + 1, steps=0), wanted)
+            np.testing.assert_array_equal(look(device, alone, clean + 1, steps=0), wanted)
         np.testing.assert_array_equal(alone.stamps.numpy(), cameras.stamps.numpy())
 
 
@@ -273,11 +281,12 @@ def pickled(cameras: BatchCamera) -> BatchCamera:
 
 @pytest.mark.parametrize('copied', [copy.deepcopy, pickled])
 @pytest.mark.parametrize('step_s', [None, 0.02])
+@pytest.mark.parametrize('device', DEVICES)
 def test_copies_go_on_as_the_original_does(
-    step_s: float | None, copied: Callable, tmp_path: Path
+    device: str, step_s: float | None, copied: Callable, tmp_path: Path
 ) -> None:
     delays = drawn(tmp_path, 'time_offset', {'delay': {'low': 0.02, 'high': 0.06}})
-    cameras = BatchCamera(3, device='cpu', K=MATRIX, step_s=step_s)
+    cameras = BatchCamera(3, device=device, K=MATRIX, step_s=step_s)
     for randomised in (False, True):
         if randomised:
             cameras.randomise(delays, seed=3, pool=16)
@@ -285,15 +294,15 @@ def test_copies_go_on_as_the_original_does(
             cameras.set_effects([KEEPING, {}, {**CURVE, 'temporal_filter': {'share': 0.5}}])
         film = moving(3, 12)
         for clean in film[:7]:
-            cameras(clean)
+            look(device, cameras, clean)
         other = copied(cameras)
         for clean in film[7:]:
-            np.testing.assert_array_equal(other(clean), cameras(clean))
+            np.testing.assert_array_equal(look(device, other, clean), look(device, cameras, clean))
             np.testing.assert_array_equal(other.image_stamps.numpy(), cameras.image_stamps.numpy())
             cameras.reset(np.array([True, False, False]))
             other.reset(np.array([True, False, False]))
     stamps = cameras.stamps.numpy().tolist()
-    other(film[0])
+    look(device, other, film[0])
     assert cameras.stamps.numpy().tolist() == stamps
 
 
