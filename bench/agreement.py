@@ -1,4 +1,4 @@
-"""How far the frames of `BatchCamera` are from those of `Camera`, on the CPU."""
+"""How far the frames of `BatchCamera`, on the CPU and on a GPU, are from those of `Camera`."""
 
 from typing import Any
 
@@ -18,20 +18,27 @@ _DECISION = 5e-4  # metres; beyond it an edge moved or a value was rounded the o
 def run(repeats: int = 12) -> None:
     """Print the largest differences, and how many pixels differ by more than rounding."""
     wp.config.log_level = wp.LOG_WARNING
+    for device in ('cpu', 'cuda')[: 1 + wp.is_cuda_available()]:
+        _table(device, repeats)
+
+
+def _table(device: str, repeats: int) -> None:
     names = list(registry())
     print(
-        f'{"effects":20s}   pixels   largest difference (mm)   beyond {_ROUNDING * 1e3:g} mm   '
+        f'{device:20s}   pixels   largest difference (mm)   beyond {_ROUNDING * 1e3:g} mm   '
         f'beyond {_DECISION * 1e3:g} mm or validity differs'
     )
-    _print('none', flexx2().names, {}, repeats)
+    _print(device, 'none', flexx2().names, {}, repeats)
     for name in names:
-        _print(name, _EFFECT_MODES, {name: None}, 1)
-    _print('all', _EFFECT_MODES, dict.fromkeys(names), 1)
+        _print(device, name, _EFFECT_MODES, {name: None}, 1)
+    _print(device, 'all', _EFFECT_MODES, dict.fromkeys(names), 1)
 
 
-def _print(title: str, modes: tuple[str, ...], effects: dict[str, Any], repeats: int) -> None:
+def _print(
+    device: str, title: str, modes: tuple[str, ...], effects: dict[str, Any], repeats: int
+) -> None:
     differences = np.concatenate(
-        [_differences(modes, effects, seed).ravel() for seed in range(repeats)]
+        [_differences(device, modes, effects, seed).ravel() for seed in range(repeats)]
     )
     decided = differences > _DECISION  # or infinite
     print(
@@ -41,18 +48,20 @@ def _print(title: str, modes: tuple[str, ...], effects: dict[str, Any], repeats:
     )
 
 
-def _differences(modes: tuple[str, ...], effects: dict[str, Any], seed: int) -> np.ndarray:
+def _differences(
+    device: str, modes: tuple[str, ...], effects: dict[str, Any], seed: int
+) -> np.ndarray:
     # (frames, modes, H, W) metres, infinite where only one of the two is valid.
     count, matrix = len(modes), flexx2().intrinsics.matrix
     scenes = np.stack([room(8 + (seed + i) % 9) for i in range(count)])
     shades = np.random.default_rng(seed).uniform(0, 1, scenes.shape).astype(np.float32)
     shades[:, 60:90] *= 0.02  # a dark stripe
-    batch = BatchCamera(count, modes, effects=effects, seed=seed, device='cpu')
+    batch = BatchCamera(count, modes, effects=effects, seed=seed, device=device)
     cameras = [Camera(mode, effects=effects, seed=seed + i) for i, mode in enumerate(modes)]
     out = []
     for frame in range(_FRAMES):
         clean = scenes - np.float32(0.02 * frame)
-        seen = batch(clean, shades)
+        seen = batch(*(wp.array(one, device=device) for one in (clean, shades))).numpy()
         for i, camera in enumerate(cameras):
             stamp = frame * round(1e9 / camera.mode.rate_hz)
             alone = camera.capture(clean[i], matrix, stamp, shades[i]).depth

@@ -1,11 +1,12 @@
 """The cost of many cameras at once on a GPU, beside copying the frames there and plain torch."""
 
 from collections.abc import Callable
+import gc
 from unittest import mock
 
 from bench.batch import imported_torch, plain_torch
 from bench.scenes import room
-from flexx2_sim_ros.batch import BatchCamera
+from flexx2_sim_ros.batch import BatchCamera, images
 from flexx2_sim_ros.batch.effect_tables import BATCHED
 from flexx2_sim_ros.camera import flexx2
 import numpy as np
@@ -14,6 +15,9 @@ import warp as wp
 _MODE = 'Mode_9_30fps'
 _SIZES = (256, 1024, 8192)
 _SCENES = 9
+# Others than `batch.images` has.
+_AT_A_TIME = (64, 128, 256, 1024)
+_FOR_LISTED = (256, 512, 2048)
 _WANTED = {'no effects': 1e6, 'all effects': 150e3}  # frames a second of the largest batch
 
 
@@ -33,13 +37,28 @@ def run(rounds: int = 20) -> None:
         f'{"effects":11s} {"N":>5s} {"ms a step":>9s} {"frames/s":>10s} {"launches":>8s} '
         f'{"copy, TB/s":>10s} {"/ copy":>6s} {"/ torch":>7s}'
     )
+    largest = max(_SIZES)
     with wp.ScopedDevice(device):
         for name, wanted in _WANTED.items():
             for num_envs in _SIZES:
-                _row(name, num_envs, rounds, wanted if num_envs == max(_SIZES) else 0.0)
+                _row(name, num_envs, rounds, wanted if num_envs == largest else 0.0)
+        for count in _AT_A_TIME:
+            print(f'\n{count} environments at a time')
+            with mock.patch.dict(images.AT_A_TIME, cuda=count):
+                for name in _WANTED:
+                    _row(name, largest, rounds, 0.0)
+        for threads in _FOR_LISTED:
+            print(f'\n{threads} threads for the listed pixels of an environment')
+            with mock.patch.object(images, 'THREADS_FOR_LISTED', threads):
+                for name in _WANTED:
+                    _row(name, largest, rounds, 0.0)
 
 
 def _row(name: str, num_envs: int, rounds: int, wanted: float) -> None:
+    gc.collect()  # The memory of the row before; several do not fit.
+    torch, against = imported_torch(), 'none'
+    if torch:
+        torch.cuda.empty_cache()
     effects = dict.fromkeys(BATCHED) if name == 'all effects' else {}
     near, far = (_images(num_envs, step) for step in (0.0, 0.01))
     camera = BatchCamera(num_envs, _MODE, effects=effects, device='cuda')
@@ -53,7 +72,6 @@ def _row(name: str, num_envs: int, rounds: int, wanted: float) -> None:
         ours = milliseconds(steps, rounds) / 2
     launches = launch.call_count // 4  # Two steps, called and captured.
     copying = milliseconds(lambda: wp.copy(far, near), rounds)
-    torch, against = imported_torch(), 'none'
     if torch:
         given, matrix = wp.to_torch(near), flexx2().intrinsics.matrix
         plain = milliseconds(lambda: plain_torch(torch, given, matrix), rounds, captured=False)

@@ -12,7 +12,7 @@ threads read neighbouring memory.
 
 import warp as wp
 
-PIXELS_A_THREAD = 4  # on CUDA
+PIXELS_A_THREAD = 4  # on CUDA, as many as share a counter of random numbers
 _GET = 'assert(i >= 0 && i < a.shape[0]); return a.data[i];'
 _PUT = 'assert(i >= 0 && i < a.shape[0]); a.data[i] = v;'
 

@@ -18,11 +18,11 @@ from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 import warp as wp
 
-# Environments whose images are made at a time, so that they stay in the cache (measured on the
-# CPU; on CUDA chosen for an L2 cache of 50 MB, not measured).
+# Environments whose images are made at a time: on the CPU so that they stay in the cache, on CUDA
+# so that the chip is full; and the threads for pixels that need one. `bench.batch_gpu` compares.
 AT_A_TIME = {'cpu': 8, 'cuda': 512}
 MOST_PIXELS = 2**31 - 1  # of an array of Warp
-_THREADS_FOR_LISTED = 1024  # of an environment, where there are many
+THREADS_FOR_LISTED = 1024  # of an environment, where there are many
 
 
 def many_threads(device: Any) -> bool:
@@ -241,7 +241,7 @@ class Images:
 
     def list_grid(self, count: int) -> tuple[tuple[int, int], int]:
         """Return the threads for the listed pixels of some environments, and those of each."""
-        return (count, _THREADS_FOR_LISTED), _THREADS_FOR_LISTED
+        return (count, THREADS_FOR_LISTED), THREADS_FOR_LISTED
 
     def find_surfaces(self, depth: wp.array, first: int, count: int) -> None:
         """

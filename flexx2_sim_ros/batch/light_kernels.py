@@ -120,7 +120,7 @@ def mix_rows(
         x += 1
 
 
-@wp.kernel(launch_bounds=(256, 3))
+@wp.kernel
 def mix_listed(
     surfaces: Surfaces,
     lens: Lens,

@@ -103,26 +103,19 @@ def shift_alike(
         shifts = f * phasors.pitch + row
         x = wp.int32(begin)
         while x < end:
-            put(phasors.shifts, shifts + x, at(phasors.shifts, shifts + x) + same)
-            x += stride
-        if spread > 0.0:
-            x = wp.int32(begin)
-            while x < end:
-                grain = spread * at(kept.grain, own_row + x)
-                put(phasors.shifts, shifts + x, at(phasors.shifts, shifts + x) + grain)
-                x += stride
-        if e.amplitude_bias_strength > 0.0:
-            x = wp.int32(begin)
-            while x < end:
-                bias = _dark_bias(
+            shift = at(phasors.shifts, shifts + x) + same
+            if spread > 0.0:
+                shift += spread * at(kept.grain, own_row + x)
+            if e.amplitude_bias_strength > 0.0:
+                shift += _dark_bias(
                     at(phasors.amplitude, row + x),
                     e.amplitude_bias_intercept,
                     e.amplitude_bias_slope,
                     e.amplitude_bias_log_knee,
                     e.amplitude_bias_span,
                 )
-                put(phasors.shifts, shifts + x, at(phasors.shifts, shifts + x) + bias)
-                x += stride
+            put(phasors.shifts, shifts + x, shift)
+            x += stride
         f += 1
 
 

@@ -19,7 +19,7 @@ _PARALLEL = np.radians(3.0)  # from 0 or 180 degrees
 _MOST_TURN = 10.0  # degrees by which errors of the camera turn a plane
 _CONTRADICTION = 5.0  # standard deviations
 # Metres, root mean square: effects of usual strength bend a plane by at most 0.006 (python -m
-# bench.planes --bends), two walls taken for one by 0.017 to 0.035.
+# bench.planes), two walls taken for one by 0.017 to 0.035.
 _MOST_BEND = 0.015
 # Metres by which an offset and bounced light may change a distance.
 _MOST_OFFSET = 0.1
