@@ -277,7 +277,7 @@ def mixed_around(
     return above + w[2] * at(wide, b) + w[3] * at(wide, b + size)
 
 
-@wp.kernel(launch_bounds=(256, 5))
+@wp.kernel(launch_bounds=(256, 5))  # docs/batch.md#on-a-gpu
 def add_bounce(
     surfaces: Surfaces,
     lens: Lens,

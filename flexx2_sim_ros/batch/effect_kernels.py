@@ -39,7 +39,7 @@ _filtered = compiled(temporal_filter.filtered)
 _stored = compiled(quantisation.stored)
 
 
-@wp.kernel(launch_bounds=(256, 4))
+@wp.kernel(launch_bounds=(256, 4))  # docs/batch.md#on-a-gpu
 def measure(
     p: wp.array(dtype=wp.float32),
     lens: Lens,

@@ -104,7 +104,7 @@ def mark_edges(lens: Lens, first: wp.int32, chunk: wp.int32, motion: Motion):
         x += stride
 
 
-@wp.kernel(launch_bounds=(256, 4))
+@wp.kernel(launch_bounds=(256, 4))  # docs/batch.md#on-a-gpu
 def find_motion(
     lens: Lens,
     first: wp.int32,

@@ -94,7 +94,7 @@ def observe_rows(
         x += 1
 
 
-@wp.kernel(launch_bounds=(256, 8))
+@wp.kernel(launch_bounds=(256, 8))  # docs/batch.md#on-a-gpu
 def observe_blocks(
     p: wp.array(dtype=wp.float32),
     jumps: wp.array(dtype=wp.uint8),
