@@ -1,17 +1,27 @@
 """Parameters that nodes get at their start: hostile, misspelt, and of another type."""
 
+import itertools
 from pathlib import Path
+import re
 import subprocess
 import sys
+from typing import Any
 
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.robot_node import RobotCameras
 from hostile_files import hostile_texts
 import pytest
 from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import parameter_dict_from_yaml_file
 from rclpy.parameter_client import AsyncParameterClient
-from robots import robot_node
+from robots import robot_node, USUAL
 from streams import Flexx2Camera, Listener, Parameter, stream
+import yaml
 
 pytestmark = pytest.mark.usefixtures('ros')
+
+_numbers = itertools.count()
 
 
 @pytest.mark.parametrize('name', ['effects', 'profile'])
@@ -40,7 +50,7 @@ def test_no_file_gives_a_traceback_at_the_start(
     assert done.stderr.startswith(f'error: {name}: ')
     assert done.stderr.count('\n') == 1
     for text in hostile_texts(tmp_path / 'more' if (tmp_path / 'more').mkdir() is None else path):
-        if name == 'effects' and text in ('*', 'a\x1b[31mb'):
+        if name == 'effects' and text == 'a\x1b[31mb':
             continue
         with pytest.raises(ValueError, match=f'^{name}: '):
             Flexx2Camera(parameter_overrides=[Parameter(name, value=text)])
@@ -105,3 +115,84 @@ def test_a_serial_of_digits_stays_as_typed(tmp_path: Path, child_env: dict[str, 
             said[space] = process.communicate(timeout=60)[1]
     assert "in quotes, e.g. serial: '0123'" in said['/lost']
     assert 'quotes' not in said['/typed']
+
+
+# Texts that YAML's or ROS's reader of parameter files makes another type of, or may.
+TEXTS = (
+    *('*', '0123', '0089', 'true', 'True', '1e3', '12E4', 'y', 'n', 'Y', 'inf', 'nan', 'NaN'),
+    *('.5', '0x10', '0x1p3', '~', 'null', '', '5', '1.50', '+.5', '-inf', 'nan(1)', '1_000'),
+    *('1e400', 'yes', 'off'),
+    *('2026-01-01', '1:30', 'a: b', '# x', ' a', "it's", '[1, 2]', '[a]', '{a: 1}'),
+    *('!!int 3', '&a', '%', 'a\nb', 'lens', '/a b.yaml', '-', '=', 'word ' * 40, '1e+22', '1.e5'),
+)
+NOT_LOADED = '*', '2026-01-01', 'a: b', '{a: 1}', '=', '%'
+LOST_IN_A_FILE = {'1e3', '12E4', '0089', 'y', 'n', 'Y', 'NaN', '0x1p3', '+.5', 'nan(1)'}
+LOST_IN_A_FILE |= {'1e+22', '1.e5', '1e400', *NOT_LOADED}
+REFUSED = '^{}: must be a text that `ros2 param dump` and `load` keep as it is, got '
+
+
+def node_of(kind: type, *arguments: str, **values: Any) -> Any:
+    return kind(
+        namespace=f'/texts_{next(_numbers)}',
+        cli_args=['--ros-args', *arguments],
+        parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+    )
+
+
+def written(node: Any, path: Path) -> dict[str, Any]:
+    """Write a node's parameters as `ros2 param dump` does, and return them."""
+    values = {
+        name: list(value.value) if hasattr(value.value, 'typecode') else value.value
+        for name, value in node._parameters.items()
+        if not name.startswith('qos')
+    }
+    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': values}}))
+    return values
+
+
+def test_every_text_that_is_reported_survives_dump_and_load(tmp_path: Path) -> None:
+    """Assert both ways to load a dumped file, and a reason where ROS would change the text."""
+    path = tmp_path / 'dumped.yaml'
+    kept: dict[str, set[str]] = {'serial': set(), 'frame_id': set()}
+    with stream() as other:
+        for name, text in itertools.product(kept, TEXTS):
+            given = {name: text, 'effect.offset.bias': 1e-05}
+            try:
+                first = node_of(Flexx2Camera, **given)
+            except InputError as error:
+                assert re.match(REFUSED.format(name), str(error))
+                continue
+            kept[name].add(text)
+            values = written(first, path)
+            assert (values[name], values['effects']) == (text, 'none*')
+            second = node_of(Flexx2Camera, '--params-file', str(path))
+            assert {n: second.get_parameter(n).value for n in given} == given
+            request = SetParameters.Request(
+                parameters=list(parameter_dict_from_yaml_file(str(path), True).values())
+            )
+            for node in (first, other.camera):
+                answer = node._set_parameters_service(request, SetParameters.Response())
+                refused = [one.reason for one in answer.results if not one.successful]
+                assert all('(read-only)' in reason for reason in refused)
+                assert not refused or node is not first
+                assert node.get_parameter('frame_id').value == values['frame_id']
+                assert node.get_parameter('effect.offset.bias').value == 1e-05
+            first.destroy_node()
+            second.destroy_node()
+    assert set(TEXTS) - kept['serial'] == LOST_IN_A_FILE
+    assert kept['frame_id'] >= {'', '~', 'null', 'true', 'inf', 'nan', '5', 'lens'}
+    assert not kept['frame_id'] & {*LOST_IN_A_FILE, '0123', '*', '.5', '[1, 2]', '2026-01-01'}
+
+
+def test_texts_of_the_robot_survive_too(tmp_path: Path) -> None:
+    """Assert the same of `go1_cameras`, with names in lists."""
+    for name, value in (('frame_prefix', '1e3'), ('cameras', ['front_left', 'nan'])):
+        with pytest.raises(InputError, match=REFUSED.format(name)):
+            node_of(RobotCameras, **{name: value})
+    given = {**USUAL, 'frame_prefix': '0123', 'cameras': ['true', 'null']}
+    first = node_of(RobotCameras, **given)
+    values = written(first, tmp_path / 'dumped.yaml')
+    second = node_of(RobotCameras, '--params-file', str(tmp_path / 'dumped.yaml'))
+    assert {name: second.get_parameter(name).value for name in values} == values
+    first.destroy_node()
+    second.destroy_node()

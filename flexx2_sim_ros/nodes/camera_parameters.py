@@ -9,7 +9,7 @@ from flexx2_sim_ros.effects.effect import check_maps
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.messages.camera_info import is_rectified
 from flexx2_sim_ros.nodes.effect_parameters import EffectParameters
-from flexx2_sim_ros.nodes.parameters import declare, declare_text
+from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.physics.frame_state import check_frequencies
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode, Profile
@@ -68,7 +68,9 @@ class CameraParameters:
         self._profile = profile
         mode = self._declare_mode()
         self.effects = EffectParameters(node)
-        self.serial = declare_text(node, 'serial', 'SIM-0000', "The camera's serial number.")
+        self.serial: str = self._declare(
+            'serial', 'SIM-0000', "The camera's serial number.", read_only=True
+        )
         automatic = self._declare(
             _AUTO, True, 'Choose the exposure (of the gray image) automatically.'
         )
@@ -77,11 +79,11 @@ class CameraParameters:
             node.set_parameters([Parameter(_EXPOSURE, value=mode.exposure_us[1])])
         self.seed: int = self._declare('seed', 0, 'Seed of the noise.', read_only=True)
         self.camera_name = (
-            declare_text(
-                node,
+            self._declare(
                 'camera_name',
                 '',
                 "Cameras of different names share no noise; empty: the node's full name.",
+                read_only=True,
             )
             or node.get_fully_qualified_name()
         )
@@ -91,9 +93,8 @@ class CameraParameters:
         self._declare_formats()
         self.intrinsics = self._declare_intrinsics(profile.intrinsics)
         check_maps(self.effects.chosen, self.intrinsics.width, self.intrinsics.height)
-        for parameter in self._canonical([node.get_parameter(name) for name in _CHOICES]):
-            self._check(parameter.name, parameter.value)
-            node.set_parameters([parameter])
+        for name in _CHOICES:
+            self._check(name, node.get_parameter(name).value)
         self._on_change = on_change
         node.add_pre_set_parameters_callback(self._canonical)
         node.add_on_set_parameters_callback(self._validate)
@@ -131,9 +132,7 @@ class CameraParameters:
         )
 
     def _declare_formats(self) -> None:
-        self._declare(
-            'invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.', any_type=True
-        )
+        self._declare('invalid_value', 'nan', 'How an invalid pixel is written: nan or zero.')
         self._declare(
             'input_depth',
             'planar',
@@ -262,9 +261,6 @@ class CameraParameters:
                 with suppress(InputError):  # `_validate` returns the reason.
                     name = self._profile.mode(parameter.value).name
                     parameter = Parameter(_USECASE, value=name)
-            if parameter.name == 'invalid_value' and parameter.value != parameter.value:
-                # `-p invalid_value:=nan` arrives as the number.
-                parameter = Parameter('invalid_value', value='nan')
             result.append(parameter)
         return self.effects.expand(self._with_exposure(result))
 

@@ -14,6 +14,7 @@ from rclpy.parameter import Parameter
 FILE = 'effects'
 # Suffix of the file's name when the camera's numbers differ from the file's.
 _CHANGED = '*'
+_NO_FILE = 'none'  # before it: a file of parameters does not keep '*' alone
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,9 @@ class EffectParameters:
         return self._build({**self._numbers(), **changed}, source)
 
     def _text(self, source: _Source, numbers: Mapping[str, Any]) -> str:
-        return source.name + ('' if numbers == source.numbers else _CHANGED)
+        if numbers == source.numbers:
+            return source.name
+        return (source.name or _NO_FILE) + _CHANGED
 
     def _numbers(self) -> dict[str, float]:
         return {name: self._node.get_parameter(name).value for name in self._items}
@@ -189,6 +192,7 @@ class EffectParameters:
 
 
 def _read(name: str) -> _Source:
+    name = '' if name == _NO_FILE else name
     try:
         effects = load_effects(name) if name else ()
     except InputError as error:

@@ -1,11 +1,13 @@
 """A node that survives every service request and warns of misspelt parameters."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from traceback import format_exception
 from typing import Any
 from weakref import ref
 
 from flexx2_sim_ros.errors import did_you_mean, InputError, shown, unquoted
+from flexx2_sim_ros.nodes.parameters import as_declared, as_loaded
 from flexx2_sim_ros.nodes.runtime import Throttle
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import SetParametersResult
@@ -163,13 +165,23 @@ class SteadyNode(Node):
             )
         if not self.has_parameter(message.name):
             return _refused(self._no_such(message.name))
+        now = self.get_parameter(message.name)
+        given = Parameter.from_parameter_msg(message).value
         if self.describe_parameter(message.name).read_only:
-            now = self.get_parameter(message.name).to_parameter_msg()
-            if now != message:
+            with suppress(InputError):
+                if given == as_loaded(now.value):
+                    return SetParametersResult(successful=True)
+            if now.to_parameter_msg() != message:
                 return _refused(
                     f'{message.name}: must be set at the start (read-only), got a change'
                 )
             return SetParametersResult(successful=True)
+        try:
+            value = as_declared(message.name, given, now.value)
+        except InputError as error:
+            return _refused(str(error))
+        if value is not given:
+            message.value = Parameter(message.name, value=value).get_parameter_value()
         return None
 
 
