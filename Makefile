@@ -4,8 +4,22 @@ PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.complete
 
+MACHINE ?= $(shell uname -m)
+JAZZY ?= /opt/ros/jazzy
+
+ifeq ($(MACHINE),x86_64)
 # A sourced ROS must not put its own packages before those of .venv.
 unexport PYTHONPATH AMENT_PREFIX_PATH
+PACKAGES := -c constraints.txt -e '.[ros,test]'
+else
+# There are wheels of ROS for x86-64 only. Each command gets the ROS that is sourced, or else that
+# in JAZZY; its messages were compiled for numpy 1.
+SHELL := /bin/bash
+ifndef AMENT_PREFIX_PATH
+export BASH_ENV := $(JAZZY)/setup.bash
+endif
+PACKAGES := -e '.[view]' 'numpy<2'
+endif
 
 .PHONY: demo shell test matrix lint docs bench torture release clean
 
@@ -65,11 +79,16 @@ clean:
 $(STAMP): setup.py constraints.txt
 	@$(PYTHON) -c 'import sys; sys.version_info[:2] in ((3, 11), (3, 12)) or sys.exit("needs \
 	Python 3.11 or 3.12, found %d.%d: try make PYTHON=python3.12" % sys.version_info[:2])'
+ifneq ($(MACHINE),x86_64)
+	@$(PYTHON) -c 'import rclpy' 2> /dev/null || { echo "There are no wheels of ROS 2 for $(MACHINE):" \
+	"install ROS 2 Jazzy in $(JAZZY), or source your own, and run make again." >&2; exit 1; }
+	@echo "There are no wheels of ROS 2 for $(MACHINE): uses the one in $${AMENT_PREFIX_PATH%%:*}."
+endif
 	@echo "Making .venv with $$($(PYTHON) --version): downloads about 450 MB, needs 1.6 GB" \
 	"of disk and takes two to four minutes ..."
 	$(PYTHON) -m venv --clear .venv
 	@touch .venv/COLCON_IGNORE
-	$(BIN)/pip install --disable-pip-version-check -c constraints.txt -e '.[ros,test]'
+	$(BIN)/pip install --disable-pip-version-check $(PACKAGES)
 	$(BIN)/flexx2 compile
 	@touch $@
 	@echo "Made .venv."

@@ -371,6 +371,51 @@ def test_make_shell_finds_the_commands() -> None:
     assert {path.parent for path in found} == {Path(sys.executable).parent}
 
 
+def make_demo_on_aarch64(tmp_path: Path, **env: str) -> 'subprocess.CompletedProcess[str]':
+    """Run the rule with commands that only say what they are asked for."""
+    programs = {
+        'python3': 'test "$2" != "import rclpy" || test -e "$PYTHONPATH/rclpy.py"',
+        'pip': 'echo "pip $*"',
+        'flexx2': 'echo "flexx2 $* with $PYTHONPATH"',
+    }
+    for name, program in programs.items():
+        (tmp_path / name).write_text(f'#!/bin/sh\n{program}\n')
+        (tmp_path / name).chmod(0o755)
+    names = {'MACHINE': 'aarch64', 'JAZZY': tmp_path / 'jazzy', 'BIN': tmp_path}
+    names |= {'PYTHON': tmp_path / 'python3', 'STAMP': tmp_path / 'complete'}
+    kept = {k: v for k, v in os.environ.items() if k not in ('PYTHONPATH', 'AMENT_PREFIX_PATH')}
+    return subprocess.run(
+        ['make', '-s', 'demo', *(f'{name}={value}' for name, value in names.items())],
+        cwd=ROOT,
+        env={**kept, **env},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_computer_without_wheels_of_ros_uses_the_ros_that_it_has(tmp_path: Path) -> None:
+    done = make_demo_on_aarch64(tmp_path)
+    assert done.returncode == 2
+    assert 'There are no wheels of ROS 2 for aarch64: install ROS 2 Jazzy in' in done.stderr
+    assert 'pip' not in done.stdout
+    for folder in (tmp_path / 'jazzy', tmp_path / 'mine'):
+        folder.mkdir()
+        (folder / 'rclpy.py').touch()
+    ros = f'export PYTHONPATH={tmp_path}/jazzy AMENT_PREFIX_PATH={tmp_path}/jazzy:/more\n'
+    (tmp_path / 'jazzy' / 'setup.bash').write_text(ros)
+    mine = {'AMENT_PREFIX_PATH': f'{tmp_path}/mine', 'PYTHONPATH': f'{tmp_path}/mine'}
+    for folder, env in (('jazzy', {}), ('mine', mine)):
+        done = make_demo_on_aarch64(tmp_path, **env)
+        assert done.returncode == 0, done.stderr
+        assert (
+            f'no wheels of ROS 2 for aarch64: uses the one in {tmp_path}/{folder}.' in done.stdout
+        )
+        assert f'flexx2 demo with {tmp_path}/{folder}' in done.stdout
+        assert '[ros' not in done.stdout
+        (tmp_path / 'complete').unlink()
+
+
 def test_every_import_is_a_declared_dependency() -> None:
     declared = {
         depend.text
