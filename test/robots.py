@@ -78,7 +78,15 @@ class RobotUnderTest(Listener):
     def to(self, topic: str, kind: type) -> Any:
         """Return a publisher that the node listens to."""
         publisher = self.node.create_publisher(kind, f'{self.space}/{topic}', 10)
-        self.spin_until(publisher.get_subscription_count, topic)
+        # Each side learns of the other at its own time; what comes before is lost.
+        ends = [one for one in self.robot.subscriptions if one.topic_name == publisher.topic_name]
+        self.spin_until(
+            lambda: (
+                publisher.get_subscription_count()
+                and all(end.get_publisher_count() for end in ends)
+            ),
+            topic,
+        )
         return publisher
 
     def hear(self, topic: str, kind: type) -> list[Any]:

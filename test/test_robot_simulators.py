@@ -45,7 +45,7 @@ def test_another_simulator_moves_the_robot(robot):
             name.removesuffix('_joint') if k % 2 else f'go1/{name}'
             for k, name in enumerate(np.array(JOINTS)[order])
         ]
-        later = stamp + 20_000_000
+        later = stamp + 17_000_000
         states.publish(joints(stamp, angles, JOINTS))
         data, trunk = seen.robot._data, seen.robot._parts.trunk
         seen.spin_until(lambda: data.qpos[8] == 1.0, 'joints')
@@ -59,10 +59,10 @@ def test_another_simulator_moves_the_robot(robot):
         expected, _ = seen.robot._renderer.render(data, 'front_left')
         np.testing.assert_array_equal(array_of(images[-1]), expected)
         # Poses without new joints are shown by the next one; those too close are left out.
-        for after, x in ((20_000_000, 0.4), (21_000_000, 9.9), (40_000_000, 0.5)):
+        for after, x in ((17_000_000, 0.4), (18_000_000, 9.9), (34_000_000, 0.5)):
             poses.publish(odometry(later + after, (x, 0.1, 0.3)))
         seen.spin_until(lambda: len(images) == 3, 'an image')
-        assert nanoseconds(images[-1]) == later + 20_000_000
+        assert nanoseconds(images[-1]) == later + 17_000_000
         np.testing.assert_allclose(data.xpos[trunk], [0.4, 0.1, 0.3], atol=1e-9)
         # What is another simulator's to say is not said here.
         assert not [
