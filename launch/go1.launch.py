@@ -25,7 +25,7 @@ ARGUMENTS = {
     'effects': ('', 'Effects of all cameras: a preset, e.g. typical, or the path of a YAML file.'),
     'profile': ('', 'Profile of all cameras; empty for the Flexx2.'),
     'namespace': ('', 'Namespace of all nodes.'),
-    'use_sim_time': ('true', 'Whether the cameras follow /clock.'),
+    'use_sim_time': ('true', 'Whether the cameras and RViz follow /clock.'),
     'rviz': ('false', 'Whether to start RViz: true or false.'),
 }
 
@@ -38,7 +38,8 @@ def generate_launch_description() -> LaunchDescription:
         executable='rviz2',
         output='screen',
         arguments=['-d', str(config_dir() / 'flexx2.rviz')],
-        parameters=[{'use_sim_time': True}],
+        parameters=[_values(('use_sim_time',))],
+        on_exit=Shutdown(reason='RViz ended'),
         condition=IfCondition(LaunchConfiguration('rviz')),
     )
     robot = Node(

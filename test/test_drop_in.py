@@ -223,6 +223,20 @@ def test_the_robots_launch_file_starts_the_cameras_of_its_robot(
         assert process.returncode == 0, output
 
 
+@pytest.mark.parametrize(
+    ('argument', 'said'),
+    [('use_sim_time:=maybe', 'maybe'), ('rate:=fast', 'fast'), ('robot:=nothing', 'nothing')],
+)
+def test_a_wrong_argument_ends_the_launch_before_a_node_starts(
+    launch: Any, argument: str, said: str
+) -> None:
+    with launch('go1.launch.py', 'renderer:=ray', argument) as process:
+        output = process.communicate(timeout=PATIENCE)[0]
+    assert process.returncode != 0
+    assert said in output
+    assert 'process started' not in output
+
+
 def test_the_launch_files_are_documented() -> None:
     pages = (ROOT / 'docs' / 'driver.md').read_text() + (ROOT / 'docs' / 'nodes.md').read_text()
     for path in (ROOT / 'launch').glob('*.launch.py'):
