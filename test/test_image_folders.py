@@ -113,6 +113,19 @@ def test_an_archive_with_other_keys(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_recording(out).depth, metres()[:1])
 
 
+def test_images_of_one_stamp_are_left_out_with_a_note(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = ['a_1700000000123.png', 'b_1700000000123.png', 'a_1700000000456.png']
+    out = tmp_path / 'out.npz'
+    assert convert(folder_of(tmp_path / 'in', names), out, '--usecase', 'm') == 0
+    printed = ''.join(capsys.readouterr())
+    assert 'frames 1 (1 in all): the stamp of another frame: left out' in ' '.join(printed.split())
+    found = load_recording(out)
+    assert found.stamp_ns.tolist() == [1700000000123000000, 1700000000456000000]
+    np.testing.assert_array_equal(found.depth, metres()[[0, 2]])
+
+
 @pytest.mark.parametrize(
     ('name', 'options'),
     [

@@ -154,12 +154,6 @@ def _in_order(files: list[Path]) -> tuple[list[Path], list[int] | None]:
     if len(known) < len(files):
         return sorted(files, key=_natural), None
     both = sorted(zip(known, files, strict=True))
-    for (one, file), (other, _) in zip(both[1:], both, strict=False):
-        if one == other:
-            raise InputError(
-                f'{shown_path(file)}: must have a stamp of its own in its name, got that of '
-                'another image'
-            )
     return [file for _, file in both], [stamp for stamp, _ in both]
 
 
