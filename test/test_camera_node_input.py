@@ -200,6 +200,25 @@ def test_rays_outside_the_input_are_invalid_and_warned_about_once() -> None:
         assert len(seen.logged('outside the view of clean/depth_image')) == 1
 
 
+@pytest.mark.parametrize(('most', 'unit'), [(100, 'percent'), (255, 'bytes')])
+def test_reflectivity_in_another_unit_is_noticed(most: int, unit: str) -> None:
+    """Assert one warning with the factor, and the gray image of reflectivity from 0 to 1."""
+    paint = np.full((172, 224), 0.4, np.float32)
+    paint[:60] = 1.0
+    grays = []
+    for factor in (1.0, float(most)):
+        with stream(GRAY, auto_exposure_0=False, camera_name='shade') as seen:
+            for stamp in input_stamps(3, hz=30):
+                assert seen.show(boards(), stamp, paint * np.float32(factor))
+            grays.append([array_of(message) for message in seen.messages(GRAY)])
+            if factor > 1:
+                seen.spin_until(lambda said=seen.logged: said(f'taken for {unit}'), 'a warning')
+            said = seen.logged('reflectivity: up to', f'multiplied by {1 / most:.3g}')
+            assert len(said) == (factor > 1)
+    for one, other in zip(*grays, strict=True):
+        np.testing.assert_allclose(other.astype(int), one.astype(int), atol=1)
+
+
 def test_reflectivity_changes_the_gray_image_only() -> None:
     """Assert reflectivity is paired by stamp, whatever comes first, and optional."""
     paint = np.full((172, 224), 0.25, np.float32)

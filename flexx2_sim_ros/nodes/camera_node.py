@@ -23,6 +23,7 @@ from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 from flexx2_sim_ros.nodes.late_frames import LateFrames
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
 from flexx2_sim_ros.nodes.parameters import declare
+from flexx2_sim_ros.nodes.plausibility import ReflectivityUnit
 from flexx2_sim_ros.nodes.report import Statistics
 from flexx2_sim_ros.nodes.runtime import Throttle
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
@@ -68,6 +69,7 @@ class Flexx2Camera(SteadyNode):
         super().__init__('flexx2_camera', **options)
         self._claim = claim_name(self)
         self._said_once: set[str] = set()
+        self._reflectivity_unit = ReflectivityUnit(self._say_once)
         self._effects_said = ''
         self._throttle = Throttle()
         self._profile = self._find_profile()
@@ -319,7 +321,7 @@ class Flexx2Camera(SteadyNode):
         except InputError as error:  # It is optional: the frame is published without it.
             self._reject(error)
             return None
-        return np.clip(np.nan_to_num(image), 0.0, 1.0)
+        return self._reflectivity_unit.of(image)
 
     def _due(self, stamp: int) -> bool:
         statistics, gate = self._statistics, self._gate

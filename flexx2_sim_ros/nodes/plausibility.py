@@ -1,13 +1,42 @@
-"""The likely reason why no pixel of a depth image is in range, in words."""
+"""Units of what comes in, and the likely reason why no pixel of a depth image is in range."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
+from flexx2_sim_ros.recording.tidying import factor_of
 import numpy as np
 
 _MILLI = 1000.0
 # Values outside these limits are likely metres read in the wrong byte order.
 _SMALLEST, _LARGEST = 1e-6, 1e6
 _SAMPLES = 64
+
+
+class ReflectivityUnit:
+    """
+    Bring reflectivity in percent or bytes to 0 to 1, from the first image on that tells the unit.
+
+    Parameters
+    ----------
+    say : callable
+        Called once, with what it is taken for.
+
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        """Take it as it is at first."""
+        self._say = say
+        self._factor = 1.0
+
+    def of(self, image: np.ndarray) -> np.ndarray:
+        """Return an image (H, W) of floats from 0 to 1."""
+        if self._factor == 1.0:
+            sample = image[:: max(1, len(image) // _SAMPLES)]
+            self._factor, note = factor_of('reflectivity', sample, 'clean/reflectivity')
+            if note:
+                self._say(f'{note}; it is multiplied by {self._factor:.3g}, and must be 0 to 1')
+        scaled = np.nan_to_num(image) * np.float32(self._factor)
+        return np.clip(scaled, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
