@@ -1,30 +1,38 @@
 """`flexx2 compile`: compile the camera ahead of its first start."""
 
 import argparse
+from dataclasses import replace
+from pathlib import Path
+import tempfile
 import time
 
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
-from flexx2_sim_ros.cli.common import add_profile
+from flexx2_sim_ros.cli.common import add_profile, messages, progress_bar
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 from flexx2_sim_ros.profiles.files import find_profile
+from flexx2_sim_ros.profiles.modes import Profile
+
+_EFFECTS = 0.3  # of the time
+_SCALE, _FRAMES = 0.2, 6  # of the recordings of a diagnosis
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.epilog = 'example: flexx2 compile'
     parser.description = (
-        'Compile the camera model and all effects, so that a camera starts at once. '
+        'Compile the camera model, all effects and the diagnosis, so that a camera and '
+        'flexx2 gap diagnose start at once. '
         'The result is kept in the folder of the package, or in the cache folder of the user if '
         'that is not writable (then each user runs this command once). Run it again after an '
-        'update of the package or of numba. The commands characterize and gap have compiled loops '
-        'of their own. They are compiled when these commands run for the first time.'
+        'update of the package or of numba. Other commands have some compiled loops of their own. '
+        'They are compiled when these commands run for the first time.'
     )
     parser.add_argument(
         '--no-effects',
         action='store_true',
-        help='leave out the effects, which take most of the time',
+        help='leave out the effects and the diagnosis, which take most of the time',
     )
     add_profile(parser)
 
@@ -41,11 +49,15 @@ def run(arguments: argparse.Namespace) -> int:
     profile = find_profile(arguments.profile)
     camera = Camera(profile.default_usecase, profile=profile)
     chosen = () if arguments.no_effects else _that_apply(camera)
-    with compiling_said(say):
+    with progress_bar(messages()) as progress, compiling_said(say):
         warm_up(camera, profile.intrinsics)
-        for effect in chosen:
+        for i, effect in enumerate(chosen):
+            progress(f'compiling {effect.name}', _EFFECTS * i / len(chosen))
             own = Camera(camera.usecase, profile=profile, effects=[effect])
             warm_up(own, profile.intrinsics)
+        if not arguments.no_effects:
+            progress('compiling the diagnosis', _EFFECTS)
+            _diagnose(profile)
     print(
         f'compiled in {time.monotonic() - start:.0f} s'
         if compiled
@@ -57,3 +69,17 @@ def run(arguments: argparse.Namespace) -> int:
 def _that_apply(camera: Camera) -> list[Effect]:
     phases = not why_no_phases(camera.mode)
     return [kind() for kind in registry().values() if phases or not kind.needs_modulation]
+
+
+def _diagnose(profile: Profile) -> None:
+    # A small diagnosis compiles what a large one does.
+    from flexx2_sim_ros.gap import diagnose
+    from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
+    from flexx2_sim_ros.gap.planning.truths import KINDS, write_campaign
+
+    plan = replace(
+        read_plan(default_plan()), usecase=profile.default_usecase, scale=_SCALE, frames=_FRAMES
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        write_campaign(Path(folder), plan, profile, KINDS[0], {'offset': {'bias': 0.05}})
+        diagnose(folder, profile=profile)

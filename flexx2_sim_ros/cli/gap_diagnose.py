@@ -4,6 +4,8 @@ import argparse
 
 from flexx2_sim_ros.cli import common
 
+_COMPILING = 'compiling: takes a minute or two, once (flexx2 compile does it ahead) ...'
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
@@ -48,12 +50,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose with a progress bar, and print a short result."""
+    from flexx2_sim_ros.camera.compiling import compiling_said
+    from flexx2_sim_ros.camera.compiling import compiling_said
     from flexx2_sim_ros.gap import diagnose
     from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
     from flexx2_sim_ros.gap.report.words import headline, remarks, sentences
 
     console = common.messages()
-    with common.progress_bar(console) as progress:
+    said = compiling_said(lambda: console.print(_COMPILING))
+    with common.progress_bar(console) as progress, said:
         table = diagnose(
             arguments.campaign,
             without=arguments.without,
