@@ -51,7 +51,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Diagnose with a progress bar, and print a short result."""
     from flexx2_sim_ros.camera.compiling import compiling_said
-    from flexx2_sim_ros.camera.compiling import compiling_said
     from flexx2_sim_ros.gap import diagnose
     from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
     from flexx2_sim_ros.gap.report.words import headline, remarks, sentences
