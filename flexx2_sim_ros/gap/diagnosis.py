@@ -308,7 +308,9 @@ def _explain(decision: Decision, model: Model, campaign: Campaign) -> _Found:
         return before
     undecided = {one.effect for one in decision.undecided} - {one.effect for one in chosen}
     left = [one for one in campaign.candidates if one.effect not in undecided]
-    best = explain(replace(campaign, candidates=left, posed=posed), model, chosen)
+    best = explain(
+        replace(campaign, candidates=left, posed=posed), model, chosen, decision.accepted.values
+    )
     one = best.proposal
     if not one.effects:
         return before

@@ -15,7 +15,7 @@ from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.features.confirm import how_far
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
-from flexx2_sim_ros.gap.inference.joint import around, nothing, Proposal, proposals, Table
+from flexx2_sim_ros.gap.inference.joint import around, Begin, nothing, Proposal, proposals, Table
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.work import noisier, Simulations, summarise_all
 from flexx2_sim_ros.jobs import bind, Map
@@ -109,7 +109,7 @@ class Campaign:
         )
         model = Model(evidence, columns, np.array(one.prior))
         left = [c for c in self.candidates if c.effect not in now]
-        some = proposals(model, best, members, left, posed=self.posed)
+        some = proposals(model, best, members, left, Begin(posed=tuple(self.posed)))
         return [replace(p, sigma=(1 + best.sigma) * (1 + p.sigma) - 1) for p in some]
 
     def formed(self, best: Proposal) -> list[Proposal]:
@@ -137,7 +137,9 @@ class Campaign:
         return {name: one.far - best.far for name, one in judged}
 
 
-def explain(campaign: Campaign, model: Model, found: Sequence[Candidate]) -> Explained:
+def explain(
+    campaign: Campaign, model: Model, found: Sequence[Candidate], values: np.ndarray
+) -> Explained:
     """
     Return the set of effects that explains the recordings.
 
@@ -149,14 +151,21 @@ def explain(campaign: Campaign, model: Model, found: Sequence[Candidate]) -> Exp
         The same, beside the simulation without any effect.
     found : sequence of Candidate
         The effects that were found so far.
+    values : numpy.ndarray
+        (n,) of their terms.
 
     """
-    none, names = nothing(model), {one.effect for one in found}
-    others = [one for one in campaign.candidates if one.effect not in names]
-    posed = campaign.posed
-    more = proposals(model, none, [], others, found=found, posed=posed)[1:]
-    anew = proposals(model, none, [], campaign.candidates, posed=posed)
-    return refine(campaign, [*more, *anew])
+    campaign = replace(campaign, candidates=[_louder(one) for one in campaign.candidates])
+    begin = Begin(tuple(map(_louder, found)), values, tuple(campaign.posed))
+    return refine(campaign, proposals(model, nothing(model), [], campaign.candidates, begin)[1:])
+
+
+def _louder(one: Candidate) -> Candidate:
+    # Noise far below the model's is a filter's doing: beside one, it would take its place.
+    if one.kind.role != 'sigma':
+        return one
+    terms = tuple(replace(term, low=max(term.low, term.neutral)) for term in one.terms)
+    return replace(one, terms=terms)
 
 
 def refine(campaign: Campaign, begin: Sequence[Proposal]) -> Explained:
@@ -235,7 +244,7 @@ def _nearest(some: Sequence[Explained], within: float = ROUNDS.as_near) -> Expla
         )
     least = min(one.apart.mean() for one in some)
     near = [one for one in some if one.apart.mean() <= (1 + within) * least]
-    return min(near, key=lambda one: one.proposal.loss)
+    return min(near, key=lambda one: one.proposal.loss + ROUNDS.each * len(one.proposal.effects))
 
 
 def _far(

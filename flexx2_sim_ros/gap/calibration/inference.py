@@ -173,6 +173,7 @@ class Rounds:
     least_step: float = constant(0.05, 'of the usual value', 'likewise')
     reach: float = constant(2.0, 'steps', 'that a number may move in a round')
     as_near: float = constant(0.1, 'of the distance', 'within which the loss decides', MANY)
+    each: float = constant(1.0, 'loss', 'that another effect is worth then', MANY)
     nearer: float = constant(0.02, 'of the distance', 'within which the loss decides at last')
     needed: float = constant(0.01, 'of the distance', 'that each effect must take off', MANY)
     surely: float = constant(2.0, 'loss', 'that is enough where the distance shows nothing', MANY)

@@ -255,7 +255,7 @@ def with_effects(
         chosen=chosen.fit,
         shares=[_share(one.fit, chosen.fit, decision.excess) for one in without],
         intervals=[_interval(trials, one.fit, chosen.fit) for one in without],
-        confidences=[max(sure.get(one.effect, 0.0), ROUNDS.true) for one in chosen.fit.candidates],
+        confidences=[sure.get(one.effect, ROUNDS.true) for one in chosen.fit.candidates],
         alternatives=[
             one for one in decision.alternatives if one.fit.candidates[-1].effect not in kept
         ],

@@ -6,7 +6,7 @@ the columns are simulated again around the set: each number a step less and a st
 without each effect, and each other effect besides. The steps are those of Gauss and Newton.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -41,6 +41,30 @@ class Member:
     name: str
     candidate: Candidate | None
     without: str
+
+
+@dataclass(frozen=True)
+class Begin:
+    """
+    What of the catalogue is in a set from the beginning.
+
+    Attributes
+    ----------
+    found : tuple of Candidate
+        Effects that were found before.
+    values : numpy.ndarray
+        (n,) of their terms.
+    posed : tuple of Candidate
+        A pose error that the recordings have in common, if there is one.
+
+    """
+
+    found: tuple[Candidate, ...] = ()
+    values: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    posed: tuple[Candidate, ...] = ()
+
+
+NOTHING = Begin()
 
 
 @dataclass(frozen=True)
@@ -107,9 +131,7 @@ def proposals(
     now: Proposal,
     members: Sequence[Member],
     candidates: Sequence[Candidate],
-    tick: Callable[[], None] = lambda: None,
-    found: Sequence[Candidate] = (),
-    posed: Sequence[Candidate] = (),
+    begin: Begin = NOTHING,
 ) -> list[Proposal]:
     """
     Fit a set's numbers again, add what explains more, and take off what explains nothing.
@@ -124,12 +146,8 @@ def proposals(
         As from `around`.
     candidates : sequence of Candidate
         Other effects.
-    tick : callable
-        Called now and then.
-    found : sequence of Candidate
-        Those of them to begin with.
-    posed : sequence of Candidate
-        A pose error that the recordings have in common, if there is one.
+    begin : Begin
+        What of them is in it from the beginning.
 
     Returns
     -------
@@ -141,16 +159,17 @@ def proposals(
     wide = model.widened(ROUNDS.scale)
     trials = Trials(wide.carrying({one.name: one.without for one in members}))
     kept = {one.name: one.without for one in members}
-    state = _State(trials, trials.choice(posed), kept, {})
+    state = _State(trials, trials.choice(begin.posed), kept, {})
     as_it_is = state.proposal(now, 'as it is')
     out = [replace(as_it_is, effects=now.effects, without=now.without)]
-    steps = [*found, *(one.candidate for one in members if one.candidate)]
-    if steps:
-        added = {one.effect: one for one in found}
-        state = replace(state, chosen=trials.choice([*posed, *steps]), added=added)
+    steps = [one.candidate for one in members if one.candidate]
+    if begin.found or steps:
+        start = [*begin.values, *(term.neutral for one in steps for term in one.terms)]
+        chosen = trials.choice([*begin.posed, *begin.found, *steps], np.array(start))
+        state = replace(state, chosen=chosen, added={one.effect: one for one in begin.found})
         out.append(state.proposal(now, 'new numbers'))
     for _ in range(ROUNDS.added if members else ROUNDS.first):
-        larger = _with_one_more(state, candidates, tick)
+        larger = _with_one_more(state, candidates)
         if larger is None:
             break
         state = larger
@@ -159,7 +178,6 @@ def proposals(
     known: dict[str, tuple[float, float]] = {}
     while state.names:
         gains = {name: state.gain(name) for name in state.names}
-        tick()
         out[-1], known = replace(out[-1], gains=gains), known or gains
         weak = [name for name, (gain, t) in gains.items() if gain < ROUNDS.kept or t < ROUNDS.t]
         if not weak:
@@ -286,16 +304,13 @@ def _around(
     return columns, Member(name, candidate, gone.name)
 
 
-def _with_one_more(
-    state: _State, candidates: Sequence[Candidate], tick: Callable[[], None]
-) -> _State | None:
+def _with_one_more(state: _State, candidates: Sequence[Candidate]) -> _State | None:
     more, chosen = [], state.chosen
     for candidate in candidates:
         if candidate.effect in state.names or candidate.kind.role == 'pose':
             continue
         start = [*chosen.fit.values, *(term.neutral for term in candidate.terms)]
         more.append(state.trials.choice([*chosen.fit.candidates, candidate], np.array(start)))
-        tick()
     for one in best_of_each(more, last=True):
         if one.gain - chosen.gain < ROUNDS.gain * state.trials.count:
             return None
