@@ -13,7 +13,7 @@ from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.features.catalogue import catalogue
-from flexx2_sim_ros.gap.inference.decide import decidable_part
+from flexx2_sim_ros.gap.inference.decidable import decidable_part
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED
 from flexx2_sim_ros.gap.report.words import headline, sentences
 import numpy as np

@@ -20,21 +20,13 @@ from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
 from flexx2_sim_ros.gap.elsewhere import Elsewhere
+from flexx2_sim_ros.gap.explained import explained, found_set, FoundSet
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, rounds_of_named, Simulator
-from flexx2_sim_ros.gap.inference.decide import (
-    decidable_candidates,
-    decide,
-    Decision,
-    with_effects,
-)
-from flexx2_sim_ros.gap.inference.effects import (
-    fitted_effects,
-    held_out_effects,
-    of_camera,
-    table_of,
-)
+from flexx2_sim_ros.gap.inference.decidable import decidable_candidates
+from flexx2_sim_ros.gap.inference.decide import decide, Decision
+from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
 from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
@@ -48,7 +40,7 @@ from flexx2_sim_ros.gap.report.table import (
     verdict_of,
 )
 from flexx2_sim_ros.gap.report.writing import FILES, write
-from flexx2_sim_ros.gap.rounds import Campaign, explain
+from flexx2_sim_ros.gap.rounds import Campaign
 from flexx2_sim_ros.gap.work import (
     find,
     noisier,
@@ -216,14 +208,14 @@ def diagnose(
         left_out = left_out + unusable
         step = stepper(progress, 'fitting effects together', 0.5, 0.3, _ROUNDS * len(used))
         campaign = Campaign(str(campaign_dir), used, candidates, simulations, mapped, step)
-        found_set = _explain(decision, model, campaign)
+        chosen = explained(decision, model, campaign)
         simulator = Simulator(mapped, profile, known, seed, tuple(prior))
-        named = _simulate_named(model, found_set, used, simulator, calibrate, progress)
+        named = _simulate_named(model, chosen, used, simulator, calibrate, progress)
         table = named.table(model, used, left_out)
         if makes_larger(table):
             refused, still = named.decision.refused(), portion(progress, 0.98, 0.0)
-            found_set = _found(refused, model)
-            named = _simulate_named(model, found_set, used, simulator, calibrate, still)
+            chosen = found_set(refused, model)
+            named = _simulate_named(model, chosen, used, simulator, calibrate, still)
             table = named.table(model, used, left_out)
         effects, decision = named.effects, named.decision
         table['settings'] = _settings(found[0], seed, pose_prior, told)
@@ -280,78 +272,16 @@ def _decide(
     return decision
 
 
-@dataclass(frozen=True)
-class _Found:
-    # A decision, its effects fitted to all recordings and without each, where the camera of each
-    # recording is with them, the error of the base sigma_z, and what each effect takes off.
-    decision: Decision
-    fitted: list[Effect]
-    held_out: list[list[Effect]]
-    motions: list[np.ndarray]
-    sigma: float
-    rises: dict[str, np.ndarray]
-
-
-def _found(decision: Decision, model: Model) -> _Found:
-    fit = decision.accepted
-    motions = model.own.found(fit.nuisances)
-    fitted, held_out = fitted_effects(model, fit), held_out_effects(model, fit)
-    return _Found(decision, fitted, held_out, motions, fit.sigma, {})
-
-
-def _explain(decision: Decision, model: Model, campaign: Campaign) -> _Found:
-    # What was decided around the simulation without effects, fitted around the one with them.
-    before = _found(decision, model)
-    posed = [one for one in decision.accepted.candidates if one.kind.role == 'pose']
-    chosen = [one for one in decision.accepted.candidates if one.kind.role != 'pose']
-    if not chosen:
-        return before
-    undecided = {one.effect for one in decision.undecided} - {one.effect for one in chosen}
-    left = [one for one in campaign.candidates if one.effect not in undecided]
-    best = explain(
-        replace(campaign, candidates=left, posed=posed), model, chosen, decision.accepted.values
-    )
-    one = best.proposal
-    if not one.effects:
-        return before
-    forms = [*(one.forms[name] for name in one.effects), *posed]
-    values = [
-        one.effects[form.effect].get(term.name, term.neutral)
-        for form in forms
-        for term in form.terms
-    ]
-    decision = with_effects(decision, model, forms, np.array(values, float))
-    typical = _found(decision, model)
-
-    def own(table: Table, as_fitted: Sequence[Effect]) -> list[Effect]:
-        # A form is fitted again, beside all of the set: it begins as in the catalogue.
-        now = {effect.name: effect for effect in parse_effects(table) if not effect.forms}
-        return [now.get(effect.name, effect) for effect in as_fitted]
-
-    return replace(
-        typical,
-        fitted=own(one.effects, typical.fitted),
-        held_out=[own(*pair) for pair in zip(one.without, typical.held_out, strict=True)],
-        motions=one.motions,
-        sigma=one.sigma,
-        rises=best.rises,
-    )
-
-
 def _simulate_named(
     model: Model,
-    found: _Found,
+    found: FoundSet,
     used: list[Found],
     simulator: Simulator,
     calibrate: bool,
     progress: Progress,
 ) -> _Named:
-    decision, fitted, held_out, motions = (
-        found.decision,
-        found.fitted,
-        found.held_out,
-        found.motions,
-    )
+    decision, motions = found.decision, found.motions
+    fitted, held_out = found.fitted, found.held_out
     used, noisy = noisier(used, simulator.profile, 1 + found.sigma)
     simulator = replace(simulator, profile=noisy)
     step = stepper(progress, 'simulating the outcome', 0.8, 0.06, 2 * len(used))

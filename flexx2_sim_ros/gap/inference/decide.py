@@ -3,12 +3,10 @@
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 
-from flexx2_sim_ros.effects import of_role
 from flexx2_sim_ros.gap.calibration.decisions import calibrated, Decisions
 from flexx2_sim_ros.gap.calibration.inference import ROUNDS, THRESHOLDS, Thresholds
-from flexx2_sim_ros.gap.data.hidden import Hidden
 from flexx2_sim_ros.gap.features.catalogue import Candidate
-from flexx2_sim_ros.gap.inference.decidable import Undecided, undecided
+from flexx2_sim_ros.gap.inference.decidable import decidable_part, Undecided, undecided
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED, judge, Judgement
@@ -265,79 +263,6 @@ def with_effects(
 
 def _share(without: Fit, chosen: Fit, excess: float) -> float:
     return min(max((without.total - chosen.total) / excess, 0.0), 1.0)
-
-
-def decidable_part(candidate: Candidate, hidden: Set[str]) -> Candidate:
-    """
-    Return a candidate without the terms that change depth just like a hidden effect does.
-
-    The constant of an amplitude bias is such a term where an offset is hidden: the fit would use
-    it for whatever the ground truth leaves open.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        The candidate, of an effect that is not hidden.
-    hidden : set of str
-        Effects that errors of poses and planes look like.
-
-    """
-    fixed = {
-        term.name
-        for one in candidate.kind.hypotheses
-        for term in one.terms
-        if term.stand_in and term.stand_in.decay is None and term.stand_in.effect in hidden
-    }
-    free = [term.name not in fixed for term in candidate.terms]
-    if all(free) or not any(free):
-        return candidate
-
-    def build(values: tuple[float, ...]) -> dict[str, float]:
-        left = iter(values)
-        return candidate.build(
-            tuple(
-                next(left) if one else term.neutral
-                for term, one in zip(candidate.terms, free, strict=True)
-            )
-        )
-
-    terms = tuple(term for term, one in zip(candidate.terms, free, strict=True) if one)
-    given = candidate.given and decidable_part(candidate.given, hidden)
-    return replace(candidate, terms=terms, build=build, given=given)
-
-
-def decidable_candidates(
-    model: Model, candidates: Sequence[Candidate], hidden: Sequence[Hidden]
-) -> tuple[list[Candidate], list[Undecided]]:
-    """
-    Return what a campaign can be explained with, and what its ground truth hides.
-
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    candidates : sequence of Candidate
-        The catalogue.
-    hidden : sequence of Hidden
-        What the campaign's ground truth hides by the way it was made.
-
-    Returns
-    -------
-    tuple of list
-        The candidates that are left, and ``absorbed`` for `decide`.
-
-    """
-    names = {one.effect for one in hidden if one.absorbed == 1}  # Fully hidden.
-    left = [one for one in candidates if one.effect not in names]
-    if not model.own.posed.any():
-        left = [one for one in left if one.kind.role != 'pose']
-    # A pose error is not an effect of the camera, so the verdict does not depend on it.
-    absorbed = [
-        Undecided(one.effect, one.absorbed, one.settled_by)
-        for one in hidden
-        if one.effect != of_role('pose').name
-    ]
-    return left, absorbed
 
 
 def hidden_could_explain(

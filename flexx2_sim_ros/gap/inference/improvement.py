@@ -19,6 +19,8 @@ _REPEAT = next(i for i, one in enumerate(LAYOUT) if one.channel == 'repeat')
 _AT_EDGES = np.array(
     [one.axis in ('edge', 'concavity') or one.channel.startswith('jump_') for one in LAYOUT]
 )
+# What an effect takes off: the distance in tolerances; of it depth and lost pixels.
+TAKEN = 'distance', 'mm', 'invalid_percent'
 
 
 def tolerances(model: Model) -> dict[str, float]:
@@ -176,3 +178,21 @@ def measured(values: np.ndarray, tolerance: float) -> dict[str, Any]:
     out['better'] = bool(high < 0 and out['change'] < -tolerance)
     out['worse'] = bool(low > 0 and out['change'] > tolerance)
     return out
+
+
+def taken_off(rise: np.ndarray | None) -> dict[str, Any] | None:
+    """
+    Return what an effect takes off: means over recordings, each with a 90 % interval.
+
+    Parameters
+    ----------
+    rise : numpy.ndarray or None
+        (R, 3) as from `rounds.Explained`.
+
+    """
+    if rise is None:
+        return None
+    return {
+        name: {'mean': float(column.mean()), 'interval': mean_interval(column)}
+        for name, column in zip(TAKEN, rise.T, strict=True)
+    }

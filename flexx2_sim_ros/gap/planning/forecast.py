@@ -14,8 +14,8 @@ from flexx2_sim_ros.gap.data.hidden import Hidden
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import SIZE
-from flexx2_sim_ros.gap.inference.decidable import undecided
-from flexx2_sim_ros.gap.inference.decide import decidable_candidates, decide, Decision
+from flexx2_sim_ros.gap.inference.decidable import decidable_candidates, undecided
+from flexx2_sim_ros.gap.inference.decide import decide, Decision
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.explanations import Explanation, explanations, probabilities

@@ -20,19 +20,17 @@ from flexx2_sim_ros.gap.forms.calibratable import PATTERN
 from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Alternative, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects
-from flexx2_sim_ros.gap.inference.improvement import all_measured, simulated_losses
+from flexx2_sim_ros.gap.inference.improvement import all_measured, simulated_losses, taken_off
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import Patch
 from flexx2_sim_ros.gap.inference.told import told
-from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
+from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.report.age import age_table, arrival_of, with_delay
 from flexx2_sim_ros.gap.report.words import camera_effects, constants_of
 import numpy as np
 
 SCHEMA = 2
-# What an effect takes off: the distance in tolerances; of it depth and lost pixels.
-TAKEN = 'distance', 'mm', 'invalid_percent'
 
 
 def diagnosis_table(
@@ -224,24 +222,6 @@ def _effect_rows(
         }
         for effect, confidence in zip(effects, decision.confidences, strict=False)
     ]
-
-
-def taken_off(rise: np.ndarray | None) -> dict[str, Any] | None:
-    """
-    Return what an effect takes off: means over recordings, each with a 90 % interval.
-
-    Parameters
-    ----------
-    rise : numpy.ndarray or None
-        (R, 3) as from `rounds.Explained`.
-
-    """
-    if rise is None:
-        return None
-    return {
-        name: {'mean': float(column.mean()), 'interval': mean_interval(column)}
-        for name, column in zip(TAKEN, rise.T, strict=True)
-    }
 
 
 def _alternative(model: Model, one: Alternative) -> dict[str, Any]:
