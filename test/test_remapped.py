@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
+from flexx2_sim_ros.nodes.probe import Capture, Probe
 from flexx2_sim_ros.nodes.viewer import Viewer
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.bag_files import Bag
@@ -29,18 +30,20 @@ pytestmark = pytest.mark.usefixtures('ros')
 class Simulator(Listener):
     """Publishes a wall on topics of its own; a camera node takes them."""
 
-    def __init__(self, topics: list[str]) -> None:
+    def __init__(
+        self, topics: list[str], source: dict[str, str] = TOPICS, remap: bool = True
+    ) -> None:
         super().__init__()
-        remaps = [word for name in topics for word in ('-r', f'{name}:={TOPICS[name]}')]
+        remaps = [word for name in topics if remap for word in ('-r', f'{name}:={source[name]}')]
         self.camera = Flexx2Camera(namespace=SPACE, cli_args=['--ros-args', *remaps])
         self.add(self.camera)
         self._send = {
-            name: self.node.create_publisher(kind, TOPICS[name], 10)
+            name: self.node.create_publisher(kind, source[name], 10)
             for name, kind in zip(TOPICS, (Image, CameraInfo, Image), strict=True)
             if name in topics
         }
         self._stamp = 0
-        inputs = [one for one in self.camera.subscriptions if one.topic_name in TOPICS.values()]
+        inputs = [one for one in self.camera.subscriptions if one.topic_name in source.values()]
         self.spin_until(
             lambda: (
                 all(publisher.get_subscription_count() for publisher in self._send.values())
@@ -139,3 +142,42 @@ def test_the_page_shows_clean_depth(simulator: Simulator) -> None:
         assert list(viewer.shots) == ['remapped/left']
     finally:
         viewer.destroy_node()
+
+
+def test_two_cameras_of_one_simulator_both_have_the_ground_truth(
+    child_env: dict[str, str], tmp_path: Path
+) -> None:
+    """Assert it also where the second camera takes what has the usual name of the first."""
+    usual = {topic: f'{SPACE}/{topic}' for topic in TOPICS}
+    for number, (source, first) in enumerate(((TOPICS, True), (usual, False))):
+        remaps = [word for name, topic in source.items() for word in ('-r', f'{name}:={topic}')]
+        one = Simulator(list(TOPICS)[:2], source, remap=first)
+        two = Flexx2Camera(namespace='/remapped/right', cli_args=['--ros-args', *remaps])
+        one.add(two)
+        bag = tmp_path / str(number)
+        try:
+            with flexx2(child_env, 'record', bag, '--seconds', 1) as process:
+                while process.poll() is None:
+                    one.show()
+                finish(process)
+        finally:
+            one.close()
+            two.destroy_node()
+        assert recording_cameras(bag) == ['remapped/left', 'remapped/right']
+        for camera in recording_cameras(bag):
+            clean = load_recording(bag, camera=camera).clean_depth
+            assert clean is not None
+            assert np.nanmax(clean) == pytest.approx(1.5)
+
+
+def test_the_probe_measures_a_camera_with_remapped_images(simulator: Simulator) -> None:
+    probe = Probe([SPACE[1:]])
+    try:
+        simulator.add(probe._node)
+        simulator.spin_until(lambda: simulator.show() or probe.streaming(), 'frames')
+        probe.captures = {SPACE[1:]: Capture()}
+        probe._from[SPACE[1:]] = 0
+        simulator.spin_until(lambda: simulator.show() or probe.captures[SPACE[1:]].stamps, 'pair')
+        np.testing.assert_array_equal(probe.captures[SPACE[1:]].clean, CLEAN)
+    finally:
+        probe._node.destroy_node()

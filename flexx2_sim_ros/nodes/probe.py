@@ -6,6 +6,8 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.decoding import decode_image, stamp_nanoseconds
+from flexx2_sim_ros.nodes.remapped import remapped
+from flexx2_sim_ros.recording.bag_cameras import CameraTopics, find_cameras
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -133,7 +135,8 @@ class Probe:
     Parameters
     ----------
     cameras : list of str
-        Namespaces; ``<camera>/flexx2_camera`` is the node and ``<camera>/clean`` its input.
+        Namespaces; ``<camera>/flexx2_camera`` is the node. Its clean images are
+        ``<camera>/clean/depth_image``, or what it subscribes to instead.
 
     """
 
@@ -148,16 +151,34 @@ class Probe:
         self._seen: set[str] = set()
         self._from = dict.fromkeys(cameras, 1 << 62)
         self._clients = {}
+        self._clean_topics: dict[str, CameraTopics] = {}
+        self._listening: dict[str, Any] = {}
         for name in cameras:
             node = f'/{name}/flexx2_camera'
             self._clients[name] = AsyncParameterClient(self._node, node)
-            self._subscribe(f'/{name}/clean/depth_image', name, self._on_clean)
+            depth = f'{node}/depth_image_0'
+            (self._clean_topics[name],) = find_cameras({depth: 'sensor_msgs/msg/Image'}).values()
+            self._listen(name)
             self._subscribe(f'{node}/depth_noise_0', name, self._on_sigma)
-            self._subscribe(f'{node}/depth_image_0', name, self._on_depth)
+            self._subscribe(depth, name, self._on_depth)
 
-    def _subscribe(self, topic: str, name: str, callback: Any) -> None:
+    def _listen(self, name: str) -> None:
+        topic = self._clean_topics[name].clean
+        self._listening[name] = self._subscribe(topic, name, self._on_clean)
+
+    def _follow(self) -> None:
+        for name, known in self._clean_topics.items():
+            topics = remapped(self._node, known)
+            if topics.clean != known.clean:
+                self._clean_topics[name] = topics
+                self._node.destroy_subscription(self._listening[name])
+                self._listen(name)
+
+    def _subscribe(self, topic: str, name: str, callback: Any) -> Any:
         # Reliable, so that a missing frame was not published.
-        self._node.create_subscription(Image, topic, lambda message: callback(name, message), 10)
+        return self._node.create_subscription(
+            Image, topic, lambda message: callback(name, message), 10
+        )
 
     def _on_clean(self, name: str, message: Image) -> None:
         kept = self._clean[name]
@@ -199,6 +220,7 @@ class Probe:
 
     def streaming(self) -> bool:
         """Return whether images of every camera arrive and its node answers."""
+        self._follow()
         # A node's services exist before its camera is compiled, which takes seconds.
         return (
             self._seen == self._clients.keys()

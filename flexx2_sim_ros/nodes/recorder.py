@@ -138,7 +138,7 @@ class Recorder(Node):
         self._samples: dict[str, Sample] = {}
         self._probes: dict[str, Any] = {}
         self._said: set[str] = set()
-        self._names: dict[str, str] = {}
+        self._names: dict[str, list[str]] = {}
         self._subscribe(EVENTS, messages.PARAMETER_EVENT)
         self._look()
         self.create_timer(_LOOK_SECONDS, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -158,12 +158,17 @@ class Recorder(Node):
             if topic in _BESIDE or any(fnmatchcase(topic, name) for name in self._also)
         ]
         own = [remapped(self, camera) for camera in find_cameras(there).values()]
-        # In the bag, clean images have the names by which they are found there.
+        # In the bag, clean images have the names by which they are found there. Two cameras may
+        # have the same ones.
         for camera in own:
-            self._names |= {topic: name for name, topic in camera.inputs.items()}
+            for clean in _CLEAN_TOPICS:
+                usual = f'{camera.space}/clean/{clean}'
+                names = self._names.setdefault(camera.inputs.get(usual, usual), [])
+                if usual not in names:
+                    names.append(usual)
             if self._is_wanted(camera.name, camera.node):
                 wanted += camera.inputs.values()
-        others = {topic: kind for topic, kind in there.items() if topic not in self._names}
+        others = {topic: kind for topic, kind in there.items() if self._names_of(topic) == [topic]}
         for topic in unknown_topics(others):
             self._probe(topic, there[topic])
         found = survey(others, self._samples)
@@ -250,8 +255,8 @@ class Recorder(Node):
             self.get_logger().warning(
                 f'{topic}: is published as best effort: messages can be lost'
             )
-        if offers:
-            self._sink.offer(self._names.get(topic, topic), [_offered(offer) for offer in offers])
+        for name in self._names_of(topic) if offers else ():
+            self._sink.offer(name, [_offered(offer) for offer in offers])
         self.create_subscription(
             message_type, topic, partial(self._on_message, topic), quality, raw=True
         )
@@ -278,12 +283,17 @@ class Recorder(Node):
         statistics = self.topics[topic]
         # A bag is read in order of time. If the clock is set back, times must still not go back.
         self._time = max(self._time, time.time_ns())
-        name = self._names.get(topic, topic)
-        if self._sink.put(Message(name, statistics.kind, self._time, data)):
+        if all(
+            self._sink.put(Message(name, statistics.kind, self._time, data))
+            for name in self._names_of(topic)
+        ):
             statistics.messages += 1
             statistics.size += len(data)
         else:
             statistics.refused += 1
+
+    def _names_of(self, topic: str) -> list[str]:
+        return self._names.get(topic, [topic])
 
     def _ask(self, node: str) -> None:
         # No message gives the present mode, nor whether clean depth is along the ray: ask for them
