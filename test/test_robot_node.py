@@ -199,16 +199,20 @@ def test_a_reset_moves_the_robot_back_and_time_goes_on():
         assert exact([nanoseconds(message) for message in poses])
 
 
+def distance(seen, images, pixel=(86, 112)):
+    """Return the depth of a pixel in the first image that is sent from now on."""
+    now = seen.robot._pacer.stamp  # Images with this stamp were sent before.
+    seen.spin_until(lambda: images and nanoseconds(images[-1]) > now, 'an image')
+    return array_of(images[-1])[pixel]
+
+
 def test_the_board_follows_its_parameters():
     with robot_node(scene='board', board_distance=1.5) as seen:
         images = seen.hear('front_left/clean/depth_image', Image)
-        middle = (86, 112)
-        seen.more(images, 1)
-        assert array_of(images[-1])[middle] == pytest.approx(1.5, abs=2e-3)
+        assert distance(seen, images) == pytest.approx(1.5, abs=2e-3)
         assert seen.change(board_distance=2.0, board_angle_deg=60.0).successful
-        seen.more(images, 4)
-        assert array_of(images[-1])[middle] == pytest.approx(2.0, abs=0.01)
-        assert array_of(images[-1])[86, 130] > 2.2
+        assert distance(seen, images) == pytest.approx(2.0, abs=0.01)
+        assert distance(seen, images, (86, 130)) > 2.2
         assert not seen.change(board_distance=99.0).successful
 
 
@@ -218,27 +222,23 @@ def test_the_board_stays_until_its_parameters_change_or_a_reset():
         images = seen.hear('front_left/clean/depth_image', Image)
         poses = seen.hear('odom', Odometry)
 
-        def distance():
-            now = seen.robot._pacer.stamp  # Images with this stamp were sent before.
-            seen.spin_until(lambda: nanoseconds(images[-1]) > now, 'an image')
-            return array_of(images[-1])[86, 112]
-
-        for _ in range(8):
+        def turned_enough():
             drive.publish(twist(turn=1.0))
-            seen.more(poses, 3)
+            return poses and place(poses[-1])[1] > 0.3
+
+        seen.spin_until(turned_enough, 'a turn')
         assert seen.change(max_turn=0.0).successful
         seen.spin_until(lambda: abs(poses[-1].twist.twist.angular.z) < 1e-6, 'a stop')
-        assert place(poses[-1])[1] > 0.2
-        turned = distance()
+        turned = distance(seen, images)
         assert abs(turned - 1.0) > 0.02
         # The value that the board has already is no change, as in a file of `ros2 param dump`.
         for values in ({'max_speed': 0.5}, {'real_time_factor': 2.0}, {'board_distance': 1.0}):
             assert seen.change(**values).successful
-            assert distance() == pytest.approx(turned, abs=2e-3)
+            assert distance(seen, images) == pytest.approx(turned, abs=2e-3)
         assert seen.change(board_distance=1.2).successful
-        assert distance() == pytest.approx(1.2, abs=2e-3)
+        assert distance(seen, images) == pytest.approx(1.2, abs=2e-3)
         assert seen.reset().success
-        assert distance() == pytest.approx(1.2, abs=2e-3)
+        assert distance(seen, images) == pytest.approx(1.2, abs=2e-3)
 
 
 def test_frames_follow_the_conventions_of_ros():
