@@ -2,9 +2,10 @@
 
 from flexx2_sim_ros.paths import config_dir, executable
 from flexx2_sim_ros.robots.robot import load_robot
-from launch import LaunchContext, LaunchDescription
+from launch import Action, LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.conditions import IfCondition
+from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
@@ -39,15 +40,15 @@ def generate_launch_description() -> LaunchDescription:
         output='screen',
         arguments=['-d', str(config_dir() / 'flexx2.rviz')],
         parameters=[_values(('use_sim_time',))],
-        on_exit=Shutdown(reason='RViz ended'),
         condition=IfCondition(LaunchConfiguration('rviz')),
+        on_exit=_end,
     )
     robot = Node(
         executable=str(executable('go1_cameras')),
         namespace=LaunchConfiguration('namespace'),
         output='screen',
         parameters=[_values(ROBOT)],
-        on_exit=Shutdown(reason='go1_cameras ended'),
+        on_exit=_end,
     )
     arguments = [
         DeclareLaunchArgument(name, default_value=default, description=text)
@@ -62,6 +63,20 @@ def _values(names: tuple[str, ...]) -> dict[str, ParameterValue]:
         name: ParameterValue(LaunchConfiguration(name), value_type=KINDS.get(name, str))
         for name in names
     }
+
+
+def _end(event: ProcessExited, context: LaunchContext) -> list[Action]:
+    # The first that ends ends all others; one that failed makes the exit status 1.
+    if context.is_shutdown:
+        return []
+    failed = (
+        [OpaqueFunction(function=_fail, args=[event.process_name])] if event.returncode else []
+    )
+    return [Shutdown(reason=f'{event.process_name} ended'), *failed]
+
+
+def _fail(_: LaunchContext, name: str) -> None:
+    raise RuntimeError(f'{name} failed')
 
 
 def _check(context: LaunchContext) -> None:
@@ -83,7 +98,7 @@ def _cameras(context: LaunchContext) -> list[Node]:
             namespace=f'{space}/{mount.name}' if space else mount.name,
             output='screen',
             parameters=[_values(CAMERA)],
-            on_exit=Shutdown(reason=f'the camera {mount.name} ended'),
+            on_exit=_end,
         )
         for mount in robot.mounts
     ]
