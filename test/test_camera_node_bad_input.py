@@ -285,12 +285,11 @@ def test_rejection_is_in_the_diagnostics() -> None:
     [
         ({'usecase': 'Mode_9_31fps'}, ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
         ({'usecase': ''}, ['usecase', "''", 'Mode_9_30fps']),
-        ({'invalid_value': 'NaN'}, ['invalid_value', "'NaN'", 'nan, zero']),
+        ({'invalid_value': 'NaN'}, ['invalid_value', "'NaN'"]),
         ({'input_depth': 'flat'}, ['input_depth', "'flat'", 'planar, radial']),
         ({'exposure_time_0': 10**6}, ['exposure_time_0: must be', 'Mode_9_30fps', '1000000']),
         ({'frame_id': 'x' * 256}, ['frame_id: must be at most 255 characters, got 256']),
-        ({'usecase': 5}, ['STRING', 'INTEGER']),
-        ({'frame_id': 5}, ['STRING', 'INTEGER']),
+        ({'usecase': 5}, ['usecase', "'5'", 'Mode_9_30fps']),
     ],
     ids=str,
 )

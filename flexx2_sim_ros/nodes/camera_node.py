@@ -69,7 +69,6 @@ class Flexx2Camera(SteadyNode):
         super().__init__('flexx2_camera', **options)
         self._claim = claim_name(self)
         self._said_once: set[str] = set()
-        self._reflectivity_unit = ReflectivityUnit(self._say_once)
         self._effects_said = ''
         self._throttle = Throttle()
         self._profile = self._find_profile()
@@ -81,6 +80,7 @@ class Flexx2Camera(SteadyNode):
         self._gate = FrameGate(self._camera.mode.rate_hz)
         self._compile('the camera model')
         self._say_effects()
+        self._reflectivity_unit = ReflectivityUnit(self._say_once)
         self._open_topics()
         self._frames = FramePublisher(self, moving=False) if self.settings.parent_frame else None
         self._placed = ''

@@ -118,6 +118,7 @@ def as_declared(name: str, value: Any, now: Any) -> Any:
         text = _as_text(value)
         if text is None:
             return value
+        text = text.strip()  # ROS does not keep spaces around a text.
         _check_text(name, text)
         return text
     if isinstance(now, float) and isinstance(value, int | str) and not isinstance(value, bool):
