@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.effects import Effect, parse_effects
+from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.decide import Decision, with_effects
-from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects
-from flexx2_sim_ros.gap.inference.joint import Table
+from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, of_camera
+from flexx2_sim_ros.gap.inference.joint import Proposal, Table
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.rounds import Campaign, explain
 import numpy as np
@@ -49,6 +50,11 @@ def found_set(decision: Decision, model: Model) -> FoundSet:
     return FoundSet(decision, fitted, held_out, motions, fit.sigma, {})
 
 
+def _proposal(one: FoundSet, forms: dict[str, Candidate]) -> Proposal:
+    without = [of_camera(own) for own in one.held_out]
+    return Proposal(of_camera(one.fitted), without, one.motions, one.sigma, 0.0, forms)
+
+
 def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
     """
     Fit what was decided around the simulation that has it.
@@ -68,6 +74,10 @@ def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
     chosen = [one for one in decision.accepted.candidates if one.kind.role != 'pose']
     if not chosen:
         return before
+    if len(chosen) == 1:  # One cause is as it was decided: what else is seen may be its form.
+        forms = {one.effect: one for one in chosen}
+        (one,) = campaign.judged([_proposal(before, forms)])
+        return replace(before, rises=campaign.taking_off(one))
     undecided = {one.effect for one in decision.undecided} - {one.effect for one in chosen}
     left = [one for one in campaign.candidates if one.effect not in undecided]
     best = explain(

@@ -241,7 +241,7 @@ def _look_out(possible: Possible, setting: _Setting) -> _Row | str:
     pair = []
     for seed in (known.source.seed, known.source.seed + 1):
         simulations = Simulations(profile, columns, seed, known.source.prior, possible.known)
-        one = summarise((found, None), simulations)
+        one = summarise(found, simulations)
         if isinstance(one, str):
             return one
         pair.append(one)
