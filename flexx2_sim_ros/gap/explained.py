@@ -50,8 +50,9 @@ def found_set(decision: Decision, model: Model) -> FoundSet:
     return FoundSet(decision, fitted, held_out, motions, fit.sigma, {})
 
 
-def _proposal(one: FoundSet, forms: dict[str, Candidate]) -> Proposal:
+def _proposal(one: FoundSet, chosen: Sequence[Candidate]) -> Proposal:
     without = [of_camera(own) for own in one.held_out]
+    forms = {candidate.effect: candidate for candidate in chosen}
     return Proposal(of_camera(one.fitted), without, one.motions, one.sigma, 0.0, forms)
 
 
@@ -75,9 +76,8 @@ def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
     if not chosen:
         return before
     if len(chosen) == 1:  # One cause is as it was decided: what else is seen may be its form.
-        forms = {one.effect: one for one in chosen}
-        (one,) = campaign.judged([_proposal(before, forms)])
-        return replace(before, rises=campaign.taking_off(one))
+        (alone,) = campaign.judged([_proposal(before, chosen)])
+        return replace(before, rises=campaign.taking_off(alone))
     undecided = {one.effect for one in decision.undecided} - {one.effect for one in chosen}
     left = [one for one in campaign.candidates if one.effect not in undecided]
     best = explain(
