@@ -165,7 +165,7 @@ class Rounds:
         MANY,
     )
     gain: float = constant(0.4, 'loss', 'that an effect must take off to be added', MANY)
-    kept: float = constant(0.2, 'loss', 'that an effect must take off to be kept', MANY)
+    kept: float = constant(0.2, 'loss', 'that an effect must take off to be kept')
     t: float = constant(
         0.75, '', 'over recordings, of such a gain; one recording that shows it gives 1', MANY
     )
@@ -175,11 +175,11 @@ class Rounds:
     as_near: float = constant(0.1, 'of the distance', 'within which the loss decides', MANY)
     each: float = constant(1.0, 'loss', 'that another effect is worth then', MANY)
     nearer: float = constant(0.02, 'of the distance', 'within which the loss decides at last')
-    needed: float = constant(0.01, 'of the distance', 'that each effect must take off', MANY)
-    surely: float = constant(2.0, 'loss', 'that is enough where the distance shows nothing', MANY)
-    sure: float = constant(1.5, '', 'over recordings, of such a loss', MANY)
+    needed: float = constant(0.01, 'of the distance', 'that each effect must take off')
+    surely: float = constant(2.0, 'loss', 'that is enough where the distance shows nothing')
+    sure: float = constant(1.5, '', 'over recordings, of such a loss')
     nuisances: int = constant(4, 'columns', 'of nuisances, which come first', DEFINITION)
-    true: float = constant(0.8, '', 'fraction of the added effects that are true', MANY)
+    true: float = constant(0.8, '', 'probability that is given to effects that rounds add')
 
 
 @dataclass(frozen=True)
