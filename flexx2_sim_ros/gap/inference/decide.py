@@ -236,7 +236,7 @@ def with_effects(
     model : Model
         The recordings.
     candidates : sequence of Candidate
-        The set. What effects that were chosen before are sure of, they keep.
+        The set. Effects that were chosen before keep their probability.
     values : numpy.ndarray
         (n,) of their terms.
 
@@ -246,7 +246,6 @@ def with_effects(
     without = without_each(trials, chosen)
     names = [one.effect for one in decision.chosen.candidates]
     sure = dict(zip(names, decision.confidences, strict=True))
-    sure |= {one.fit.candidates[-1].effect: one.confidence for one in decision.alternatives}
     kept = {one.effect for one in candidates}
     return replace(
         decision,
