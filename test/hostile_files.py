@@ -50,5 +50,4 @@ def hostile_texts(tmp_path: Path) -> Iterator[str]:
         '..',
         '*',
         'x' * 100_000,
-        '\n',
     )

@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
             warm_up(own, profile.intrinsics)
         if not arguments.no_effects:
             progress('compiling the diagnosis', _EFFECTS)
-            _diagnose(profile)
+            _diagnose(profile, next(effect for effect in chosen if effect.typical))
     print(
         f'compiled in {time.monotonic() - start:.0f} s'
         if compiled
@@ -71,8 +71,8 @@ def _that_apply(camera: Camera) -> list[Effect]:
     return [kind() for kind in registry().values() if phases or not kind.needs_modulation]
 
 
-def _diagnose(profile: Profile) -> None:
-    # A small diagnosis compiles what a large one does.
+def _diagnose(profile: Profile, effect: Effect) -> None:
+    # A small diagnosis of one effect compiles what a large one does.
     from flexx2_sim_ros.gap import diagnose
     from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
     from flexx2_sim_ros.gap.planning.truths import KINDS, write_campaign
@@ -81,5 +81,5 @@ def _diagnose(profile: Profile) -> None:
         read_plan(default_plan()), usecase=profile.default_usecase, scale=_SCALE, frames=_FRAMES
     )
     with tempfile.TemporaryDirectory() as folder:
-        write_campaign(Path(folder), plan, profile, KINDS[0], {'offset': {'bias': 0.05}})
+        write_campaign(Path(folder), plan, profile, KINDS[0], {effect.name: {}})
         diagnose(folder, profile=profile)
