@@ -4,20 +4,19 @@ from pathlib import Path
 import shutil
 
 from bench.gap_campaigns import write_campaign
-from flexx2_sim_ros.effects import load_effects, parse_effects
+from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap import calibrate
 from flexx2_sim_ros.gap.forms.fitting import BiasFit
 from flexx2_sim_ros.gap.forms.geometry import shape_of
-from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
+from flexx2_sim_ros.gap.forms.named import Simulator
 from flexx2_sim_ros.gap.forms.proposals import Proposal, Verdict
 from flexx2_sim_ros.gap.forms.samples import Samples
-from flexx2_sim_ros.gap.report.calibration_page import figures
+from flexx2_sim_ros.gap.report.form_figures import figures
 from flexx2_sim_ros.gap.work import find
 from flexx2_sim_ros.jobs import workers
+from named_forms import fitted_forms
 import numpy as np
 import pytest
-from test_gap_calibrate import write_diagnosis
 
 LENS = {'focal': 0.01, 'cx': 0.5, 'cy': -0.4, 'k1': 0.03}
 # What a diagnosis may name: a part of the lens, and a pose error for the rest.
@@ -35,36 +34,27 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_wrong_lens_is_found_although_the_poses_are_wrong(
-    recordings: Path, tmp_path: Path
-) -> None:
-    """Assert it from a diagnosis that has only a part of it, and a pose error instead."""
-    diagnosis = write_diagnosis(tmp_path / 'diagnosis', NAMED)
-    table = calibrate(diagnosis, recordings, out=tmp_path / 'out')
-    (row,) = table['effects']
-    assert row['form'] == 'focal length, centre and distortion'
-    assert row['taken']
-    assert row['after'] < row['before']
-    effects = load_effects(tmp_path / 'out' / 'effects.yaml')
-    (effect,) = (one for one in effects if one.name == 'intrinsics_error')
-    assert table['dropped'] == ['pose_error']
-    assert 'pose_error' not in [one.name for one in effects]
-    assert effect.focal == pytest.approx(LENS['focal'], abs=0.004)
-    assert effect.k1 == pytest.approx(LENS['k1'], abs=0.004)
-    assert (
-        'focal length, centre and distortion'
-        in (tmp_path / 'out' / 'calibration.html').read_text()
-    )
+def test_a_wrong_lens_is_found_although_the_poses_are_wrong(recordings: Path) -> None:
+    """Assert that a pose error that was diagnosed beside a part of the lens is left out."""
+    found = fitted_forms(recordings, NAMED)
+    assert found is not None
+    (one,) = found.explained.verdicts
+    assert one.taken
+    assert one.proposal.label == 'focal length, centre and distortion'
+    assert one.after.mean() < one.before.mean()
+    assert found.dropped == ['pose_error']
+    (lens,) = found.effects(parse_effects(NAMED))
+    assert lens.focal == pytest.approx(LENS['focal'], abs=0.004)
+    assert lens.k1 == pytest.approx(LENS['k1'], abs=0.004)
 
 
 def test_a_lens_at_its_bounds_is_fitted_on(tmp_path: Path) -> None:
     """Assert that a diagnosed lens at the end of what is allowed raises nothing."""
-    recordings = tmp_path / 'recordings'
     size = {'recordings': 3, 'frames': 2, 'scale': 0.15, 'moving': 0}
-    write_campaign(recordings, seed=132, effects={'intrinsics_error': LENS}, **size)
-    named = {'intrinsics_error': {**LENS, 'cy': -20.0}}
-    diagnosis = write_diagnosis(tmp_path / 'diagnosis', named)
-    assert calibrate(diagnosis, recordings)['effects'][0]['name'] == 'intrinsics_error'
+    write_campaign(tmp_path, seed=132, effects={'intrinsics_error': LENS}, **size)
+    found = fitted_forms(tmp_path, {'intrinsics_error': {**LENS, 'cy': -20.0}})
+    assert found is not None
+    assert [one.proposal.effect for one in found.explained.verdicts] == ['intrinsics_error']
 
 
 def make_samples(rng: np.random.Generator, moved: float, prior: float) -> Samples:
@@ -97,21 +87,6 @@ def test_the_prior_of_the_poses_becomes_as_wide_as_they_are() -> None:
     # Poses that are as wrong as was allowed for keep their prior.
     wide = BiasFit([make_samples(rng, float(one), 0.0002) for one in moved])
     assert wide.with_usual_poses(columns, penalty).samples[0].spread[0, 0] == 0.0002
-
-
-def test_a_diagnosis_leaves_a_pose_error_out_beside_a_fitted_lens(recordings: Path) -> None:
-    """Assert that only the fitted lens is left: the pose error made up for a part of it."""
-    named = parse_effects(NAMED)
-    with workers(1, None) as mapped:
-        simulator = Simulator(mapped, None, {}, 0, (0.01,) * 3 + (0.5,) * 3)
-        found, _ = find(recordings, None, mapped)
-        motions = [np.zeros(6)] * len(found)
-        forms = calibrate_named(found, motions, named, [named] * 6, simulator, lambda: None)
-    assert forms is not None
-    assert forms.taken
-    assert forms.dropped == ['pose_error']
-    (lens,) = forms.effects(named)
-    assert lens.focal == pytest.approx(LENS['focal'], abs=0.004)
 
 
 def test_a_recording_that_is_gone_is_an_error_that_names_it(

@@ -4,13 +4,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.gap_campaigns import write_campaign
-from flexx2_sim_ros.effects import load_effects
-from flexx2_sim_ros.gap import calibrate
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.forms.scale import Columns, fit_scale, pose_width
+from named_forms import fitted_forms
 import numpy as np
 import pytest
-from test_gap_calibrate import write_diagnosis
 
 EFFECT = 'motion_artefact'
 COUNT = 400
@@ -82,31 +80,24 @@ def test_too_few_still_recordings_say_nothing_of_the_poses() -> None:
 def test_the_stamp_of_raw_frames_is_found_from_a_diagnosis_with_the_other_one(
     tmp_path: Path,
 ) -> None:
-    """Assert that a calibration corrects it, and that its page shows the numbers."""
-    recordings, out = tmp_path / 'recordings', tmp_path / 'out'
     camera = {EFFECT: {'stretch': 2.5, 'stamp_at': 0.0}}
     size = {'recordings': 10, 'frames': 8, 'scale': 0.4, 'moving': 6}
-    write_campaign(recordings, seed=141, effects=camera, **size)
-    named = {EFFECT: {'stretch': 0.6, 'stamp_at': 1.0}}
-    diagnosis = write_diagnosis(tmp_path / 'diagnosis', named)
-    (row,) = calibrate(diagnosis, recordings, out=out)['effects']
-    assert row['taken']
-    (effect,) = (one for one in load_effects(out / 'effects.yaml') if one.name == EFFECT)
-    assert effect.stamp_at == 0.0
-    assert effect.stretch == pytest.approx(2.5, abs=0.8)
-    page = (out / 'calibration.html').read_text()
-    assert 'duration of the raw frames, and the stamp' in page
-    assert '<td>stamp_at</td>' in page
+    write_campaign(tmp_path, seed=141, effects=camera, **size)
+    found = fitted_forms(tmp_path, {EFFECT: {'stretch': 0.6, 'stamp_at': 1.0}})
+    assert found is not None
+    (one,) = found.explained.verdicts
+    assert one.taken
+    assert one.proposal.label == 'duration of the raw frames, and the stamp'
+    assert one.proposal.together['stamp_at'] == 0.0
+    assert one.proposal.together['stretch'] == pytest.approx(2.5, abs=0.8)
 
 
 def test_still_recordings_leave_raw_frames_as_diagnosed(tmp_path: Path) -> None:
-    recordings = tmp_path / 'recordings'
     size = {'recordings': 3, 'frames': 2, 'scale': 0.15, 'moving': 0}
-    write_campaign(recordings, seed=151, **size)
-    diagnosis = write_diagnosis(tmp_path / 'diagnosis', {EFFECT: {'stretch': 0.6}})
-    table = calibrate(diagnosis, recordings)
-    assert table['effects'] == []
-    assert EFFECT in table['unchanged']
+    write_campaign(tmp_path, seed=151, **size)
+    found = fitted_forms(tmp_path, {EFFECT: {'stretch': 0.6}})
+    assert found is not None
+    assert not found.explained.verdicts
 
 
 def test_directions_that_still_scenes_leave_open_do_not_widen_the_poses() -> None:

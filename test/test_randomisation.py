@@ -295,7 +295,7 @@ def test_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     ('rows', 'effects', 'said'),
     [
         (2, FITTED, 'from at least 3 recordings'),
-        (8, {'offset': {'curve': {'knots': [1.0, 2.0], 'values': [0.0, 0.01]}}}, 'gap calibrate'),
+        (8, {'offset': {'curve': {'knots': [1.0, 2.0], 'values': [0.0, 0.01]}}}, 'another form'),
         (8, {'residual_patch': {}}, 'with a cause, got residual_patch'),
     ],
 )
@@ -322,12 +322,12 @@ def test_an_effect_with_a_frequency_of_its_own_is_drawn(tmp_path: Path) -> None:
     for drawn in load_randomisation(tmp_path / 'r.yaml').draw(3, 1):
         (wave,) = (one for one in drawn if one.name == 'wiggling')
         assert wave.settings['mhz'] == 44.0
-    # Where `gap calibrate` has fitted the frequency, no fit without a recording has one.
+    # Fits without a recording that lack the frequency are of another form.
     calibrated = diagnosed(tmp_path / 'calibrated', 8, camera)
     for row in table['recordings']:
         del row['effects_without']['wiggling']['mhz']
     (calibrated / 'diagnosis.json').write_text(json.dumps(table))
-    with pytest.raises(InputError, match='got wiggling with that of flexx2 gap calibrate'):
+    with pytest.raises(InputError, match='got wiggling in another form'):
         randomise(calibrated)
 
 

@@ -11,7 +11,6 @@ COMMANDS = {
     'diagnose': 'find which effects cause the gap, where it lies and how much they explain',
     'plan': 'write a checklist of what to record, and what it will be able to find',
     'target': 'draw a target to print, for ground truth from gray images',
-    'calibrate': 'fit curves, maps and parameters of the diagnosed effects to recordings',
     'check': 'check whether a diagnosis holds on recordings that it has never seen',
     'cost': 'measure what the gap costs in what reads depth on a robot',
     'next': 'say which recording would settle what a diagnosis leaves open',

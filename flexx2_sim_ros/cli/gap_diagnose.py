@@ -35,10 +35,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     common.add_pose_prior(parser, (0.010, 0.5), '0.01 0.5')
     common.add_known(parser)
     parser.add_argument(
-        '--no-calibrate',
-        dest='calibrate',
-        action='store_false',
-        help='keep the form of the catalogue: fit no curves, tables and maps to the recordings',
+        '--forms',
+        choices=('catalogue', 'quick', 'all'),
+        default='quick',
+        help='curves, tables, maps and numbers of the named effects that are fitted: none, those '
+        'that need few simulations (default), or all, which takes minutes for each effect',
     )
     parser.add_argument(
         '--cost',
@@ -66,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
             pose_prior=tuple(arguments.pose_prior),
             known=common.read_known(arguments.known),
             cost=arguments.cost,
-            calibrate=arguments.calibrate,
+            forms=arguments.forms,
             progress=progress,
         )
     console.print(headline(table), style='bold')

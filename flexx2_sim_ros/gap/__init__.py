@@ -7,11 +7,10 @@ diagnosis has never seen. `cost` says what the gap means for what reads depth on
 says how much of a gap given effects take off. `randomise` makes distributions of the effects.
 """
 
-from flexx2_sim_ros.gap.calibrate import calibrate
 from flexx2_sim_ros.gap.check import check
 from flexx2_sim_ros.gap.cost import cost
 from flexx2_sim_ros.gap.diagnosis import diagnose
 from flexx2_sim_ros.gap.measure import measure
 from flexx2_sim_ros.gap.randomise import randomise
 
-__all__ = ['calibrate', 'check', 'cost', 'diagnose', 'measure', 'randomise']
+__all__ = ['check', 'cost', 'diagnose', 'measure', 'randomise']

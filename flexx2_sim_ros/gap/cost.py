@@ -58,7 +58,7 @@ def cost(
     campaign_dir : str or pathlib.Path
         A folder of recordings with ``clean_depth``: those of the diagnosis, or others.
     diagnosis : str or pathlib.Path
-        A folder that `diagnose` or `calibrate` has written.
+        A folder that `diagnose` has written.
     consumers : collection of str
         Names, or files and classes such as ``my.py:Grid`` (default: all that are installed).
     profile : Profile, optional

@@ -14,7 +14,7 @@ from flexx2_sim_ros.effects import Effect, of_role, parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.registry import check_map_files
 from flexx2_sim_ros.effects.tables import plain
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.gap.cost import CostRequest, known_of, measure_cost
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
@@ -56,6 +56,7 @@ from flexx2_sim_ros.jobs import Map, workers
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 
+FORMS = 'catalogue', 'quick', 'all'
 _BEFORE_COST = 0.6  # fraction of the work, on the progress bar
 _ROUNDS = 6  # jobs for each recording, on the progress bar
 
@@ -129,7 +130,7 @@ def diagnose(
     scheduler: str | None = None,
     known: Table | None = None,
     cost: bool = False,
-    calibrate: bool = True,
+    forms: str = 'quick',
 ) -> dict[str, Any]:
     """
     Diagnose the gap between recordings and the simulation of their scenes.
@@ -160,9 +161,9 @@ def diagnose(
     cost : bool
         Whether to measure what the gap costs as well, as `flexx2_sim_ros.gap.cost` does with all
         installed consumers. A script that asks for this needs ``if __name__ == '__main__':``.
-    calibrate : bool
-        Whether curves, tables and maps of the named effects are fitted, those that need no search
-        by simulation. `flexx2_sim_ros.gap.calibrate` fits the others.
+    forms : str
+        Which curves, tables, maps and numbers of the named effects are fitted: ``catalogue``,
+        none; ``quick``, those that need few simulations; ``all``.
 
     Returns
     -------
@@ -176,7 +177,7 @@ def diagnose(
 
     """
     began = time.monotonic()
-    _check(without, seed, jobs, pose_prior)
+    _check(without, seed, jobs, pose_prior, forms)
     told = table_of(parse_effects(known or {}, 'known'))
     known = table_of(given_effects(known or {}))
     whole = progress or (lambda text, fraction: None)
@@ -210,12 +211,12 @@ def diagnose(
         campaign = Campaign(str(campaign_dir), used, candidates, simulations, mapped, step)
         chosen = explained(decision, model, campaign)
         simulator = Simulator(mapped, profile, known, seed, tuple(prior))
-        named = _simulate_named(model, chosen, used, simulator, calibrate, progress)
+        named = _simulate_named(model, chosen, used, simulator, forms, progress)
         table = named.table(model, used, left_out)
         if makes_larger(table):
             refused, still = named.decision.refused(), portion(progress, 0.98, 0.0)
             chosen = found_set(refused, model)
-            named = _simulate_named(model, chosen, used, simulator, calibrate, still)
+            named = _simulate_named(model, chosen, used, simulator, forms, still)
             table = named.table(model, used, left_out)
         effects, decision = named.effects, named.decision
         table['settings'] = _settings(found[0], seed, pose_prior, told)
@@ -248,7 +249,7 @@ def _settings(
 
 
 def _check(
-    without: Collection[str], seed: int, jobs: int, pose_prior: tuple[float, float]
+    without: Collection[str], seed: int, jobs: int, pose_prior: tuple[float, float], forms: str
 ) -> None:
     for name in without:
         if name not in registry():
@@ -257,6 +258,8 @@ def _check(
         raise InputError(f'seed: must be a whole number from 0, got {seed!r}')
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise InputError(f'jobs: must be a whole number from 1, got {jobs!r}')
+    if forms not in FORMS:
+        raise InputError(f'forms: must be {", ".join(FORMS)}, got {shown(forms)}')
     if len(pose_prior) != 2 or not all(0 < value < 1e3 for value in pose_prior):
         raise InputError(f'pose_prior: must be metres and degrees above 0, got {pose_prior!r}')
 
@@ -277,7 +280,7 @@ def _simulate_named(
     found: FoundSet,
     used: list[Found],
     simulator: Simulator,
-    calibrate: bool,
+    which: str,
     progress: Progress,
 ) -> _Named:
     decision, motions = found.decision, found.motions
@@ -285,33 +288,23 @@ def _simulate_named(
     used, noisy = noisier(used, simulator.profile, 1 + found.sigma)
     simulator = replace(simulator, profile=noisy)
     step = stepper(progress, 'simulating the outcome', 0.8, 0.06, 2 * len(used))
-    shown = _shown(decision)
+    show = _shown(decision)
     without = [of_camera(one) for one in held_out]
     wrong = as_wrong_as_fitted(of_camera(fitted), without)
     elsewhere = Elsewhere(model, used, fitted, simulator)
     # At other poses, `measured` simulates the wrong effects, and not this.
     here = wrong if elsewhere.other_poses(motions) is None else without
-    jobs = list(zip(used, map(tuple, motions), without, here, shown, strict=True))
+    jobs = list(zip(used, map(tuple, motions), without, here, show, strict=True))
     first = simulator.run(simulate_set, jobs, step)
     first = elsewhere.measured(first, motions, wrong, step)
-    plain_ones = _Named(
-        fitted,
-        fitted,
-        held_out,
-        first,
-        None,
-        first,
-        motions,
-        decision,
-        used,
-        simulator,
-        found.rises,
-    )
-    if not calibrate:
+    rises, own = found.rises, (decision, used, simulator)
+    plain_ones = _Named(fitted, fitted, held_out, first, None, first, motions, *own, rises)
+    if which == 'catalogue':
         return plain_ones
-    total = rounds_of_named(fitted) * len(used)
+    quick = which == 'quick'
+    total = rounds_of_named(fitted, quick) * len(used)
     step = stepper(progress, 'fitting curves and maps', 0.86, 0.1, total)
-    forms = calibrate_named(used, motions, fitted, held_out, simulator, step)
+    forms = calibrate_named(used, motions, fitted, held_out, simulator, step, quick)
     if forms is None:
         return plain_ones
     effects = forms.effects(fitted)
@@ -319,7 +312,7 @@ def _simulate_named(
     if not forms.taken:
         return named
     wrong = as_wrong_as_fitted(forms.explained.effects, forms.explained.now)
-    confirmed, motions = forms.confirmed(simulator, wrong, shown, step)
+    confirmed, motions = forms.confirmed(simulator, wrong, show, step)
     elsewhere = replace(elsewhere, effects=effects)
     confirmed = elsewhere.measured(confirmed, motions, wrong, step)
     return replace(named, confirmed=confirmed, motions=motions)

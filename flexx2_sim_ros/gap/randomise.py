@@ -214,14 +214,14 @@ def _held_out(before: Diagnosed, named: Sequence[Effect]) -> list[dict[str, Effe
 
 def _check_form(named: Sequence[Effect], held_out: Sequence[Mapping[str, Effect]]) -> None:
     # The fits that the jackknife needs have the form of the diagnosis, some with a number of
-    # another formula. Any other form is that of a calibration.
+    # another formula.
     for effect in named:
         if effect.name not in registry():
             raise InputError(f'DIAGNOSIS: must have effects with a cause, got {effect.name}')
     if named and not held_out:
         raise InputError(
             'DIAGNOSIS: must have the effects as fitted without each recording, got none: use the '
-            'folder of flexx2 gap diagnose, made with this version, not that of gap calibrate'
+            'folder of flexx2 gap diagnose, made with this version'
         )
     if named and len(held_out) < _FEWEST:
         raise InputError(
@@ -231,8 +231,8 @@ def _check_form(named: Sequence[Effect], held_out: Sequence[Mapping[str, Effect]
     for effect in named:
         if any(one[effect.name].forms.keys() != effect.forms.keys() for one in held_out):
             raise InputError(
-                f'DIAGNOSIS: must have effects in the form of the diagnosis, got {effect.name} '
-                'with that of flexx2 gap calibrate: diagnose again'
+                f'DIAGNOSIS: must have effects in the form of the diagnosis, got {effect.name} in '
+                'another form without a recording: diagnose again'
             )
 
 

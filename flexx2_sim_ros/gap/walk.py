@@ -51,7 +51,7 @@ def walk(
     Parameters
     ----------
     diagnosis : str or pathlib.Path
-        A folder that `diagnose` or `calibrate` has written.
+        A folder that `diagnose` has written.
     profile : Profile, optional
         The camera (default: the Flexx2).
     robot : str

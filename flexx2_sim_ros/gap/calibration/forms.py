@@ -79,10 +79,7 @@ class Forms:
     frames: int = constant(6, 'frames', 'of a recording that are simulated in a search')
     simplex: float = constant(0.12, '', 'first step downhill, as a fraction of the bounds')
     close: float = constant(0.005, '', 'the last step, likewise')
-    others: int = constant(2, '', 'alternative explanations that are calibrated, too')
-    known: int = constant(
-        50, 'samples', 'a bin of an empirical correction with fewer stays as it is'
-    )
+    known: int = constant(50, 'samples', 'a bin with fewer is left out')
     unlikely: float = constant(1e-3, '', 'least probability of a table that is judged')
 
 

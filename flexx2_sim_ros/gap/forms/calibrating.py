@@ -5,14 +5,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from flexx2_sim_ros.effects import of_role, registry
-from flexx2_sim_ros.effects.patch import COVARIATES
 from flexx2_sim_ros.effects.tables import Curve, PixelMap
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import BIASES, covariate_of, Form, forms_of
-from flexx2_sim_ros.gap.forms.calibratable import calibratable, PATTERN, shapes_of
-from flexx2_sim_ros.gap.forms.empirical import correction, NAME, Rest
-from flexx2_sim_ros.gap.forms.fitting import BiasFit, Fitted, is_surely_less
+from flexx2_sim_ros.gap.forms.calibratable import PATTERN, shapes_of
+from flexx2_sim_ros.gap.forms.fitting import BiasFit, Fitted
 from flexx2_sim_ros.gap.forms.geometry import (
     is_fitted_with_poses,
     is_settled,
@@ -20,7 +18,7 @@ from flexx2_sim_ros.gap.forms.geometry import (
     shape_of,
 )
 from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
-from flexx2_sim_ros.gap.forms.proposals import judged, Proposal, totals, variation, Verdict
+from flexx2_sim_ros.gap.forms.proposals import judged, Proposal, variation, Verdict
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.forms.scale import Columns, fit_scale, pose_width, scale_of
 from flexx2_sim_ros.gap.forms.search import Numbers, search
@@ -86,8 +84,6 @@ class Work:
         `work.judge` of several jobs, with the number of frames, and whether poses settle once.
     pixels : callable
         `work.look_at_pixels` of several jobs.
-    rests : callable
-        `work.look_at_rest` of several jobs.
     columns : callable
         `work.look_at_scale` of several jobs.
     again : callable
@@ -97,7 +93,6 @@ class Work:
 
     judge: Callable[[Jobs, int | None, bool], list[list[dict[str, float]]]]
     pixels: Callable[[list[tuple[Looked, Settings]]], list[PixelErrors]]
-    rests: Callable[[list[tuple[Looked, Settings]]], list[Rest]]
     columns: Callable[[list[tuple[Looked, str]]], list[Columns]]
     again: Callable[[Sequence[Looked], Sequence[Settings]], list[Looked]]
 
@@ -111,9 +106,9 @@ def calibrate_effects(
     looked: list[Looked],
     effects: Settings,
     work: Work,
-    without: Sequence[Settings] | None = None,
-    names: Sequence[str] | None = None,
-    quick: bool = False,
+    without: Sequence[Settings],
+    names: Sequence[str],
+    quick: bool,
 ) -> Explained:
     """
     Fit a form for each effect that can have one.
@@ -126,10 +121,10 @@ def calibrate_effects(
         Settings by effect, as diagnosed, without an error of the poses.
     work : Work
         How the recordings are simulated.
-    without : sequence of dict, optional
-        ``effects`` as diagnosed without each recording (default: as diagnosed with all).
-    names : sequence of str, optional
-        The effects to fit (default: all that are `calibratable`).
+    without : sequence of dict
+        ``effects`` as diagnosed without each recording.
+    names : sequence of str
+        The effects to fit, in this order.
     quick : bool
         Whether searches by simulation are quick.
 
@@ -140,11 +135,10 @@ def calibrate_effects(
     """
     verdicts: list[Verdict] = []
     together = dict(effects)
-    now = list(without or [effects] * len(looked))
-    fitted = calibratable(effects) if names is None else names
+    now = list(without)
     before = [one.apart for one in looked]
     proposals: dict[str, Proposal] | None = None
-    for name in fitted:
+    for name in names:
         if is_fitted_with_poses(name):
             proposal = _geometry(name, looked, now, work)
         elif registry()[name].shapes:
@@ -167,7 +161,7 @@ def calibrate_effects(
             if proposals is None:
                 if verdicts:  # What mixes light has other settings now.
                     looked = work.again(looked, now)
-                proposals = _biases(looked, fitted)
+                proposals = _biases(looked, names)
             if name not in proposals:
                 continue
             proposal = proposals[name]
@@ -183,42 +177,6 @@ def calibrate_effects(
         elif registry()[name].scale:
             looked, before = wide
     return Explained(looked, together, verdicts, now, before)
-
-
-def best_of(explained: Sequence[Explained]) -> int:
-    """
-    Return which explanation is nearest: the first, or an alternative that surely is.
-
-    An alternative needs a form that left-out recordings pay for. Without one, its effects were
-    fitted to the recordings that it is compared on. One that was fitted beside the poses cannot be
-    compared with one that was not.
-    """
-    chosen = 0
-    for place, one in enumerate(explained):
-        if one.beside_poses != explained[chosen].beside_poses:
-            continue  # Poses that are free make up for an effect, those of the other are not.
-        held_out = any(verdict.taken for verdict in one.verdicts)
-        new, old = totals(one.apart), totals(explained[chosen].apart)
-        if held_out and float((old - new).mean()) > FORMS.least and is_surely_less(new, old):
-            chosen = place
-    return chosen
-
-
-def correct(explained: Explained, work: Work) -> Verdict:
-    """
-    Fit an empirical correction to what the effects leave.
-
-    Of the covariates that it can be over, the one with the nearest left-out recordings counts.
-    """
-    jobs = list(zip(explained.looked, explained.now, strict=True))
-    rests = work.rests(jobs)
-    verdicts = []
-    for covariate in COVARIATES:
-        without = tuple(correction(covariate, part) for part in _all_but_one(rests))
-        proposal = Proposal(NAME, covariate, correction(covariate, rests), without)
-        changed = [{**own, NAME: form} for own, form in zip(explained.now, without, strict=True)]
-        verdicts.append(judged(proposal, explained.apart, work.apart(explained.looked, changed)))
-    return min(verdicts, key=lambda verdict: float(verdict.after.mean()))
 
 
 def _with_form(settings: Settings, name: str, form: Mapping[str, Any]) -> Settings:

@@ -10,7 +10,12 @@ from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.forms.calibratable import PATTERN, quickly_calibratable, rounds
+from flexx2_sim_ros.gap.forms.calibratable import (
+    calibratable,
+    PATTERN,
+    quickly_calibratable,
+    rounds,
+)
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_effects, Explained, Jobs, Work
 from flexx2_sim_ros.gap.forms.work import (
     confirm_settled,
@@ -18,7 +23,6 @@ from flexx2_sim_ros.gap.forms.work import (
     look,
     look_again,
     look_at_pixels,
-    look_at_rest,
     look_at_scale,
     Looked,
     Settings,
@@ -76,7 +80,6 @@ class Simulator:
         return Work(
             judge_all,
             lambda jobs: self.run(look_at_pixels, jobs, _nothing),
-            lambda jobs: self.run(look_at_rest, jobs, _nothing),
             lambda jobs: self.run(look_at_scale, jobs, _nothing),
             again,
         )
@@ -156,9 +159,10 @@ def calibrate_named(
     held_out: Sequence[Sequence[Effect]],
     simulator: Simulator,
     step: Step,
+    quick: bool = True,
 ) -> Calibrated | None:
     """
-    Fit those forms of named effects that need no search by simulation, or a quick one.
+    Fit the forms of named effects.
 
     Parameters
     ----------
@@ -175,6 +179,8 @@ def calibrate_named(
         How the recordings are simulated.
     step : callable
         Called after each recording.
+    quick : bool
+        Whether only forms that need no search by simulation, or a quick one, are fitted.
 
     Returns
     -------
@@ -183,7 +189,7 @@ def calibrate_named(
 
     """
     effects = of_camera(named)
-    names = quickly_calibratable(effects)
+    names = (quickly_calibratable if quick else calibratable)(effects)
     if len(used) < FORMS.fewest or not names:
         return None
     without = [of_camera(own) for own in held_out]
@@ -194,13 +200,13 @@ def calibrate_named(
     if len({one.shape for one in looked}) > 1:  # A map has one number for each pixel.
         names = [name for name in names if name != PATTERN]
     work = simulator.work(step)
-    explained = calibrate_effects(looked, effects, work, without, names, quick=True)
+    explained = calibrate_effects(looked, effects, work, without, names, quick)
     return Calibrated(explained, effects)
 
 
-def rounds_of_named(named: Sequence[Effect]) -> int:
+def rounds_of_named(named: Sequence[Effect], quick: bool) -> int:
     """Return how often `calibrate_named` calls its step for each recording."""
-    return 2 + rounds(of_camera(named), quick=True)
+    return 2 + rounds(of_camera(named), quick)
 
 
 def _nothing() -> None:

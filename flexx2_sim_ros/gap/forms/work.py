@@ -11,7 +11,6 @@ from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.prior import spread_of
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
-from flexx2_sim_ros.gap.features.before_after import before_after
 from flexx2_sim_ros.gap.features.confirm import confirm, Outcome
 from flexx2_sim_ros.gap.features.physical import (
     distances,
@@ -22,7 +21,6 @@ from flexx2_sim_ros.gap.features.physical import (
 )
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 from flexx2_sim_ros.gap.forms.dropout import Counts, counts_of
-from flexx2_sim_ros.gap.forms.empirical import edges_of, Rest
 from flexx2_sim_ros.gap.forms.fitting import own_motion
 from flexx2_sim_ros.gap.forms.geometry import slopes_of
 from flexx2_sim_ros.gap.forms.noise import Noise, noise_of
@@ -145,21 +143,6 @@ def look_at_pixels(
     return pixel_errors(scene, with_uptime(effects, looked.uptime))
 
 
-def look_at_rest(
-    job: tuple[Looked, Settings], profile: Profile | None, known: Table, seed: int
-) -> Rest:
-    """Return what given settings of effects leave in a recording."""
-    looked, effects = job
-    scene = _placed(looked, effects, profile, known)
-    own = with_uptime(effects, looked.uptime)
-    samples = samples_of(scene, looked.samples.motion, looked.samples.spread)
-    samples = replace(samples, error=samples.error - _at_samples(scene, samples, own))
-    real, simulated = (
-        _measured(scene, depth) for depth in (scene.recording.depth, scene.simulate(own, seed))
-    )
-    return Rest(samples, edges_of(scene.recording.axes), real, simulated)
-
-
 def look_at_scale(
     job: tuple[Looked, str], profile: Profile | None, known: Table, seed: int
 ) -> Columns:
@@ -206,28 +189,6 @@ def judge(
         before = effects
         out.append(_apart(real, _measured(scene, scene.simulate(own, seed))))
     return out
-
-
-def outcome(
-    job: tuple[Looked, Settings], profile: Profile | None, known: Table, seed: int
-) -> dict[str, list[float]]:
-    """
-    Compare a recording with its simulation without and with effects, as a diagnosis does.
-
-    Both are compared at the pose that suits the effects: without them, the pose would take a part
-    of what they explain.
-
-    Returns
-    -------
-    dict
-        As from `before_after`.
-
-    """
-    looked, effects = job
-    recording = read(looked.found, profile, known)
-    own = with_uptime(effects, recording.uptime)
-    motion, _ = _settled(looked, recording, own)
-    return before_after(recording, (motion, motion), effects, seed)
 
 
 def confirm_settled(

@@ -8,9 +8,9 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.report.calibration_page import BAND_STYLE, figures
 from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.cost_page import section
+from flexx2_sim_ros.gap.report.form_figures import BAND_STYLE, figures
 from flexx2_sim_ros.gap.report.frames import frames, FRAMES_STYLE
 from flexx2_sim_ros.gap.report.places import difference, group
 from flexx2_sim_ros.gap.report.style import definitions, STYLE

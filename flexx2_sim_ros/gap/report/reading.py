@@ -16,27 +16,9 @@ from flexx2_sim_ros.gap.inference.probability import EXPLAINED
 from flexx2_sim_ros.gap.report.age import arrival_of
 from flexx2_sim_ros.limits import is_finite
 
-SEEN = 'calibrated_on'  # the recordings that a calibration was fitted to
 _SCHEMAS = 1, 2  # the keys that are read are the same
 _LARGEST = 50_000_000  # bytes of a diagnosis.json
 _POSE_PRIOR = 0.010, 0.5
-
-
-@dataclass(frozen=True)
-class OtherExplanation:
-    """
-    An alternative explanation of a diagnosis.
-
-    Attributes
-    ----------
-    effect : Effect
-    instead_of : tuple of str
-        Effects of the diagnosis that it replaces; none if it is added.
-
-    """
-
-    effect: Effect
-    instead_of: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -57,8 +39,7 @@ class Diagnosed:
     full_scale : float or None
         The floating-point amplitude that was taken for the camera's full scale, if any.
     checksums : dict of str to str
-        Names of the recordings that the effects were fitted to, by checksum: by the diagnosis, and
-        by a calibration.
+        Names of the recordings that the effects were fitted to, by checksum.
     unsummed : frozenset of str
         Names of recordings without a checksum (diagnoses of older versions).
     arrival : Arrival or None
@@ -119,25 +100,6 @@ class Diagnosed:
         by_name = {one.name: one for one in typical}
         return tuple(by_name.get(one.name, one) for one in self.effects)
 
-    def alternatives(self) -> list[OtherExplanation]:
-        """
-        Return the alternative explanations, the likeliest first.
-
-        Raises
-        ------
-        InputError
-            When they are not what a diagnosis writes.
-
-        """
-        out = []
-        try:
-            for row in self.table.get('alternatives', []):
-                (effect,) = parse_effects({row['name']: row['parameters']}, 'alternatives')
-                out.append(OtherExplanation(effect, tuple(map(str, row['instead_of']))))
-        except (InputError, LookupError, TypeError, ValueError) as error:
-            raise InputError(f'DIAGNOSIS: diagnosis.json: {error}') from error
-        return out
-
 
 def read_diagnosis(folder: Path) -> Diagnosed:
     """
@@ -188,14 +150,6 @@ def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
         isinstance(row, dict) and isinstance(row.get('name'), str) for row in rows
     ):
         raise InputError('recordings: must be a list of tables with a name')
-    more = table.get(SEEN, [])
-    if not isinstance(more, list) or not all(
-        isinstance(row, dict)
-        and isinstance(row.get('name'), str)
-        and isinstance(row.get('checksum'), str)
-        for row in more
-    ):
-        raise InputError(f'{SEEN}: must be a list of tables with a name and a checksum')
     used = [row for row in rows if row.get('used')]
     settings = table.get('settings', {})
     if not isinstance(settings, dict):
@@ -211,9 +165,7 @@ def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
         known=known,
         pose_prior=_pose_prior(settings.get('pose_prior', _POSE_PRIOR)),
         full_scale=_full_scale(settings.get('full_scale')),
-        checksums={
-            str(row['checksum']): row['name'] for row in [*more, *used] if 'checksum' in row
-        },
+        checksums={str(row['checksum']): row['name'] for row in used if 'checksum' in row},
         unsummed=frozenset(row['name'] for row in used if 'checksum' not in row),
         arrival=arrival_of(table.get('age')),
         noise_factor=_noise_factor(table.get('gap')),

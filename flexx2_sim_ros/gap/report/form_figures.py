@@ -1,0 +1,130 @@
+"""Draw the forms that a diagnosis gives its effects: curves, maps and numbers."""
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+from flexx2_sim_ros.effects import loadable
+from flexx2_sim_ros.effects.tables import Curve, PixelMap
+from flexx2_sim_ros.gap.forms import dropout, noise
+from flexx2_sim_ros.gap.forms.bias import covariate_of
+from flexx2_sim_ros.gap.forms.proposals import Proposal, Verdict
+from flexx2_sim_ros.gap.forms.work import Looked
+from flexx2_sim_ros.gap.report.text import spaced
+from flexx2_sim_ros.html_drawing import curves, picture
+import numpy as np
+
+BAND_STYLE = '.band { fill: var(--blue); opacity: .18; }'
+_POINTS = 60
+_NINETY = 1.645  # standard errors, two-sided
+# On the values of a curve, and what they are then; a bias if it is not said.
+_UNITS = {
+    **dict.fromkeys(dropout.KINDS, (100.0, 'invalid, %')),
+    noise.NAME: (1.0, 'factor on sigma_z'),
+}
+
+
+def figures(verdicts: Sequence[Verdict], looked: Sequence[Looked], names: tuple[str, str]) -> str:
+    """
+    Return curves, maps and numbers of forms as HTML; the page needs `BAND_STYLE`.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+        The forms.
+    looked : sequence of Looked
+        The recordings.
+    names : tuple of str
+        What to call an effect without the form, and with it.
+
+    """
+    return ''.join(_figure(one.proposal, looked, names) for one in verdicts)
+
+
+def _figure(proposal: Proposal, looked: Sequence[Looked], names: tuple[str, str]) -> str:
+    pattern = proposal.together.get('pattern')
+    if isinstance(pattern, PixelMap):
+        limit = 1000 * float(np.quantile(np.abs(pattern.values), 0.98)) or 1.0
+        text = f'{spaced(proposal.effect)}: blue {-limit:.2g} to red {limit:+.2g} mm'
+        return (
+            f'<figure><img alt="{escape(text)}" width="420" '
+            f'src="{picture(1000 * pattern.values, limit)}"><figcaption>{escape(text)}'
+            '</figcaption></figure>'
+        )
+    fields = [name for name, value in proposal.together.items() if isinstance(value, Curve)]
+    if not fields:
+        return _numbers(proposal, names[1])
+    (field,) = fields
+    over = loadable()[proposal.effect].tables()[field].over
+    x, typical = _typical(proposal, field, looked)
+    factor, unit = _UNITS.get(proposal.effect, (1000.0, 'along the ray, mm'))
+    middle = proposal.together[field].at(x)
+    each = np.array([one[field].at(x) for one in proposal.without], np.float64)
+    error = _error(each)
+    return curves(
+        x,
+        factor * np.array([typical, middle]),
+        names,
+        over,
+        f'{spaced(proposal.effect)}: {unit}',
+        0.5,
+        kinds=('simulated', 'effects'),
+        band=factor * np.array([middle - _NINETY * error, middle + _NINETY * error]),
+    )
+
+
+def _numbers(proposal: Proposal, title: str) -> str:
+    # Each fitted parameter, with its standard error over recordings.
+    rows = ''.join(
+        f'<tr><td>{escape(name)}</td><td>{value:.4g}</td>'
+        f'<td>{_error(np.array([one[name] for one in proposal.without])):.2g}</td></tr>'
+        for name, value in proposal.together.items()
+        if name != 'strength'
+    )
+    return (
+        f'<figure><table><tr><th>{escape(spaced(proposal.effect))}</th><th>{escape(title)}</th>'
+        f'<th>standard error</th></tr>{rows}</table><figcaption>{escape(proposal.label)}'
+        '</figcaption></figure>'
+    )
+
+
+def _error(each: np.ndarray) -> Any:
+    # Standard error over recordings, by the jackknife; (R, ...) fitted without each of them.
+    count = len(each)
+    return np.sqrt((count - 1) / count * ((each - each.mean(axis=0)) ** 2).sum(axis=0))
+
+
+def _typical(
+    proposal: Proposal, field: str, looked: Sequence[Looked]
+) -> tuple[np.ndarray, np.ndarray]:
+    # Places along the covariate, and what the effect as diagnosed is there.
+    if proposal.effect in dropout.KINDS:
+        return _typical_dropout(proposal.effect, field, looked)
+    if proposal.effect == noise.NAME:
+        knots = np.array(proposal.together[field].knots)
+        return knots, noise.typical(field, [one.noise for one in looked], knots)
+    return _typical_bias(proposal.effect, looked)
+
+
+def _typical_bias(effect: str, looked: Sequence[Looked]) -> tuple[np.ndarray, np.ndarray]:
+    # Mean change of the range by the diagnosed effect, in bins of its covariate.
+    values = np.concatenate([getattr(one.samples, covariate_of(effect)) for one in looked])
+    shift = np.concatenate([one.shifts[effect] * one.samples.length for one in looked])
+    low, high = np.quantile(values, (0.005, 0.995))
+    edges = np.linspace(low, high, _POINTS + 1)
+    place = np.digitize(values, edges) - 1
+    inside = (place >= 0) & (place < _POINTS)
+    total = np.bincount(place[inside], shift[inside], minlength=_POINTS)
+    count = np.bincount(place[inside], minlength=_POINTS)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        return (edges[1:] + edges[:-1]) / 2, total / count
+
+
+def _typical_dropout(
+    effect: str, field: str, looked: Sequence[Looked]
+) -> tuple[np.ndarray, np.ndarray]:
+    # Fraction of invalid pixels in the simulation with the diagnosed effects.
+    (over,) = (kind.over for kind in dropout.KINDS[effect] if kind.field == field)
+    fractions = dropout.together([one.typical_counts for one in looked]).fractions(over)
+    known = np.isfinite(fractions)
+    return dropout.middles(over)[known], fractions[known]

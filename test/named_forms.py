@@ -1,0 +1,33 @@
+"""Forms of given effects, fitted to recordings as a diagnosis fits them."""
+
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.gap.data.campaign import read
+from flexx2_sim_ros.gap.data.registration import register
+from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, Simulator
+from flexx2_sim_ros.gap.work import find
+from flexx2_sim_ros.jobs import workers
+import numpy as np
+
+PRIOR = (0.01,) * 3 + (0.5,) * 3
+
+
+def fitted_forms(
+    recordings: Path, named: dict[str, dict[str, Any]], quick: bool = False
+) -> Calibrated | None:
+    """Return the forms that a diagnosis with these effects would fit."""
+    effects = parse_effects(named)
+    with workers(1, None) as mapped:
+        found, _ = find(recordings, None, mapped)
+        motions = [register(read(one, None), np.array(PRIOR))[0] for one in found]
+        return calibrate_named(
+            found,
+            motions,
+            effects,
+            [effects] * len(found),
+            Simulator(mapped, None, {}, 0, PRIOR),
+            lambda: None,
+            quick,
+        )
