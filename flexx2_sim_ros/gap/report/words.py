@@ -205,7 +205,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
         out += correction(table)
-    return out + not_decidable(table) + ground_truth(table) + age_words(table['age'])
+    return out + ground_truth(table) + not_decidable(table) + age_words(table['age'])
 
 
 def _calibrated(table: dict[str, Any]) -> list[str]:
