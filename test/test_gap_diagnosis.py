@@ -51,7 +51,14 @@ def keys(value: Any) -> Iterator[str]:
     if isinstance(value, dict):
         for key, one in value.items():
             yield key.removesuffix('_interval')
-            if key not in ('parameters', 'typical', 'known', 'effects_without', 'forms_without'):
+            if key not in (
+                'parameters',
+                'typical',
+                'known',
+                'effects_without',
+                'forms_without',
+                'takes_off_here',
+            ):
                 yield from keys(one)
 
 

@@ -112,8 +112,10 @@ class _Named:
         if self.forms is not None:
             out = calibrated_table(out, model, decision, self.forms, self.confirmed, self.motions)
         out['verdict'] = verdict_of(out)
-        for row, own in zip(out['recordings'], self.held_out, strict=False):  # Used ones first.
+        for i, own in enumerate(self.held_out):  # Used recordings are first.
+            row = out['recordings'][i]
             row['effects_without'] = table_of(own)
+            row['takes_off_here'] = {name: float(rise[i, 0]) for name, rise in self.rises.items()}
         return out
 
 
