@@ -11,6 +11,7 @@ from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.features.confirm import Apart
 from flexx2_sim_ros.gap.features.single_frame import single_frame
+from flexx2_sim_ros.gap.report.attribution import attribution, poses_hide, shown_by_one
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
 from flexx2_sim_ros.gap.report.places import difference, finding
 from flexx2_sim_ros.gap.report.table import verdict_of
@@ -418,3 +419,37 @@ def test_a_curve_of_one_value_is_drawn() -> None:
     drawn = curves(np.zeros(1), np.zeros((1, 1)), ['a'], 'x', 'y', 0.0)
     assert 'nan' not in drawn
     assert drawn.count('<polyline') == 1
+
+
+def test_what_effects_take_off_is_a_table_with_what_is_left() -> None:
+    """Assert rows, rounding, and what is said of an effect that one scene shows."""
+    table = _identified('saturation', 'offset')
+    sure = {'mean': 5.69, 'interval': [4.0, 7.26]}
+    nothing = {'mean': -0.003, 'interval': [-0.01, 0.02]}
+    for row, mm, lost in zip(table['effects'], (nothing, sure), (sure, nothing), strict=True):
+        row['takes_off'] = {'distance': sure, 'mm': mm, 'invalid_percent': lost}
+    assert attribution(table) == [
+        ('saturation', '90 %', '0 mm', '5.7 % (4 to 7.3)'),
+        ('offset', '90 %', '5.7 mm (4 to 7.3)', '0 %'),
+        ('not explained', '', '1 mm', '100 %'),
+    ]
+    pose = [0.003, 0.0, 0.004, 0.0, 0.0, 0.5]
+    table['recordings'] = [
+        {
+            'name': f'{k}.npz',
+            'used': True,
+            'pose': pose,
+            'takes_off_here': {'saturation': 9.0 * (k == 1) - 0.1, 'offset': 2.0},
+        }
+        for k in range(4)
+    ]
+    assert shown_by_one(table) == ['saturation shows in 1.npz alone: record more scenes like it.']
+    assert '5 mm and 0.5 deg' in poses_hide(table)
+    table['recordings'] = table['recordings'][:2]
+    assert shown_by_one(table) == []
+
+
+def test_without_effects_nothing_is_attributed() -> None:
+    table = _identified()
+    assert attribution(table) == []
+    assert poses_hide(table) == ''

@@ -5,6 +5,7 @@ from typing import Any
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
 import numpy as np
 
+_MOSTLY = 0.8  # of what an effect takes off
 _PARTS = slice(0, 3), slice(3, 6)  # of a pose: metres, degrees
 HEADS = 'effect', 'probability', 'takes off: depth', 'lost pixels'
 REST = 'not explained'
@@ -49,6 +50,18 @@ def poses_hide(table: dict[str, Any]) -> str:
         f'The given poses were corrected by {short(1000 * metres)} mm and {short(degrees)} deg '
         '(root mean square), which may hide effects as large.'
     )
+
+
+def shown_by_one(table: dict[str, Any]) -> list[str]:
+    """Return a sentence for each effect of which one recording shows nearly all."""
+    used = [row for row in table['recordings'] if row['used']]
+    out = []
+    for name in [row['name'] for row in table['effects']] if len(used) > 2 else []:
+        here = np.array([max(row['takes_off_here'].get(name, 0.0), 0.0) for row in used])
+        if here.sum() and here.max() >= _MOSTLY * here.sum():
+            where = used[int(here.argmax())]['name']
+            out.append(f'{spaced(name)} shows in {where} alone: record more scenes like it.')
+    return out
 
 
 def _taken(off: dict[str, Any] | None) -> list[str]:

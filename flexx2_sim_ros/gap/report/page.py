@@ -8,7 +8,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, poses_hide
+from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, poses_hide, shown_by_one
 from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.form_figures import BAND_STYLE, figures
@@ -125,10 +125,11 @@ def _effects(table: dict[str, Any]) -> str:
             f'<td class="values">{escape(values)}</td></tr>'
         )
     rows.append(f'<tr class="dim"><td>{rest}</td>{_numbers(*left)}<td></td><td></td></tr>')
+    notes = ' '.join([*shown_by_one(table), poses_hide(table)])
     heads = ''.join(f'<th>{head}</th>' for head in (*HEADS, 'in all', 'parameters'))
     return (
         f'<div class="scroll"><table><tr>{heads}</tr>{"".join(rows)}</table></div>'
-        f'<p><small>{escape(poses_hide(table))}</small></p>'
+        f'<p><small>{escape(notes)}</small></p>'
         '<details><summary>What the columns mean</summary><p><small><b>Probability</b> that '
         'the camera has the effect. <b>Takes off</b>: by how much recordings are farther from the '
         'simulation when this effect is switched off and the others stay, mean over recordings '
