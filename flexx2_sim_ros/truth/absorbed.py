@@ -113,9 +113,8 @@ def hidden_by_planes(taped: bool, square: bool) -> list[dict[str, Any]]:
     for effect, part in absorbed('planes').items():
         # What bends corners is seen where their angle is known.
         if part >= _HIDDEN and effect != _IN_CAMERA[0] and not (square and effect == _BENDS):
-            whole = 1.0 if effect == _MOVES else min(part, 0.99)
             reason = f'no distance was measured, and planes that move take {part:.0%} of it'
-            rows.append(_row(effect, reason, whole, _TAPE))
+            rows.append(_row(effect, reason, round(part, 2), _TAPE))
     return rows
 
 

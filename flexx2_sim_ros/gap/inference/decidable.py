@@ -289,7 +289,7 @@ def decidable_candidates(
 
     """
     names = {one.effect for one in hidden if one.absorbed == 1}  # Fully hidden.
-    left = [one for one in candidates if one.effect not in names]
+    left = [decidable_part(one, names) for one in candidates if one.effect not in names]
     if not model.own.posed.any():
         left = [one for one in left if one.kind.role != 'pose']
     # A pose error is not an effect of the camera, so the verdict does not depend on it.
