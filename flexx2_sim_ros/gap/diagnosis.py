@@ -293,10 +293,11 @@ def _simulate_named(
     show = _shown(decision)
     without = [of_camera(one) for one in held_out]
     wrong = as_wrong_as_fitted(of_camera(fitted), without)
-    elsewhere = Elsewhere(model, used, fitted, simulator)
+    bare = model.own.free_planes_at(decision.base.nuisances)
+    elsewhere = Elsewhere(model, used, fitted, simulator, bare)
     # At other poses, `measured` simulates the wrong effects, and not this.
     here = wrong if elsewhere.other_poses(motions) is None else without
-    jobs = list(zip(used, map(tuple, motions), without, here, show, strict=True))
+    jobs = list(zip(used, map(tuple, motions), without, here, show, bare, strict=True))
     first = simulator.run(simulate_set, jobs, step)
     first = elsewhere.measured(first, motions, wrong, step)
     rises, own = found.rises, (decision, used, simulator)
@@ -314,7 +315,7 @@ def _simulate_named(
     if not forms.taken:
         return named
     wrong = as_wrong_as_fitted(forms.explained.effects, forms.explained.now)
-    confirmed, motions = forms.confirmed(simulator, wrong, show, step)
+    confirmed, motions = forms.confirmed(simulator, wrong, show, bare, step)
     elsewhere = replace(elsewhere, effects=effects)
     confirmed = elsewhere.measured(confirmed, motions, wrong, step)
     return replace(named, confirmed=confirmed, motions=motions)
@@ -329,7 +330,7 @@ def _correction(
     without = [of_camera([one]) for one in patch.without]
     motions = model.own.found(decision.accepted.nuisances)
     jobs = [
-        (file, tuple(motion), own, own, False)
+        (file, tuple(motion), own, own, False, None)
         for file, motion, own in zip(used, motions, without, strict=True)
     ]
     patched = named.simulator.run(simulate_set, jobs, step)

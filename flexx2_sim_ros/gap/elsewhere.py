@@ -28,6 +28,8 @@ class Elsewhere:
         The named effects, a pose error included.
     simulator : Simulator
         How they are simulated.
+    bare : sequence of numpy.ndarray or None
+        Where each one is without effects, as for `confirm.confirm`.
 
     """
 
@@ -35,6 +37,7 @@ class Elsewhere:
     used: Sequence[Found]
     effects: Sequence[Effect]
     simulator: Simulator
+    bare: Sequence[np.ndarray | None]
 
     def other_poses(self, motions: Sequence[np.ndarray]) -> list[np.ndarray] | None:
         """
@@ -75,6 +78,6 @@ class Elsewhere:
         poses = self.other_poses(motions)
         if poses is None or not any(wrong):
             return list(outcomes)
-        jobs = list(zip(self.used, map(tuple, poses), wrong, strict=True))
+        jobs = list(zip(self.used, map(tuple, poses), wrong, self.bare, strict=True))
         apart = self.simulator.run(measure_apart, jobs, step)
         return [replace(one, elsewhere=far) for one, far in zip(outcomes, apart, strict=True)]

@@ -76,7 +76,7 @@ def measure(
         simulated = mapped(
             bind(simulate_set, profile=profile, seed=seed),
             [
-                (file, tuple(motion), table, table, False)
+                (file, tuple(motion), table, table, False, None)
                 for file, motion in zip(fitted.found, motions, strict=True)
             ],
             lambda: None,

@@ -246,23 +246,23 @@ def summarise_all(
 
 
 def simulate_set(
-    job: tuple[Found, tuple[float, ...], dict[str, Any], dict[str, Any], bool],
+    job: tuple[Found, tuple[float, ...], dict[str, Any], dict[str, Any], bool, np.ndarray | None],
     profile: Profile | None,
     seed: int,
     known: Table | None = None,
 ) -> Outcome:
     """Compare a recording with its simulation with effects, at the fitted pose; see `confirm`."""
-    found, motion, effects, wrong, show = job
+    found, motion, effects, wrong, show, bare = job
     scene = PlacedScene.at(read(found, profile, known), np.array(motion))
-    return confirm(scene, effects, wrong, seed, show)
+    return confirm(scene, effects, wrong, seed, show, bare)
 
 
 def measure_apart(
-    job: tuple[Found, tuple[float, ...], dict[str, Any]],
+    job: tuple[Found, tuple[float, ...], dict[str, Any], np.ndarray | None],
     profile: Profile | None,
     seed: int,
     known: Table | None = None,
 ) -> Apart:
     """Return how far a recording is from its simulation with effects, at a pose; see `apart`."""
-    found, motion, effects = job
-    return apart(read(found, profile, known), np.array(motion), effects, seed)
+    found, motion, effects, bare = job
+    return apart(read(found, profile, known), np.array(motion), effects, seed, bare)

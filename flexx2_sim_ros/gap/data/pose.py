@@ -7,6 +7,7 @@ import math
 from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects.pose_error import PoseError
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
+from flexx2_sim_ros.gap.data.prior import free_planes
 from flexx2_sim_ros.gap.data.unknown import margin
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory, SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.geometry import ray_length
@@ -176,6 +177,8 @@ def fit_plane_motion(
     rest = number + len(sizes)
     amounts = np.full(others.shape[1], REGISTRATION.amounts)
     usual = np.concatenate([sizes, amounts, [REGISTRATION.jump_growth]])
+    if free_planes(spread @ spread.T):  # They take all that they can.
+        usual[:-1] = 0
     # In units of the priors' standard deviations, so that one ridge fits all of them.
     A = np.concatenate([spread.T @ A[:number], A[number:] * usual[:, None]])  # noqa: N806
     # Few pixels must not move a camera far.

@@ -1,6 +1,6 @@
 """The prior of a recording's own errors: errors of its pose and of its planes."""
 
-from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH, REGISTRATION
 from flexx2_sim_ros.recording.truth import Truth
 import numpy as np
 
@@ -69,3 +69,17 @@ def factor(covariance: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     values = np.where(values > GROUND_TRUTH.fixed * values.max(initial=0), values, 0)
     return np.asarray(size[:, None] * vectors * np.sqrt(values))
+
+
+def free_planes(covariance: np.ndarray | None) -> bool:
+    """
+    Return whether a recording has planes that were not measured, or not better than biases are.
+
+    Parameters
+    ----------
+    covariance : numpy.ndarray or None
+        (6 + 3 P, 6 + 3 P) as from `covariance_of`.
+
+    """
+    offsets = np.zeros(0) if covariance is None else np.diag(covariance)[POSE::3]
+    return bool(offsets.max(initial=0) > REGISTRATION.smooth[0] ** 2)

@@ -105,7 +105,12 @@ class _Look(NamedTuple):
 
 
 def confirm(
-    scene: PlacedScene, effects: dict[str, Any], wrong: dict[str, Any], seed: int, show: bool
+    scene: PlacedScene,
+    effects: dict[str, Any],
+    wrong: dict[str, Any],
+    seed: int,
+    show: bool,
+    bare: np.ndarray | None = None,
 ) -> Outcome:
     """
     Simulate a recording's scene with and without effects.
@@ -122,6 +127,9 @@ def confirm(
         Of the simulations.
     show : bool
         Whether the outcome has a frame to show.
+    bare : numpy.ndarray, optional
+        (6 + 3 P,) where the camera and the planes are without effects, if that is elsewhere: an
+        effect moves planes that were not measured, and that is no gap to be closed.
 
     """
     recording, placed, scenes = scene.recording, scene.placed, scene.covariates
@@ -132,7 +140,7 @@ def confirm(
         return _Look(_seen(scene, depth, effects), grouped.add(depth), depth)
 
     real = look(recording.depth)
-    before = [look(depth) for depth in _simulated(scene, {}, seed)]
+    before = [look(depth) for depth in _simulated(_without(scene, bare), {}, seed)]
     after = [look(depth) for depth in _simulated(scene, effects, seed)] if effects else before
     spectrum = np.mean([lattice_spectrum(one.seen.sums) for one in before], axis=0)
     own, _ = features(real.seen.sums, spectrum)
@@ -169,7 +177,11 @@ def confirm(
 
 
 def apart(
-    recording: RecordingData, motion: np.ndarray, effects: dict[str, Any], seed: int
+    recording: RecordingData,
+    motion: np.ndarray,
+    effects: dict[str, Any],
+    seed: int,
+    bare: np.ndarray | None = None,
 ) -> Apart:
     """
     Return how far a recording is from its simulations at a pose; parameters as for `confirm`.
@@ -178,8 +190,8 @@ def apart(
     """
     scene = PlacedScene.at(recording, motion)
     before, after = (
-        [_seen(scene, depth, effects) for depth in _simulated(scene, table, seed)]
-        for table in ({}, effects)
+        [_seen(scene, depth, effects) for depth in _simulated(where, table, seed)]
+        for where, table in ((_without(scene, bare), {}), (scene, effects))
     )
     return _apart(_seen(scene, recording.depth, effects), before, after)
 
@@ -213,6 +225,10 @@ def how_far(scene: PlacedScene, effects: dict[str, Any], seed: int) -> list[floa
     gaps = distances(real, other)
     whole = sum(gaps[unit] / tolerance for unit, tolerance in FAR.items())
     return [whole, gaps['wasserstein_mm'], 100 * gaps['invalid_rate']]
+
+
+def _without(scene: PlacedScene, bare: np.ndarray | None) -> PlacedScene:
+    return scene if bare is None else PlacedScene.at(scene.recording, bare)
 
 
 def _simulated(scene: PlacedScene, table: dict[str, Any], seed: int) -> Iterator[np.ndarray]:

@@ -123,7 +123,12 @@ class Calibrated:
         return [forms.get(one.name, one) for one in named if one.name not in self.dropped]
 
     def confirmed(
-        self, simulator: Simulator, wrong: Sequence[Settings], shown: Sequence[bool], step: Step
+        self,
+        simulator: Simulator,
+        wrong: Sequence[Settings],
+        shown: Sequence[bool],
+        bare: Sequence[np.ndarray | None],
+        step: Step,
     ) -> tuple[list[Outcome], list[np.ndarray]]:
         """
         Simulate each recording with forms that were not fitted to it.
@@ -136,6 +141,8 @@ class Calibrated:
             (R,) the forms, as wrong as their fit leaves open.
         shown : sequence of bool
             Which recordings have a frame to show.
+        bare : sequence of numpy.ndarray or None
+            Where each one is without effects, as for `confirm.confirm`.
         step : callable
             Called after each recording.
 
@@ -147,7 +154,7 @@ class Calibrated:
 
         """
         explained = self.explained
-        jobs = list(zip(explained.looked, explained.now, wrong, shown, strict=True))
+        jobs = list(zip(explained.looked, explained.now, wrong, shown, bare, strict=True))
         both = simulator.run(confirm_settled, jobs, step)
         return [one for one, _ in both], [motion for _, motion in both]
 

@@ -192,7 +192,10 @@ def judge(
 
 
 def confirm_settled(
-    job: tuple[Looked, Settings, Settings, bool], profile: Profile | None, known: Table, seed: int
+    job: tuple[Looked, Settings, Settings, bool, np.ndarray | None],
+    profile: Profile | None,
+    known: Table,
+    seed: int,
 ) -> tuple[Outcome, np.ndarray]:
     """
     Compare a recording with its simulation, at the pose that suits the effects; see `confirm`.
@@ -203,11 +206,11 @@ def confirm_settled(
         What is left of the gap, and (6 + 3 P,) this pose and the planes.
 
     """
-    looked, effects, wrong, show = job
+    looked, effects, wrong, show, bare = job
     recording = read(looked.found, profile, known)
     own = with_uptime(effects, recording.uptime)
     motion, scene = _settled(looked, recording, own)
-    return confirm(scene, effects, wrong, seed, show), motion
+    return confirm(scene, effects, wrong, seed, show, bare), motion
 
 
 def first_frames(recording: RecordingData, count: int | None) -> RecordingData:

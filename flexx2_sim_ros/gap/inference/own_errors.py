@@ -12,7 +12,7 @@ from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.calibration.inference import Loss, THRESHOLDS
 from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
 from flexx2_sim_ros.gap.data.pose import STEPS
-from flexx2_sim_ros.gap.data.prior import POSE
+from flexx2_sim_ros.gap.data.prior import free_planes, POSE
 from flexx2_sim_ros.gap.features.evidence import Evidence
 import numpy as np
 from scipy import stats
@@ -69,6 +69,7 @@ class OwnErrors:
         if not registered:
             self.pose, self.planes = 0 * self.pose, 0 * self.planes
         self._precision = [None if c is None else self._inverse(c) for c in covariances]
+        self._free = [free_planes(c) for c in covariances]
         self._usual = np.array([c is None for c in covariances])
         # Not where it is given as exact, as with planes, which are measured from the camera.
         self.posed = np.array([c is None or bool(c[:POSE, :POSE].any()) for c in covariances])
@@ -90,6 +91,11 @@ class OwnErrors:
             np.concatenate([one, other[: 0 if p is None else len(p) - POSE]])
             for one, other, p in zip(pose, planes, self._precision, strict=True)
         ]
+
+    def free_planes_at(self, amounts: np.ndarray) -> list[np.ndarray | None]:
+        """Return `found` of the recordings whose planes are free, None for the others."""
+        found = self.found(amounts)
+        return [one if free else None for one, free in zip(found, self._free, strict=True)]
 
     def elsewhere(self, motions: Sequence[np.ndarray], posed: bool) -> list[np.ndarray]:
         """
