@@ -1,6 +1,12 @@
-"""What the fitted poses of recordings have in common."""
+"""What the fitted poses of recordings have in common, and planes that were not measured."""
 
+from pathlib import Path
+
+from bench.planes import describe, record, VIEWS
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.inference.own_errors import common_motion
+from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
 import numpy as np
 import pytest
 
@@ -29,3 +35,19 @@ def test_equal_poses_are_all_in_common() -> None:
     same = np.tile(PRIOR, (4, 1))
     assert common_motion(same) == pytest.approx(PRIOR)
     assert (common_motion(np.zeros((4, 6))) == 0).all()
+
+
+@pytest.mark.parametrize('effect', registry())
+def test_free_planes_make_no_gap_that_is_not_there(effect: str, tmp_path: Path) -> None:
+    """Assert that an effect does not take planes along, to be named for the way back."""
+    folder, out = record(tmp_path / 'in', views=VIEWS[:1], others=(effect,)), tmp_path / 'out'
+    planes = describe(tmp_path / 'planes.yaml', taped=None, square=False)
+    make_plane_truth(PlaneRequest(recordings=(folder,), planes=planes, out=out))
+    with np.load(out / 'corner0.npz') as file:
+        depth, known = np.where(file['depth'] > 0, file['depth'], np.nan), file['known']
+        off = np.abs(np.nanmean(depth[:, known], axis=0) - file['clean_depth'][known])
+    kept = {effect, 'offset', 'warm_up_drift', 'amplitude_bias', 'multipath', 'intrinsics_error'}
+    found = diagnose(out, without=[one for one in registry() if one not in kept])
+    gap = found['gap']['wasserstein_mm']
+    assert gap['after'] <= gap['before'] < 1000 * np.nanmean(off) + 1
+    assert {row['name'] for row in found['effects']} <= {effect}
