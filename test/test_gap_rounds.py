@@ -4,6 +4,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.gap import rounds
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column
 from flexx2_sim_ros.gap.features.evidence import Evidence
@@ -11,6 +12,7 @@ from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.joint import around, nothing, Proposal, proposals
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.work import Simulations
 from flexx2_sim_ros.recording.truth import Accuracy
 import numpy as np
 import pytest
@@ -153,3 +155,26 @@ def test_what_the_others_make_unnecessary_is_taken_off() -> None:
     assert some[0].effects == effects
     assert set(some[-1].effects) == {'offset'}
     assert some[-1].loss < some[0].loss
+
+
+@pytest.mark.parametrize('modulation', [True, False])
+def test_what_is_in_a_set_is_not_simulated_a_second_time(
+    monkeypatch: pytest.MonkeyPatch, modulation: bool
+) -> None:
+    """Assert it with a lens, whose columns follow those of nuisances, and without frequencies."""
+    columns, candidates = catalogue(modulation=modulation)
+    seen: list[Column] = []
+
+    def interrupted(*values: Any, **_: Any) -> None:
+        seen.extend(values[3].columns)
+        raise InterruptedError
+
+    monkeypatch.setattr(rounds, 'summarise_all', interrupted)
+    effects = {'intrinsics_error': {'focal': 0.01}}
+    best = Proposal(effects, [effects], [np.zeros(6)], 0.0, 0.0, {})
+    simulations = Simulations(None, columns, 0, tuple(PRIOR))
+    with pytest.raises(InterruptedError):
+        rounds.Campaign('', [], candidates, simulations, map).proposed(best)
+    again = [one.name for one in seen if set(one.effects) & set(effects) and not one.without]
+    assert seen
+    assert not again

@@ -11,7 +11,7 @@ from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.gap.calibration.inference import ROUNDS
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table as Given
-from flexx2_sim_ros.gap.features.catalogue import Candidate
+from flexx2_sim_ros.gap.features.catalogue import Candidate, nuisances
 from flexx2_sim_ros.gap.features.confirm import how_far
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
@@ -99,7 +99,7 @@ class Campaign:
         one, now = self.simulations, best.effects
         others = [c for c in one.columns if not set(c.effects) & set(now)]
         own, members = around(now, self.candidates)
-        always = one.columns[: ROUNDS.nuisances]  # The nuisances' columns come first.
+        always = [c for c in one.columns if c.name in nuisances().columns]
         columns = list({c.name: c for c in (*always, *others, *own)}.values())
         found, profile = noisier(self.found, one.profile, 1 + best.sigma)
         here = replace(one, profile=profile, columns=columns, known={**(one.known or {}), **now})

@@ -178,7 +178,6 @@ class Rounds:
     needed: float = constant(0.01, 'of the distance', 'that each effect must take off')
     surely: float = constant(2.0, 'loss', 'that is enough where the distance shows nothing')
     sure: float = constant(1.5, '', 'over recordings, of such a loss')
-    nuisances: int = constant(4, 'columns', 'of nuisances, which come first', DEFINITION)
     true: float = constant(0.8, '', 'probability that is given to effects that rounds add')
 
 
