@@ -197,15 +197,12 @@ def _page(table: dict[str, Any], placed: Sequence[Placed], boards: Mapping[int, 
     )
     parts = [undecided(table['cannot_decide']), recordings_table(table['recordings'])]
     for i, board in boards.items():
-        one = placed[i]
-        frames = one.moving and len(one.costs) > 1
         parts.append(
             figures(
                 table['recordings'][i]['name'],
                 board.picture,
                 'gray image, outline of the board as it was found in orange',
-                one.costs if frames else one.history,
-                'frame' if frames else 'step of the alignment',
+                placed[i],
                 'misfit of gray values',
             )
         )

@@ -8,6 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.html_drawing import CURVE_STYLE, curves, picture
 from flexx2_sim_ros.html_page import html_page
+from flexx2_sim_ros.truth.board_placing import Placed
 from flexx2_sim_ros.truth.clean import PARTS
 from flexx2_sim_ros.truth.registration import Registered
 from flexx2_sim_ros.truth.writing import Picture
@@ -58,7 +59,9 @@ def page(
     body = [_shared(table), undecided(table['cannot_decide']), recordings_table(rows)]
     for i, row in enumerate(rows):
         if i in pictures:
-            body.append(_pictures(row, registered[i], pictures[i]))
+            caption = 'measured depth (dark is near), edges of the room in orange'
+            where = registered[i]
+            body.append(figures(row['name'], pictures[i], caption, where, 'truncated residual'))
     return whole_page(table, about, body)
 
 
@@ -151,15 +154,26 @@ def recordings_table(rows: Sequence[Mapping[str, Any]]) -> str:
                 f'<td>{_millimetres(row["residual_mm"])}</td><td>{known_share(row)}</td>'
             )
         lines.append(
-            f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
-            f'{row["verdict"]}</span></td><td>{row["motion"]}</td><td>{row["fitting"]:.0%}</td>'
+            f'<td>{row["motion"]}</td><td>{row["fitting"]:.0%}</td>'
             f'{sizes or "<td></td><td></td><td></td>"}'
-            f'<td class="words"><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
         )
+    heads = 'camera', 'pixels that fit', 'pose, standard deviation', 'median residual', 'known'
+    return with_verdicts(rows, heads, lines)
+
+
+def with_verdicts(
+    rows: Sequence[Mapping[str, Any]], heads: Sequence[str], cells: Sequence[str]
+) -> str:
+    """Return a table of recordings, their verdicts and reasons, and cells of HTML between them."""
+    lines = [
+        f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
+        f'{row["verdict"]}</span></td>{own}'
+        f'<td class="words"><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
+        for row, own in zip(rows, cells, strict=True)
+    ]
     return (
-        '<h2>Recordings</h2><div class="scroll"><table><tr><th>file</th><th>verdict</th>'
-        '<th>camera</th><th>pixels that fit</th><th>pose, standard deviation</th>'
-        '<th>median residual</th><th>known</th><th></th></tr>'
+        '<h2>Recordings</h2><div class="scroll"><table><tr>'
+        f'{"".join(f"<th>{one}</th>" for one in ("file", "verdict", *heads, ""))}</tr>'
         f'{"".join(lines)}</table></div>'
     )
 
@@ -174,21 +188,11 @@ def _millimetres(value: float | None) -> str:
     return 'no depth' if value is None else f'{value:.1f} mm'
 
 
-def _pictures(row: Mapping[str, Any], where: Registered, shown: Picture) -> str:
-    if where.moving and len(where.costs) > 1:
-        steps, label = where.costs, 'frame'
-    else:
-        steps, label = where.history, 'step of the alignment'
-    caption = 'measured depth (dark is near), edges of the room in orange'
-    return figures(row['name'], shown, caption, steps, label, 'truncated residual')
-
-
 def figures(
     name: str,
     shown: Picture,
     caption: str,
-    costs: Sequence[float] = (),
-    axis: str = '',
+    where: Registered | Placed | None = None,
     cost: str = '',
 ) -> str:
     """
@@ -202,14 +206,17 @@ def figures(
         The images of the recording.
     caption : str
         Caption of the overlay.
-    costs : sequence of float
-        Costs of the alignment; no curve is drawn of fewer than two.
-    axis, cost : str
-        Labels of the axes of `costs`.
+    where : Registered, Placed or None
+        The alignment; no curve is drawn of fewer than two costs.
+    cost : str
+        What its costs are.
 
     """
     name = escape(name)
-    curve = ''
+    curve, costs = '', () if where is None else where.history
+    axis = 'step of the alignment'
+    if where is not None and where.moving and len(where.costs) > 1:
+        costs, axis = where.costs, 'frame'
     if len(costs) > 1:
         steps = np.arange(len(costs), dtype=float)
         curve = curves(steps, np.array([costs]), [cost], axis, cost, 0.02)

@@ -9,7 +9,7 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_planes
 from flexx2_sim_ros.truth.files import digest
-from flexx2_sim_ros.truth.page import figures, known_share, undecided, whole_page
+from flexx2_sim_ros.truth.page import figures, known_share, undecided, whole_page, with_verdicts
 from flexx2_sim_ros.truth.plane_file import PlaneFile, read_planes
 from flexx2_sim_ros.truth.plane_writing import (
     Judged,
@@ -199,21 +199,13 @@ def _page(table: dict[str, Any], pictures: Mapping[int, Picture]) -> str:
 
 
 def _recordings(rows: Sequence[Mapping[str, Any]]) -> str:
-    lines = []
+    cells = []
     for row in rows:
         planes = row.get('planes', ())
         known = known_share(row) if planes else ''
-        lines.append(
-            f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
-            f'{row["verdict"]}</span></td><td>{known}</td><td>'
-            f'{"<br>".join(map(_plane, planes))}</td>'
-            f'<td class="words"><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
-        )
-    return (
-        '<h2>Recordings</h2><div class="scroll"><table><tr><th>file</th><th>verdict</th>'
-        '<th>known</th><th>planes: distance, and how much farther the recording shows them</th>'
-        f'<th></th></tr>{"".join(lines)}</table></div>'
-    )
+        cells.append(f'<td>{known}</td><td>{"<br>".join(map(_plane, planes))}</td>')
+    heads = 'known', 'planes: distance, and how much farther the recording shows them'
+    return with_verdicts(rows, heads, cells)
 
 
 def _plane(row: Mapping[str, Any]) -> str:

@@ -153,10 +153,6 @@ class _Core:
     mask: np.ndarray
     outline: np.ndarray | None
 
-    @property
-    def normal(self) -> np.ndarray:
-        return np.asarray(self.inverse / np.linalg.norm(self.inverse))
-
 
 class _Search:
     """Planes among the pixels of an image."""
@@ -209,7 +205,7 @@ class _Search:
 
     def _around(self, own: _Core, reach: np.ndarray) -> np.ndarray:
         # As far as no depth jump and no other surface ends it.
-        like = self.normals @ own.normal > _HALFWAY
+        like = self.normals @ own.inverse > _HALFWAY * np.linalg.norm(own.inverse)
         return _most(_closed(reach & self.image.smooth & like), own.mask)
 
     def surface(
