@@ -149,8 +149,7 @@ def _with_reflectivity(clean: Clean, what: BoardWriting, image: Observation, pos
 
 def _plane_of(shown: _Shown, known: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     known = known if known.any() else shown.clean.known
-    rays, depth = shown.image.rays[known], shown.clean.depth[known, None]
-    points = np.concatenate([rays, np.ones_like(depth)], axis=1) * depth
+    points = shown.image.directions[known] * shown.clean.depth[known, None]
     return plane_covariance(shown.pose, covariance, points.mean(axis=0))
 
 

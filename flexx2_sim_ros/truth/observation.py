@@ -59,6 +59,11 @@ class Observation:
         return np.isfinite(self.depth) & np.isfinite(self.rays[..., 0]) & ~jumps
 
     @cached_property
+    def directions(self) -> np.ndarray:
+        """Return (H, W, 3) points of the rays at a depth of one metre."""
+        return np.concatenate([self.rays, np.ones((*self.rays.shape[:2], 1))], axis=-1)
+
+    @cached_property
     def length(self) -> np.ndarray:
         """Return (H, W) length of a ray per metre of depth."""
         return np.sqrt(1 + (self.rays**2).sum(axis=-1))

@@ -159,12 +159,11 @@ class _Search:
 
     def __init__(self, image: Observation) -> None:
         self.image = image
-        self.rays = np.concatenate([image.rays, np.ones((*image.depth.shape, 1))], axis=-1)
         self.tolerance = _TOLERANCE + _NOISE * image.sigma
 
     def near(self, inverse: np.ndarray) -> np.ndarray:
         """Return (H, W) bool: pixels near the plane, except at grazing angles."""
-        along = self.rays @ inverse
+        along = self.image.directions @ inverse
         cosine = along / np.linalg.norm(inverse) / self.image.length
         with np.errstate(divide='ignore', invalid='ignore'):
             return (np.abs(self.image.depth - 1 / along) < self.tolerance) & (cosine > _GRAZING)
@@ -175,7 +174,7 @@ class _Search:
         seen = self.image.smooth
         height, width = seen.shape
         window = max(3, min(_WINDOW, min(height, width) // 8))
-        rays = np.where(seen[..., None], self.rays, 0)
+        rays = np.where(seen[..., None], self.image.directions, 0)
         inverse = np.where(seen, 1 / np.where(seen, self.image.depth, 1), 0)
         design = rays[..., :, None] * rays[..., None, :]
         sums = ndimage.uniform_filter(design, (window, window, 1, 1), mode='constant')
@@ -188,7 +187,7 @@ class _Search:
     def region(self, name: str, cores: Mapping[str, _Core]) -> np.ndarray:
         """Return (H, W) bool: the pixels of a plane, by outline or by the surface around it."""
         own = cores[name]
-        along = self.rays @ own.inverse
+        along = self.image.directions @ own.inverse
         with np.errstate(invalid='ignore'):
             reach = along / np.linalg.norm(own.inverse) / self.image.length > _GRAZING
         if own.outline is not None:
@@ -196,7 +195,7 @@ class _Search:
         for other, theirs in cores.items():
             if other != name:
                 reach &= ~theirs.mask
-                behind = self.rays @ theirs.inverse > along
+                behind = self.image.directions @ theirs.inverse > along
                 shares = [behind[one.mask].mean() for one in (own, theirs)]
                 # Their line of intersection divides two planes that meet.
                 if abs(shares[0] - shares[1]) > _DIVIDED:
@@ -217,7 +216,7 @@ class _Search:
         for other, theirs in regions.items():
             if other != name:
                 others |= theirs | self._meet(own.inverse, cores[other].inverse)
-        depth, along = self.image.depth, self.rays @ own.inverse
+        depth, along = self.image.depth, self.image.directions @ own.inverse
         with np.errstate(divide='ignore', invalid='ignore'):
             error = depth - 1 / along
             far = np.abs(error) > self.tolerance
@@ -245,7 +244,7 @@ class _Search:
     def _meet(self, own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
         # A pixel near the intersection of two planes may belong to either.
         with np.errstate(divide='ignore', invalid='ignore'):
-            gap = np.abs(1 / (self.rays @ theirs) - 1 / (self.rays @ own))
+            gap = np.abs(1 / (self.image.directions @ theirs) - 1 / (self.image.directions @ own))
         return np.asarray(gap < self.tolerance)
 
     def plane(self, start: np.ndarray, free: np.ndarray, growing: bool) -> np.ndarray | None:
@@ -275,21 +274,21 @@ class _Search:
         allowed = np.zeros((height, width), bool)
         allowed[tuple(places.T)] = True
         triples = triples[allowed[triples[..., 0], triples[..., 1]].all(axis=1)]
-        rays = self.rays[triples[..., 0], triples[..., 1]]
+        rays = self.image.directions[triples[..., 0], triples[..., 1]]
         good = np.abs(np.linalg.det(rays)) > 1e-6
         if not good.any():
             return None
         depth = self.image.depth[triples[..., 0], triples[..., 1]]
         planes = np.linalg.solve(rays[good], 1 / depth[good][..., None])[..., 0]
         some = tuple(places[rng.permutation(len(places))[:_SAMPLE]].T)
-        along = planes @ self.rays[some].T
+        along = planes @ self.image.directions[some].T
         with np.errstate(divide='ignore'):
             near = np.abs(1 / along - self.image.depth[some]) < self.tolerance[some]
         return np.asarray(planes[near.sum(axis=1).argmax()])
 
     def fitted(self, inverse: np.ndarray, mask: np.ndarray) -> np.ndarray | None:
         """Return a plane fitted to pixels: Gauss-Newton steps in depth with Cauchy weights."""
-        rays, depth = self.rays[mask], self.image.depth[mask]
+        rays, depth = self.image.directions[mask], self.image.depth[mask]
         if len(rays) < 3:
             return None
         for _ in range(3):

@@ -256,7 +256,7 @@ def _constraints(job: PlaneJob, names: list[str]) -> Constraints:
 def _fitted(surfaces: list[Surface], image: Observation) -> Placed:
     pivots = []
     for surface in surfaces:
-        rays = _rays(image)[surface.mask]
+        rays = image.directions[surface.mask]
         pivots.append((rays / (rays @ surface.inverse)[:, None]).mean(axis=0))
     return Placed(
         np.stack([surface.normal for surface in surfaces]),
@@ -336,7 +336,7 @@ def write_planes(what: PlaneWriting) -> Picture:
 
 def _render(job: PlaneJob, planes: Nominal, image: Observation) -> tuple[Clean, np.ndarray]:
     # Pixels outside the planes are unknown.
-    rays, shape = _rays(image), image.depth.shape
+    rays, shape = image.directions, image.depth.shape
     depth, incidence = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
     sigma, plane = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
     part = np.full(shape, OUTSIDE, np.uint8)
@@ -351,7 +351,3 @@ def _render(job: PlaneJob, planes: Nominal, image: Observation) -> tuple[Clean, 
         plane[mask] = k + 1
         part = np.where((part == KNOWN) | (surface.part == OUTSIDE), part, surface.part)
     return Clean(depth, incidence, None, part, sigma), plane
-
-
-def _rays(image: Observation) -> np.ndarray:
-    return np.concatenate([image.rays, np.ones((*image.depth.shape, 1))], axis=-1)
