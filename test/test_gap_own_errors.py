@@ -6,6 +6,7 @@ from bench.planes import describe, record, VIEWS
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.inference.own_errors import common_motion
+from flexx2_sim_ros.gap.report.words import accuracy
 from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
 import numpy as np
 import pytest
@@ -51,3 +52,10 @@ def test_free_planes_make_no_gap_that_is_not_there(effect: str, tmp_path: Path) 
     gap = found['gap']['wasserstein_mm']
     assert gap['after'] <= gap['before'] < 1000 * np.nanmean(off) + 1
     assert {row['name'] for row in found['effects']} <= {effect}
+
+
+@pytest.mark.parametrize(('sigma', 'said'), [(0.0, ''), (0.003, 'depth known to 3 mm, ')])
+def test_depth_is_not_said_to_be_known_to_0_mm(sigma: float, said: str) -> None:
+    planes = {'planes': 3, 'offset': 0.1, 'tilt': 5.0}
+    nothing = dict.fromkeys(('unknown', 'pose', 'turn'))
+    assert accuracy([{**nothing, **planes, 'sigma': sigma}]) == f'{said}planes to 100 mm and 5 deg'

@@ -365,7 +365,7 @@ def accuracy(truths: list[dict[str, Any]]) -> str:
     parts = []
     if any(one['unknown'] for one in truths):
         parts.append(f'{span("unknown", 100)} % of the pixels unknown')
-    if any(one['sigma'] is not None for one in truths):
+    if any(one['sigma'] for one in truths):
         parts.append(f'depth known to {span("sigma", 1000)} mm')
     if any(one['pose'] is not None for one in truths):
         parts.append(f'pose to {span("pose", 1000)} mm and {span("turn", 1)} deg')
