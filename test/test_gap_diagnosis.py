@@ -16,7 +16,6 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose, measure
 from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.report.words import headline
-import numpy as np
 import pytest
 
 # Half of the resolution and few recordings: what a test can afford.
@@ -362,41 +361,24 @@ def test_the_reduction_by_given_effects_is_measured(filtered: Path) -> None:
 
 
 def test_the_commands_of_the_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the example of a diagnosis, and the table of commands that build on it."""
+    page = (Path(__file__).parents[1] / 'README.md').read_text(encoding='utf-8')
+    program = re.search(r"```python\n([^`]*'scene.npz'.*?)```", page, re.DOTALL)
+    example = re.search(r'```bash\n(mkdir recordings .*?)```', page, re.DOTALL)
+    assert program
+    assert example
     monkeypatch.chdir(tmp_path)
-    camera = np.array([[210.6, 0, 111.5], [0, 212.9, 85.5], [0, 0, 1]])
-    np.savez('scene.npz', clean_depth=np.full((172, 224), 1.5), K=camera)
-    Path('recordings').mkdir()
-    assert (
-        main(
-            [
-                'simulate',
-                'scene.npz',
-                'recordings/one.npz',
-                '--frames',
-                '20',
-                '--effects',
-                'temporal_filter',
-            ]
-        )
-        == 0
-    )
-    assert main(['gap', 'diagnose', 'recordings', '--out', 'diagnosis', '--jobs', '1']) == 0
+    exec(program[1], {})  # noqa: S102
+    commands = example[1].splitlines()
+    for name in commands.pop(0).split()[1:]:
+        Path(name).mkdir()
+    table = re.findall(r'^\| `(flexx2 gap .*?)` \|', page, re.MULTILINE)
+    assert len(table) == 5
+    # Walking robots take minutes: test_gap_walk.py runs them.
+    for command in (*commands, *(c for c in table if ' walk ' not in c)):
+        assert main(command.split()[1:]) == 0, command
     (effect,) = load_effects(Path('diagnosis/effects.yaml'))
     assert effect.name == 'temporal_filter'
-    assert (
-        main(
-            [
-                'simulate',
-                'scene.npz',
-                'out.npz',
-                '--frames',
-                '3',
-                '--effects',
-                'diagnosis/effects.yaml',
-            ]
-        )
-        == 0
-    )
 
 
 def test_an_effect_left_out_is_not_named(filtered: Path) -> None:

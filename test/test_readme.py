@@ -54,12 +54,6 @@ ELSEWHERE = {
     'flexx2 view out.npz': 'test_view_recording.py',
     'flexx2 view recordings': 'test_view_recording.py',
     'flexx2 view diagnosis recordings': 'test_view_recording.py',
-    'mkdir recordings': 'test_gap_diagnosis.py',
-    'flexx2 simulate scene.npz recordings/one.npz --frames 20 --effects temporal_filter': (
-        'test_gap_diagnosis.py'
-    ),
-    'flexx2 gap diagnose recordings --out diagnosis': 'test_gap_diagnosis.py',
-    'flexx2 simulate scene.npz out.npz --effects diagnosis/effects.yaml': 'test_gap_diagnosis.py',
     'flexx2 gap benchmark --quick --out benchmark': 'test_gap_benchmark.py',
     'flexx2 characterize capture campaign': 'test_characterize_capture.py',
     'flexx2 characterize fit campaign --out result': 'test_characterize_capture.py',
@@ -75,6 +69,8 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf'```{language}\n(.*?)```', README, re.DOTALL)
 
 
+EXAMPLE = re.search(r'```bash\n(mkdir recordings .*?)```', README, re.DOTALL)[1].splitlines()
+ELSEWHERE |= dict.fromkeys(EXAMPLE, 'test_gap_diagnosis.py')
 COMMANDS = dict.fromkeys(
     line.split('  #')[0].strip()
     for block in blocks('bash')
