@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-import math
 
 from flexx2_sim_ros.characterize import board as boards
 from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, count_invalid
@@ -24,8 +23,6 @@ import numpy as np
 
 _CHUNK = 60
 _FIRST = 30  # frames in which the board is searched
-_FAR = 100.0  # metres: no depth camera of this kind sees that far
-_MILLIMETRES = 500, 2000  # times the depth: true depth in this range is in millimetres
 
 
 @dataclass
@@ -179,7 +176,6 @@ def _start(
 ) -> SinglePass:
     frames = reader.shape[0]
     first, noise = _typical(depth[:_FIRST])
-    _check_units(first, far)
     # One frame has no jumping edges yet.
     margin = boards.SMALLEST_MARGIN if frames == 1 else None
     board = find_board(first, noise, reader.K, box, margin, reader.distortion)
@@ -207,7 +203,7 @@ def _start(
         FrameMeans(board.region, reference),
         np.zeros(first.shape, np.int64),
         [[] for _ in sites],
-        None if part.clean_depth is None else _clean(part.clean_depth, first, reader),
+        None if part.clean_depth is None else _clean(part.clean_depth),
         np.zeros(first.shape),
     )
 
@@ -239,25 +235,8 @@ def _typical(depth: np.ndarray) -> tuple[np.ndarray, float]:
     return typical, float(np.nan_to_num(noise))
 
 
-def _check_units(typical: np.ndarray, far: float) -> None:
-    middle = float(np.nanmedian(typical))
-    if middle > min(_FAR, 3 * far):
-        raise InputError(
-            f'depth: must be metres{"" if math.isinf(far) else f" up to {far:g}"}, got a '
-            f'median of {middle:.4g}; are these millimetres?'
-        )
-
-
-def _clean(clean: np.ndarray, typical: np.ndarray, reader: RecordingReader) -> np.ndarray:
-    # One image in metres: the first that is there, because a bag may lack that of a frame.
+def _clean(clean: np.ndarray) -> np.ndarray:
+    # One image: the first that is there, because a bag may lack that of a frame.
     if clean.ndim == 3:
         clean = next((image for image in clean if np.isfinite(image).any()), clean[0])
-    image = np.asarray(clean, np.float64)
-    with np.errstate(invalid='ignore', divide='ignore'):
-        ratios = (image / typical)[(image > 0) & (typical > 0)]
-    if not len(ratios) or not _MILLIMETRES[0] < np.median(ratios) < _MILLIMETRES[1]:
-        return image
-    reader.notes.append(
-        f'{reader.path}: clean_depth: about 1000 times depth: taken for millimetres'
-    )
-    return image / 1000
+    return np.asarray(clean, np.float64)

@@ -35,8 +35,6 @@ from flexx2_sim_ros.truth.reflectivity import (
 from flexx2_sim_ros.truth.writing import Picture, picture_of, shows_light, write_truth
 import numpy as np
 
-_LARGEST_DEPTH = 100.0  # metres; larger values are millimetres
-
 
 @dataclass(frozen=True)
 class PlaneJob:
@@ -215,9 +213,6 @@ def _judged(job: PlaneJob) -> Judged:
         return Judged('refused', (reason_of(error, job.path),))
     if footage.moving:
         return Judged('refused', ('the camera moves; planes need one that stands still',))
-    middle = float(np.nanmedian(footage.still.depth))
-    if middle > _LARGEST_DEPTH:
-        return Judged('refused', (f'depth: must be metres, got {middle:.0f}: millimetres',))
     surfaces = find_planes(footage.still, job.hints)
     names = [surface.name for surface in surfaces]
     missing = [hint for hint in job.hints if hint.name not in names]

@@ -16,7 +16,6 @@ class Reading:
     chunk: int = constant(32, 'frames', 'read at a time', DEFINITION)
     brightest: float = constant(2.0, '', 'a larger reflectivity is in another unit')
     longest_uptime: float = constant(1e6, 's', 'a longer uptime is an error')
-    near_1000: float = constant(0.7, 'ln', 'a ratio this near 1000 means millimetres')
     outside_range: float = constant(0.01, 'fraction', 'of valid depths that is noted')
     reflectivities: tuple[float, float] = constant(
         (1e-3, 100.0), '', 'median reflectivity that an amplitude image may mean'

@@ -14,7 +14,7 @@ from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.data.truth_frames import first_known, known_in, of_frames, still
-from flexx2_sim_ros.gap.data.units import guessed_scale, in_metres, largest, reflectivity_from
+from flexx2_sim_ros.gap.data.units import guessed_scale, largest, reflectivity_from
 from flexx2_sim_ros.gap.data.unknown import fill, nearest
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth, Truth
@@ -263,7 +263,6 @@ def _depths(
         if known.ndim > clean.ndim:
             clean = np.broadcast_to(clean, known.shape)
         clean = np.where(known, clean, np.float32(np.nan))
-    depth, clean = in_metres(path, depth, clean, mode, notes)
     valid = np.isfinite(depth)
     if not valid.any():
         raise InputError(f'{path}: depth: all pixels of all frames are invalid')

@@ -1,4 +1,4 @@
-"""Units that a recording may have: millimetres, and scales of the amplitude."""
+"""Scales that the amplitude of a recording may have."""
 
 from pathlib import Path
 
@@ -17,50 +17,6 @@ def largest(amplitude: np.ndarray) -> float:
 def guessed_scale(brightest: float) -> float:
     """Return the full scale of floating-point amplitudes that go up to a value."""
     return next((scale for scale in (1.0, 255.0) if brightest <= scale), 65535.0)
-
-
-def in_metres(
-    path: Path, depth: np.ndarray, clean: np.ndarray, mode: Mode, notes: list[str]
-) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Convert measured and clean depth to metres.
-
-    Depths are in millimetres if they are about a thousand times the other ones, or if both lie
-    far beyond the range.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The recording's, for the notes.
-    depth, clean : numpy.ndarray
-        (T, H, W), and that or (H, W); float32 metres or millimetres, NaN where invalid.
-    mode : Mode
-        The camera's.
-    notes : list of str
-        What was converted is added.
-
-    """
-    with np.errstate(invalid='ignore', divide='ignore'):
-        ratio = depth / clean
-    middle = {'depth': _median(depth), 'clean_depth': _median(clean)}
-    factor = _median(ratio)
-    wrong = (
-        ['depth']
-        if abs(np.log(factor / 1000)) < READING.near_1000
-        else ['clean_depth']
-        if abs(np.log(factor * 1000)) < READING.near_1000
-        else ['depth', 'clean_depth']
-        if middle['clean_depth'] > 100 * mode.range_max
-        else []
-    )
-    notes += [
-        f'{path}: {key}: its median is {middle[key]:.4g}: taken for millimetres' for key in wrong
-    ]
-    millimetre = np.float32(0.001)
-    return (
-        depth * millimetre if 'depth' in wrong else depth,
-        clean * millimetre if 'clean_depth' in wrong else clean,
-    )
 
 
 def _median(values: np.ndarray) -> float:
