@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -241,6 +242,15 @@ def test_a_launch_that_fails_ends_with_all_its_nodes(
         output = process.communicate(timeout=PATIENCE)[0]  # Its pipe closes with the last node.
     assert process.returncode == 1, output
     assert re.search(said, output)
+
+
+@pytest.mark.skipif(shutil.which('rviz2') is not None, reason='RViz is installed')
+def test_a_launch_without_rviz_starts_nothing(launch: Any) -> None:
+    with launch('go1.launch.py', 'renderer:=ray', 'namespace:=no_rviz', 'rviz:=true') as process:
+        output = process.communicate(timeout=PATIENCE)[0]  # Its pipe closes with the last node.
+    assert process.returncode == 1, output
+    assert 'Caught exception in launch' in output
+    assert 'process started' not in output
 
 
 def test_the_launch_files_are_documented() -> None:
