@@ -1,5 +1,10 @@
 """What the demo's table measures of frames that arrive in part."""
 
+from pathlib import Path
+import re
+import subprocess
+import sys
+
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.nodes.probe import Capture
 import numpy as np
@@ -55,3 +60,23 @@ def test_two_frames_give_no_noise_ratio() -> None:
         capture.add(i, np.ones((4, 4), np.float32), np.ones((4, 4), np.float32), 0.001)
         capture.add_sigma(i, np.full((4, 4), 0.01, np.float32))
     assert np.isnan(capture.sigmas()).all()
+
+
+def test_the_demo_waits_for_frames_however_short_its_time(
+    child_env: dict[str, str], tmp_path: Path
+) -> None:
+    pytest.importorskip('rclpy')
+    done = subprocess.run(
+        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'demo', '--renderer', 'ray']
+        + ['--seconds', '0.001', '--out', str(tmp_path)],
+        env=child_env,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    rows = re.findall(r'front_\w+ +Mode_\w+ +(\d+) ', done.stdout)
+    assert len(rows) == 6
+    assert min(map(int, rows)) >= 3
+    assert (tmp_path / 'demo.png').is_file()
