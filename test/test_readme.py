@@ -69,8 +69,9 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf'```{language}\n(.*?)```', README, re.DOTALL)
 
 
-EXAMPLE = re.search(r'```bash\n(mkdir recordings .*?)```', README, re.DOTALL)[1].splitlines()
-ELSEWHERE |= dict.fromkeys(EXAMPLE, 'test_gap_diagnosis.py')
+for block in blocks('bash'):
+    if block.startswith('mkdir recordings'):
+        ELSEWHERE |= dict.fromkeys(block.splitlines(), 'test_gap_diagnosis.py')
 COMMANDS = dict.fromkeys(
     line.split('  #')[0].strip()
     for block in blocks('bash')
