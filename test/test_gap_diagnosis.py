@@ -373,7 +373,7 @@ def test_the_commands_of_the_readme(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for name in commands.pop(0).split()[1:]:
         Path(name).mkdir()
     table = re.findall(r'^\| `(flexx2 gap .*?)` \|', page, re.MULTILINE)
-    assert len(table) == 5
+    assert len(table) == 4
     # Walking robots take minutes: test_gap_walk.py runs them.
     for command in (*commands, *(c for c in table if ' walk ' not in c)):
         assert main(command.split()[1:]) == 0, command
