@@ -26,7 +26,7 @@ from flexx2_sim_ros.effects import ageing, registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.recording import open_recording
-from flexx2_sim_ros.truth import make_plane_truth, make_truth, PlaneRequest, Request
+from flexx2_sim_ros.truth import make_plane_truth, make_truth, PlaneRequest, RoomRequest
 from flexx2_sim_ros.truth.poses import Pose
 import numpy as np
 from study.blind.meshes import write_mesh
@@ -41,7 +41,7 @@ _BLOCK = 6
 Effects = Mapping[str, Mapping[str, float]]
 
 
-class Room:
+class FurnishedMesh:
     """A furnished room as a mesh, seen from six places and on two walks."""
 
     kinds = 'scan', 'single'
@@ -68,10 +68,10 @@ class Room:
         """Write the campaign."""
         paths, poses = tuple(sorted(recordings.iterdir())), tuple(self.poses)
         if kind == 'scan':
-            make_truth(Request(recordings=paths, room=self.mesh, out=out, poses=poses))
+            make_truth(RoomRequest(recordings=paths, room=self.mesh, out=out, poses=poses))
             return
         for path, pose in zip(paths, poses, strict=True):
-            make_truth(Request(recordings=(path,), room=self.mesh, out=out, poses=(pose,)))
+            make_truth(RoomRequest(recordings=(path,), room=self.mesh, out=out, poses=(pose,)))
 
 
 class Corners:
@@ -95,7 +95,7 @@ class Corners:
         make_plane_truth(PlaneRequest(recordings=(recordings,), planes=planes, out=out))
 
 
-def record(folder: Path, scenes: Room | Corners, effects: Effects) -> list[np.ndarray]:
+def record(folder: Path, scenes: FurnishedMesh | Corners, effects: Effects) -> list[np.ndarray]:
     """Write a recording of each view, and return the mean measured depth, (H, W) or (T, H, W)."""
     folder.mkdir()
     table: dict[str, Any] = {name: dict(values) for name, values in effects.items()}
@@ -159,7 +159,7 @@ def main(only: str, effects: str, write: bool) -> None:
     """Print the table."""
     names = effects.split(',') if effects else list(registry())
     found: dict[str, dict[str, float]] = {}
-    kinds: dict[str, type[Room | Corners]] = {'room': Room, 'corners': Corners}
+    kinds: dict[str, type[FurnishedMesh | Corners]] = {'room': FurnishedMesh, 'corners': Corners}
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
         for name, scenes in kinds.items():
@@ -184,7 +184,10 @@ def main(only: str, effects: str, write: bool) -> None:
 
 
 def _measure(
-    folder: Path, scenes: Room | Corners, names: Sequence[str], found: dict[str, dict[str, float]]
+    folder: Path,
+    scenes: FurnishedMesh | Corners,
+    names: Sequence[str],
+    found: dict[str, dict[str, float]],
 ) -> None:
     name = type(scenes).__name__
     plain = record(folder / f'{name}-in', scenes, {})

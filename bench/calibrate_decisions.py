@@ -54,7 +54,7 @@ from bench.decision_campaigns import (
     STRENGTHS,
 )
 from bench.decision_counts import before, counted
-from bench.decision_fit import calibrate, Campaign, campaign, COVERED
+from bench.decision_fit import calibrate, campaign, COVERED, DiagnosedCampaign
 from bench.decision_lines import keep, KEPT, kept_arguments
 from bench.journal import entries, Journal
 from flexx2_sim_ros import __version__
@@ -85,7 +85,7 @@ _RATES: dict[str, tuple[str, float, float]] = {
     'held': ('interval of the reduction holds', 0.85, 0.95),
     'named': ('a true effect named first', 0.0, 1.0),
 }
-_CURVES: dict[str, tuple[str, Callable[[Campaign], float], tuple[float, ...]]] = {
+_CURVES: dict[str, tuple[str, Callable[[DiagnosedCampaign], float], tuple[float, ...]]] = {
     'strength': (
         '',
         lambda one: max(one.planned['effects'].values(), default=0.0),
@@ -293,14 +293,16 @@ def _print_rates(checked: Mapping[str, Any], earlier: Mapping[str, Any]) -> None
 
 
 def _counted(
-    rules: Sequence[Decisions], folds: Sequence[Sequence[Campaign]]
+    rules: Sequence[Decisions], folds: Sequence[Sequence[DiagnosedCampaign]]
 ) -> dict[str, list[Any]]:
     # Of each fold, by the rule that was fitted to the other folds.
     parts = [counted(rule, fold) for rule, fold in zip(rules, folds, strict=True)]
     return {name: [one for part in parts for one in part[name]] for name in parts[0]}
 
 
-def _print_curves(rules: Sequence[Decisions], folds: Sequence[Sequence[Campaign]]) -> None:
+def _print_curves(
+    rules: Sequence[Decisions], folds: Sequence[Sequence[DiagnosedCampaign]]
+) -> None:
     # The same rates by how the campaigns were recorded.
     print('| | | false alarms | wrong | right first | calibration error |')
     print('|---|---|---|---|---|---|')

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from bench.decision_fit import Campaign, first, is_wrong
+from bench.decision_fit import DiagnosedCampaign, first, is_wrong
 from flexx2_sim_ros.gap.calibration.decisions import Decisions
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED, judge
 
@@ -11,7 +11,7 @@ _UNEXPLAINED = 'unknown', 'partly'  # right where the diagnosis does not know th
 _COUNTED = 'false_alarms', 'wrong', 'named', 'covered', 'size', 'unexplained', 'held'
 
 
-def counted(rule: Decisions, campaigns: Sequence[Campaign]) -> dict[str, Any]:
+def counted(rule: Decisions, campaigns: Sequence[DiagnosedCampaign]) -> dict[str, Any]:
     """
     Count how often a rule is right about campaigns it was not fitted to.
 
@@ -57,7 +57,7 @@ def counted(rule: Decisions, campaigns: Sequence[Campaign]) -> dict[str, Any]:
     return out
 
 
-def before(campaigns: Sequence[Campaign]) -> dict[str, Any]:
+def before(campaigns: Sequence[DiagnosedCampaign]) -> dict[str, Any]:
     """Count the same of the rule with which the campaigns were diagnosed."""
     out: dict[str, list[Any]] = {name: [] for name in _COUNTED}
     for one in campaigns:

@@ -53,7 +53,7 @@ _FEWEST = 9  # campaigns of a group, for a quantile of 0.9
 
 
 @dataclass(frozen=True)
-class Campaign:
+class DiagnosedCampaign:
     """
     A diagnosed campaign and what is true.
 
@@ -97,10 +97,10 @@ class Campaign:
         return bool(self.planned['group'] == 'none')
 
 
-Judged = tuple[Campaign, Mapping[str, float]]  # and the probability of each effect
+Judged = tuple[DiagnosedCampaign, Mapping[str, float]]  # and the probability of each effect
 
 
-def campaign(line: Mapping[str, Any]) -> Campaign:
+def campaign(line: Mapping[str, Any]) -> DiagnosedCampaign:
     """Read a line of `decision_campaigns.run`."""
     planned, table = line['planned'], line['diagnosis']
     depths = planned['width'] * planned['height'] * planned['frames']
@@ -115,7 +115,7 @@ def campaign(line: Mapping[str, Any]) -> Campaign:
         gap = table['gap']
         low, high = gap[gap['measured_by']]['shrink_interval'] or [gap['shrink']] * 2
         reduction = gap['shrink'], low, high, min(realised['shrink'], 1.0)
-    return Campaign(
+    return DiagnosedCampaign(
         planned,
         line['more'],
         support_from({'depths': depths, **table['evidence']}),  # Earlier lines lack them.
@@ -129,7 +129,7 @@ def campaign(line: Mapping[str, Any]) -> Campaign:
     )
 
 
-def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
+def calibrate(campaigns: Sequence[DiagnosedCampaign]) -> Decisions:
     """
     Fit the rule.
 
@@ -171,7 +171,7 @@ def calibrate(campaigns: Sequence[Campaign]) -> Decisions:
 
 
 def _of_effects(
-    campaigns: Sequence[Campaign], rows: Sequence[Rows]
+    campaigns: Sequence[DiagnosedCampaign], rows: Sequence[Rows]
 ) -> tuple[Logistic, list[dict[str, float]]]:
     # The model of effects with these rows for each campaign, and their probabilities.
     pairs = [(k, name) for k, of_one in enumerate(rows) for name in of_one]
@@ -201,7 +201,7 @@ def _logistic(
     return Logistic(constant, dict(zip(rows[0], map(float, weights), strict=True))), left_out
 
 
-def _thresholds(campaigns: Sequence[Campaign], odds: np.ndarray) -> GapThresholds:
+def _thresholds(campaigns: Sequence[DiagnosedCampaign], odds: np.ndarray) -> GapThresholds:
     # Of all thresholds with which at most `FALSE_ALARMS` of the campaigns without an effect have a
     # gap, those with which most of the campaigns with an effect have one.
     present = np.array([one.present for one in campaigns])
@@ -221,7 +221,7 @@ def _thresholds(campaigns: Sequence[Campaign], odds: np.ndarray) -> GapThreshold
     return best
 
 
-def _slopes(campaigns: Sequence[Campaign], odds: np.ndarray) -> GapThresholds:
+def _slopes(campaigns: Sequence[DiagnosedCampaign], odds: np.ndarray) -> GapThresholds:
     # How the evidence of campaigns without an effect depends on the scatter of the poses and on
     # how many depths there are; the other thresholds are 0, but no campaign without an effect
     # reaches that of the agreement.
@@ -251,7 +251,7 @@ def _slopes(campaigns: Sequence[Campaign], odds: np.ndarray) -> GapThresholds:
 
 
 def _without_slopes(
-    campaigns: Sequence[Campaign], odds: np.ndarray, slopes: GapThresholds
+    campaigns: Sequence[DiagnosedCampaign], odds: np.ndarray, slopes: GapThresholds
 ) -> tuple[np.ndarray, np.ndarray]:
     # The odds and excess losses that mean as much in a campaign with most depths.
     fewer = [fewer_by(one.support.depths, slopes.most_depths) for one in campaigns]
@@ -289,7 +289,7 @@ def _least_effect(gaps: Sequence[Judged], count: int, rule: Decisions) -> float:
     return float(np.nextafter(wrong[allowed - 1], 2.0)) if len(wrong) >= allowed else 0.0
 
 
-def is_wrong(one: Campaign, listed: Set[str], partly: bool) -> bool:
+def is_wrong(one: DiagnosedCampaign, listed: Set[str], partly: bool) -> bool:
     """
     Say whether an answer that lists effects is wrong.
 
@@ -299,7 +299,7 @@ def is_wrong(one: Campaign, listed: Set[str], partly: bool) -> bool:
     return one.present and not listed & one.true and (one.findable or not partly)
 
 
-def first(one: Campaign, effects: Mapping[str, float]) -> str:
+def first(one: DiagnosedCampaign, effects: Mapping[str, float]) -> str:
     """Return the most probable one of the chosen effects."""
     return max((c.name for c in one.support.chosen), key=lambda name: effects[name])
 
@@ -317,7 +317,7 @@ def _least_alternative(gaps: Sequence[Judged]) -> float:
     return float(reached[at]) if at >= 0 else 0.0
 
 
-def _margins(campaigns: Sequence[Campaign], rule: Decisions) -> tuple[Margin, ...]:
+def _margins(campaigns: Sequence[DiagnosedCampaign], rule: Decisions) -> tuple[Margin, ...]:
     # Conformalised quantile regression (Romano et al., 2019): by how much intervals must be
     # widened so that they hold in `HELD` of further campaigns.
     verdicts = [judge(one.support, rule).verdict for one in campaigns]

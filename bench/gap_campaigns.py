@@ -14,7 +14,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Room:
+class BoxRoom:
     """
     Axis-aligned boxes inside a room, each with an albedo and a checked pattern.
 
@@ -35,7 +35,7 @@ class Room:
     squares: np.ndarray
 
 
-def make_room(rng: np.random.Generator) -> Room:
+def make_room(rng: np.random.Generator) -> BoxRoom:
     """Draw a room with some boxes in front of the camera at its origin."""
     near = rng.uniform(1.2, 4.5)
     room = [-1.5, -rng.uniform(0.8, 2.5), 0.0, near, rng.uniform(0.8, 2.5), 2.6]
@@ -48,11 +48,11 @@ def make_room(rng: np.random.Generator) -> Room:
         boxes.append([x, y - size[1], low, x + size[0], y + size[1], low + 2 * size[2]])
     count = len(boxes)
     albedo = rng.uniform(0.08, 0.95, (count, 1)) * rng.uniform(0.35, 1.0, (count, 2))
-    return Room(np.array(boxes), albedo, rng.uniform(0.08, 0.4, count))
+    return BoxRoom(np.array(boxes), albedo, rng.uniform(0.08, 0.4, count))
 
 
 def look(
-    room: Room,
+    room: BoxRoom,
     K: np.ndarray,
     size: tuple[int, int],  # noqa: N803
     rotation: np.ndarray,
@@ -64,7 +64,7 @@ def look(
 
     Parameters
     ----------
-    room : Room
+    room : BoxRoom
         The scene.
     K : numpy.ndarray
         (3, 3) camera matrix.

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 
-from flexx2_sim_ros.consumers.loading import Source
+from flexx2_sim_ros.consumers.loading import ConsumerSource
 from flexx2_sim_ros.consumers.running import run
 import pytest
 
@@ -91,7 +91,7 @@ def file(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize('name', ['Good', 'Ends', 'Raises'])
 def test_children_of_a_consumer_end_with_it(file: Path, name: str) -> None:
-    result = run(Source('mine', str(file), name, True), [], 1.0, lambda: None)
+    result = run(ConsumerSource('mine', str(file), name, True), [], 1.0, lambda: None)
     assert bool(result.fault) == (name != 'Good')
     child = int(file.with_suffix('.pid').read_text())
     wait_for(lambda: ended(child))

@@ -6,7 +6,7 @@ from typing import Any
 
 from bench.decision_campaigns import MOST, plan, QUIET
 from bench.decision_counts import counted
-from bench.decision_fit import calibrate, Campaign, campaign
+from bench.decision_fit import calibrate, campaign, DiagnosedCampaign
 from bench.decision_lines import keep, KEPT, kept_arguments
 from bench.journal import entries
 from flexx2_sim_ros.errors import InputError
@@ -164,7 +164,7 @@ def test_a_damaged_rule_is_an_error_that_names_the_file(
         read_decisions(path)
 
 
-def made(rng: np.random.Generator, count: int) -> list[Campaign]:
+def made(rng: np.random.Generator, count: int) -> list[DiagnosedCampaign]:
     """Return campaigns of a made-up world: half without effect, one in six of a hidden cause."""
     out = []
     for k in range(count):
@@ -177,7 +177,7 @@ def made(rng: np.random.Generator, count: int) -> list[Campaign]:
         both = ('offset', 'wiggling') if k % 20 == 0 else ('offset',)  # A rival can be true too.
         true = frozenset(both if kind == 'offset' else ())
         out.append(
-            Campaign(
+            DiagnosedCampaign(
                 {'group': kind, 'pose_mm': 0.0},
                 {},
                 evidence,

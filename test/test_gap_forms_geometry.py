@@ -9,7 +9,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.forms.fitting import BiasFit
 from flexx2_sim_ros.gap.forms.geometry import shape_of
 from flexx2_sim_ros.gap.forms.named import Simulator
-from flexx2_sim_ros.gap.forms.proposals import Proposal, Verdict
+from flexx2_sim_ros.gap.forms.proposals import FormProposal, FormVerdict
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.report.form_figures import figures
 from flexx2_sim_ros.gap.work import find
@@ -106,7 +106,9 @@ def test_a_recording_that_is_gone_is_an_error_that_names_it(
 
 
 def test_a_table_of_fitted_numbers_has_the_title_that_its_page_gives_it() -> None:
-    lens = Proposal('intrinsics_error', shape_of('intrinsics_error').label, LENS, (LENS,) * 3)
-    shown = figures([Verdict(lens, np.ones(3), np.zeros(3), True)], [], ('typical', 'as fitted'))
+    lens = FormProposal('intrinsics_error', shape_of('intrinsics_error').label, LENS, (LENS,) * 3)
+    shown = figures(
+        [FormVerdict(lens, np.ones(3), np.zeros(3), True)], [], ('typical', 'as fitted')
+    )
     assert '<th>intrinsics error</th><th>as fitted</th>' in shown
     assert '<td>cx</td><td>0.5</td><td>0</td>' in shown

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.gap.forms.samples import Samples
-from flexx2_sim_ros.gap.forms.scale import Columns, fit_scale, pose_width
+from flexx2_sim_ros.gap.forms.scale import fit_scale, pose_width, ScaleColumns
 from named_forms import fitted_forms
 import numpy as np
 import pytest
@@ -37,12 +37,12 @@ def make_samples(rng: np.random.Generator, scale: float, moving: bool) -> Sample
     )
 
 
-def make_columns(moving: bool, edges: int = 0) -> Columns:
+def make_columns(moving: bool, edges: int = 0) -> ScaleColumns:
     """Return the shifts of the two variants, in opposite directions, some of them at edges."""
     shift = np.full(COUNT, SHIFT * moving)
     surfaces = np.arange(COUNT) >= edges
     shift[:edges] = 0.3
-    return Columns((-shift, shift), surfaces)
+    return ScaleColumns((-shift, shift), surfaces)
 
 
 @pytest.mark.parametrize('edges', [0, 40])

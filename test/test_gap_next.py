@@ -18,7 +18,7 @@ from flexx2_sim_ros.gap.planning.next_recording import suggest
 from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, PlannedRecording, read_plan
 from flexx2_sim_ros.gap.planning.possible import usual_kinds
 from flexx2_sim_ros.gap.planning.scenes import Panel, render
-from flexx2_sim_ros.gap.planning.truths import Kind, KINDS, write_recording
+from flexx2_sim_ros.gap.planning.truths import KINDS, TruthKind, write_recording
 import numpy as np
 import pytest
 from study.blind import SceneKey, SceneSet
@@ -51,7 +51,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     return read_plan(path)
 
 
-def record(folder: Path, plan: Plan, effects: Any, kind: Kind, names: Sequence[str]) -> Path:
+def record(folder: Path, plan: Plan, effects: Any, kind: TruthKind, names: Sequence[str]) -> Path:
     """Write two recordings of each named set-up."""
     folder.mkdir()
     for again in range(2):

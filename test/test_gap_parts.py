@@ -1,6 +1,6 @@
 """Parts of the diagnosis: pose, statistics, the patch, the page."""
 
-from bench.gap_campaigns import look, make_room, optical, Room
+from bench.gap_campaigns import BoxRoom, look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
@@ -68,7 +68,7 @@ def test_outlines_show_a_motion_along_surfaces_that_face_the_camera() -> None:
     K = flexx2().intrinsics.matrix  # noqa: N806
     far = [-1.0, -4.0, -4.0, 3.0, 4.0, 4.0]
     boxes = [[0.8, 0.05, -0.2, 3.0, 0.4, 0.3], [1.4, -0.6, -0.3, 3.0, -0.1, 0.4]]
-    room = Room(np.array([far, *boxes]), np.full((3, 2), 0.5), np.ones(3))
+    room = BoxRoom(np.array([far, *boxes]), np.full((3, 2), 0.5), np.ones(3))
     rotation, step = optical(0.0, 0.0, 0.1), np.array([0.006, -0.008, 0.0])
     clean, rho = look(room, K, (172, 224), rotation, np.zeros(3))
     true, _ = look(room, K, (172, 224), rotation, rotation @ step)

@@ -15,7 +15,13 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.drawing import drawing
 from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
 from flexx2_sim_ros.gap.planning.power import planned_columns, power
-from flexx2_sim_ros.gap.planning.table import compute, PRIOR, read_table, Request, shipped_table
+from flexx2_sim_ros.gap.planning.table import (
+    compute,
+    PowerRequest,
+    PRIOR,
+    read_table,
+    shipped_table,
+)
 from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
 from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
@@ -97,7 +103,7 @@ def test_a_plan_beyond_the_range_of_the_mode_is_refused(two: Path, tmp_path: Pat
     two.write_text(TWO.replace('[1.0, 40, 0.8]', '[20, 40, 0.8]').replace('[2.0,', '[20,'))
     plan: Plan = read_plan(two)
     plan = replace(plan, recordings=plan.recordings[:1])
-    request = Request(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
+    request = PowerRequest(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
     with pytest.raises(InputError, match='--plan: must have recordings within the range of Mode'):
         compute(request, 'x', lambda text, share: None)
 
@@ -220,7 +226,7 @@ def test_an_interrupted_calculation_resumes(
     two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan: Plan = read_plan(two)
-    request = Request(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
+    request = PowerRequest(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
     # Of two walls in 30 columns nothing but a few effects is found; what counts is that it ends.
     asked: list[str] = []
     interrupt = 3

@@ -1,7 +1,7 @@
 """Scenes to record, computed from panels."""
 
 from flexx2_sim_ros.camera import flexx2
-from flexx2_sim_ros.gap.planning.scenes import card, render, Scene, wall
+from flexx2_sim_ros.gap.planning.scenes import card, PlannedScene, render, wall
 import numpy as np
 import pytest
 
@@ -10,12 +10,14 @@ HAND = card(0.6, -0.1, 0.08, 0.5, (0.5, 0.0, 0.0))
 SCENES = {
     scene.name: scene
     for scene in (
-        Scene('wall', 'a wall at 2 m', (wall(2.0),)),
-        Scene('tilted', 'a wall at 3 m, tilted', (wall(3.0, tilt=40.0),)),
-        Scene('corner', 'a corner, 1.5 m away', (wall(1.5, tilt=45.0), wall(1.5, tilt=-45.0))),
-        Scene('box', 'a box, 0.3 m before a wall', (wall(1.3), card(1.0, -0.4, 0.4, 0.6))),
-        Scene('hand', 'a hand that moves sideways', (wall(1.5), HAND)),
-        Scene('panning', 'a box', (wall(1.5), card(0.8, 0.0, 0.15, 0.6)), turn_rate=40.0),
+        PlannedScene('wall', 'a wall at 2 m', (wall(2.0),)),
+        PlannedScene('tilted', 'a wall at 3 m, tilted', (wall(3.0, tilt=40.0),)),
+        PlannedScene(
+            'corner', 'a corner, 1.5 m away', (wall(1.5, tilt=45.0), wall(1.5, tilt=-45.0))
+        ),
+        PlannedScene('box', 'a box, 0.3 m before a wall', (wall(1.3), card(1.0, -0.4, 0.4, 0.6))),
+        PlannedScene('hand', 'a hand that moves sideways', (wall(1.5), HAND)),
+        PlannedScene('panning', 'a box', (wall(1.5), card(0.8, 0.0, 0.15, 0.6)), turn_rate=40.0),
     )
 }
 
@@ -39,7 +41,7 @@ def test_rendered_depth_agrees_with_the_scenes_description() -> None:
 
 
 @pytest.mark.parametrize('scene', SCENES.values(), ids=SCENES)
-def test_every_visible_surface_has_a_reflectivity(scene: Scene) -> None:
+def test_every_visible_surface_has_a_reflectivity(scene: PlannedScene) -> None:
     depth, reflectivity = render(scene, flexx2().intrinsics, STAMP)
     assert depth.shape == reflectivity.shape
     assert depth.ndim == (3 if scene.moving else 2)

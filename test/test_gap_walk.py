@@ -11,7 +11,7 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.robots.trot import Gait
 from flexx2_sim_ros.walking import ExactCamera, KINDS, Point, SimulatedCamera, walk
-from flexx2_sim_ros.walking.cameras import Views
+from flexx2_sim_ros.walking.cameras import WalkViews
 from flexx2_sim_ros.walking.footsteps import Feet, Footstep, land, Planned, REASONS
 from flexx2_sim_ros.walking.series import rows
 from flexx2_sim_ros.walking.terrain import Terrain
@@ -30,7 +30,7 @@ STEP = Footstep(0, 0.0, 0.2, np.zeros(2))
 class Blind:
     """A camera that sees nothing."""
 
-    def __call__(self, views: Views) -> np.ndarray:
+    def __call__(self, views: WalkViews) -> np.ndarray:
         """Return no depth."""
         return np.full_like(views.depth, np.nan)
 
@@ -82,7 +82,7 @@ def test_walks_do_not_depend_on_their_batch() -> None:
 def test_a_camera_with_latency_sees_from_where_it_was() -> None:
     seen = {}
 
-    def look(views: Views) -> np.ndarray:
+    def look(views: WalkViews) -> np.ndarray:
         depth, reflectivity = views.earlier(0.2)
         past = replace(views, depth=depth, reflectivity=reflectivity)
         seen['past'], seen['now'] = SimulatedCamera(NAME)(past), SimulatedCamera(NAME)(views)
@@ -111,7 +111,7 @@ def test_a_foot_is_judged_by_what_it_touches() -> None:
 def test_images_show_the_terrain() -> None:
     seen = {}
 
-    def look(views: Views) -> np.ndarray:
+    def look(views: WalkViews) -> np.ndarray:
         seen['views'] = views
         return views.depth
 

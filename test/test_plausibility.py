@@ -1,13 +1,13 @@
 """What is said of depth images in which nothing can be seen."""
 
-from flexx2_sim_ros.nodes.plausibility import explain, Finding, sees_something
+from flexx2_sim_ros.nodes.plausibility import explain, NothingInRange, sees_something
 import numpy as np
 import pytest
 
 RANGE = (0.1, 7.0)
 
 
-def found(values: object, encoding: str = '32FC1') -> Finding | None:
+def found(values: object, encoding: str = '32FC1') -> NothingInRange | None:
     """Explain an image that shows these values, over and over."""
     image = np.resize(np.asarray(values, np.float32), (172, 224))
     return explain(image, encoding, *RANGE)

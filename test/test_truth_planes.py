@@ -28,7 +28,7 @@ from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.data.hidden import hidden_effects
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
-from flexx2_sim_ros.truth.plane_constraints import Constraints, Placed, settle
+from flexx2_sim_ros.truth.plane_constraints import Constraints, PlacedPlanes, settle
 from flexx2_sim_ros.truth.plane_file import Angle, Measured
 import numpy as np
 import pytest
@@ -319,7 +319,7 @@ def test_no_ground_truth_of_an_earlier_run_stays_unnoticed(
 def test_planes_settle_where_measurements_agree() -> None:
     normals, distances = corner(5, -22, 2), np.array([0.9, 1.0, 0.6])
     wrong = Rotation.from_rotvec([0.01, -0.004, 0.006]).as_matrix()
-    placed = Placed(
+    placed = PlacedPlanes(
         np.stack([normals[0] @ wrong, normals[1], normals[2] @ wrong.T]),
         distances + 0.02,
         normals * (distances[:, None] + 0.02) + 0.1,

@@ -5,7 +5,7 @@ from pathlib import Path
 from browser import chromium
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import open_recording
-from flexx2_sim_ros.truth import make_truth, Request
+from flexx2_sim_ros.truth import make_truth, RoomRequest
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import observe
@@ -124,7 +124,7 @@ def test_without_a_pose_it_is_right_or_doubtful(
 ) -> None:
     folder, camera = plain
     table = make_truth(
-        Request(recordings=(folder / 'in',), room=folder / 'room.ply', out=tmp_path / 'out')
+        RoomRequest(recordings=(folder / 'in',), room=folder / 'room.ply', out=tmp_path / 'out')
     )
     right = 0
     for i, row in enumerate(table['recordings']):
@@ -192,7 +192,7 @@ def test_a_moving_camera_is_followed(tmp_path: Path, rough: np.random.Generator)
     assert observe(open_recording(tmp_path / 'in' / '0.npz'), None).moving
     guess = tuple(Pose(*off(camera.poses(0)[0], 0.05, 3.0, rough)).numbers())
     room, out = tmp_path / 'room.ply', tmp_path / 'out'
-    make_truth(Request(recordings=(tmp_path / 'in',), room=room, out=out, poses=(guess,)))
+    make_truth(RoomRequest(recordings=(tmp_path / 'in',), room=room, out=out, poses=(guess,)))
     written = open_recording(out / '0.npz').load()
     told = camera.camera.scenes.clean(0)[0]
     assert written.clean_depth is not None
@@ -228,7 +228,7 @@ def test_an_interrupted_run_goes_on_where_it_was(
     tmp_path: Path, plain: tuple[Path, ScannedCamera]
 ) -> None:
     folder, _ = plain
-    request = Request(
+    request = RoomRequest(
         recordings=(folder / 'in' / '0.npz',), room=folder / 'room.ply', out=tmp_path / 'out'
     )
 

@@ -16,7 +16,7 @@ from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Registered
 from flexx2_sim_ros.truth.search import _orientations
-from flexx2_sim_ros.truth.verdict import check_room, Verdict
+from flexx2_sim_ros.truth.verdict import check_room, RoomFit
 import numpy as np
 import pytest
 from scans import box, HEIGHT, record, scaled, SMALL_K, WIDTH
@@ -199,7 +199,7 @@ def test_one_recording_that_fits_by_chance_does_not_make_it_the_room(
     fitting: tuple[float, ...], states: str, wrong: bool
 ) -> None:
     verdicts = [
-        Verdict(state, (), part, 0.01, (0.001, 0.1))
+        RoomFit(state, (), part, 0.01, (0.001, 0.1))
         for state, part in zip(states.split(), fitting, strict=True)
     ]
     registered = [Registered(((0.0,) * 7,), (0.1,), (), 1.0, False, float('inf'), 1.0)] * len(

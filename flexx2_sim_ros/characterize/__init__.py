@@ -7,12 +7,12 @@ takes for granted, `export` makes a camera profile of it and `report` a page. No
 """
 
 from flexx2_sim_ros.characterize.analysis import Characterization, characterize, ModeResult
-from flexx2_sim_ros.characterize.assumptions import check_assumptions, Finding
+from flexx2_sim_ros.characterize.assumptions import check_assumptions, TestedAssumption
 from flexx2_sim_ros.characterize.export import to_profile
 
 __all__ = [
     'Characterization',
-    'Finding',
+    'TestedAssumption',
     'ModeResult',
     'characterize',
     'check_assumptions',

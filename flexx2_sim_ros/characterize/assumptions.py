@@ -24,7 +24,7 @@ _SURE = 5.0  # standard errors
 
 
 @dataclass(frozen=True)
-class Finding:
+class TestedAssumption:
     """
     One assumption, tested on the recordings of one mode.
 
@@ -47,7 +47,7 @@ class Finding:
     evidence: str
 
 
-def check_assumptions(mode: ModeResult) -> list[Finding]:
+def check_assumptions(mode: ModeResult) -> list[TestedAssumption]:
     """Test every assumption of the model on the recordings of a mode."""
     checks: dict[str, Callable[[ModeResult], tuple[bool | None, str]]] = {
         'sigma_z follows the formula': _form,
@@ -63,7 +63,7 @@ def check_assumptions(mode: ModeResult) -> list[Finding]:
         'lateral noise is Gaussian': _edges_gaussian,
         'lateral noise is the same at all distances and angles': _edges_alike,
     }
-    return [Finding(mode.usecase, name, *check(mode)) for name, check in checks.items()]
+    return [TestedAssumption(mode.usecase, name, *check(mode)) for name, check in checks.items()]
 
 
 def _form(mode: ModeResult) -> tuple[bool | None, str]:

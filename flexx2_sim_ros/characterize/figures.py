@@ -8,7 +8,7 @@ from typing import Any
 from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, sigma_against
 from flexx2_sim_ros.characterize.analysis import Cell, Characterization, ModeResult
 from flexx2_sim_ros.characterize.histogram import Histogram
-from flexx2_sim_ros.characterize.tables import angle_groups, paper_noise, Table
+from flexx2_sim_ros.characterize.tables import angle_groups, paper_noise, TextTable
 from flexx2_sim_ros.characterize.tiles import join
 from flexx2_sim_ros.profiles.modes import NoiseModel
 import numpy as np
@@ -242,7 +242,7 @@ def bias_figure(result: Characterization, path: Path) -> bool:
     return True
 
 
-def tables_figure(tables: Sequence[Table], path: Path) -> None:
+def tables_figure(tables: Sequence[TextTable], path: Path) -> None:
     """Draw tables below each other."""
     pyplot = _pyplot()
     lines = [len(table.rows) + 3 for table in tables]

@@ -16,9 +16,9 @@ from flexx2_sim_ros.characterize.tables import (
     DASH,
     divergence,
     four_tables,
-    Row,
     surfaces_table,
-    Table,
+    TextRow,
+    TextTable,
 )
 from flexx2_sim_ros.html_page import html_page
 from flexx2_sim_ros.profiles.files import ProfileFile
@@ -163,7 +163,7 @@ def _summary(result: Characterization) -> list[str]:
     return [f'<ul>{"".join(lines)}</ul>']
 
 
-def _axial(table: Table, result: Characterization, pictures: dict[str, str]) -> list[str]:
+def _axial(table: TextTable, result: Characterization, pictures: dict[str, str]) -> list[str]:
     notes = [f'{mode.usecase}: {note}.' for mode in result.modes for note in mode.axial.notes]
     return [
         *_section(table),
@@ -200,7 +200,7 @@ def _histogram(result: Characterization, pictures: dict[str, str]) -> list[str]:
     return [_image(pictures, 'histogram', caption)]
 
 
-def _lateral(table: Table, pictures: dict[str, str]) -> list[str]:
+def _lateral(table: TextTable, pictures: dict[str, str]) -> list[str]:
     parts = _section(table)
     if 'lateral' in pictures:
         parts.append(
@@ -285,9 +285,9 @@ def _details(result: Characterization) -> list[str]:
     return parts
 
 
-def _detail(cell: Cell) -> Row:
+def _detail(cell: Cell) -> TextRow:
     m = cell.measurement
-    return Row(
+    return TextRow(
         (
             m.path.name,
             f'{m.distance:.3f}',
@@ -356,12 +356,12 @@ def _paragraph(text: str, kind: str) -> str:
     return f'<p class="{kind}">{escape(text)}</p>'
 
 
-def _section(table: Table, level: str = 'h2') -> list[str]:
+def _section(table: TextTable, level: str = 'h2') -> list[str]:
     note = [_paragraph(table.note, 'note')] if table.note else []
     return [f'<{level}>{escape(table.title)}</{level}>', *note, _table(table.head, table.rows)]
 
 
-def _table(head: Iterable[str], rows: Iterable[Row]) -> str:
+def _table(head: Iterable[str], rows: Iterable[TextRow]) -> str:
     lines = ['<tr>' + ''.join(f'<th>{escape(name)}</th>' for name in head) + '</tr>']
     for row in rows:
         kind = ' class="paper"' if row.paper else ''

@@ -19,7 +19,7 @@ _MOST_DIGITS = 4  # after the point, of a millimetre or pixel
 
 
 @dataclass(frozen=True)
-class Row:
+class TextRow:
     """A row of a table: its fields, and whether they are the paper's."""
 
     fields: tuple[str, ...]
@@ -27,16 +27,16 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """A table of text: title, a note how to read it, names of columns, rows."""
 
     title: str
     note: str
     head: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[TextRow, ...]
 
 
-def four_tables(result: Characterization) -> tuple[Table, Table, Table, Table]:
+def four_tables(result: Characterization) -> tuple[TextTable, TextTable, TextTable, TextTable]:
     """Return modes, axial noise, its divergence from the model, and lateral noise."""
     return _modes(result), _axial(result), _axial_divergence(result), _lateral(result)
 
@@ -55,7 +55,7 @@ def paper_noise(result: Characterization, usecase: str) -> NoiseModel | None:
     return mode.noise if mode is not None and mode.measured else None
 
 
-def _modes(result: Characterization) -> Table:
+def _modes(result: Characterization) -> TextTable:
     rows = []
     for mode in result.modes:
         known = _known(result.camera, mode.usecase)
@@ -63,7 +63,7 @@ def _modes(result: Characterization) -> Table:
         low, high = _ends([m.angle_deg for m in mode.measurements])
         rates = [m.rate_hz for m in mode.measurements if math.isfinite(m.rate_hz)]
         rows.append(
-            Row(
+            TextRow(
                 (
                     mode.usecase,
                     ' + '.join(f'{f / 1e6:g}' for f in known.modulation_hz) if known else DASH,
@@ -80,7 +80,7 @@ def _modes(result: Characterization) -> Table:
                 )
             )
         )
-    return Table(
+    return TextTable(
         'Modes',
         '',
         (
@@ -97,12 +97,12 @@ def _modes(result: Characterization) -> Table:
     )
 
 
-def _axial(result: Characterization) -> Table:
+def _axial(result: Characterization) -> TextTable:
     rows = []
     for mode in result.modes:
         fit = mode.axial
         rows.append(
-            Row(
+            TextRow(
                 (
                     mode.usecase,
                     *(
@@ -121,7 +121,7 @@ def _axial(result: Characterization) -> Table:
         noise = paper_noise(result, mode.usecase)
         if noise is not None:
             rows.append(
-                Row(
+                TextRow(
                     (
                         'paper',
                         *(f'{_shown(name, getattr(noise, name)):g}' for name in NAMES),
@@ -131,7 +131,7 @@ def _axial(result: Characterization) -> Table:
                     True,
                 )
             )
-    return Table(
+    return TextTable(
         'Axial noise',
         'sigma_z = a + b z + c z² + d zⁿ θ² / (π/2 − θ)², metres and radians; θ is the angle '
         "between a pixel's ray and the surface's normal. ± is one standard error, the interval "
@@ -142,14 +142,14 @@ def _axial(result: Characterization) -> Table:
     )
 
 
-def _axial_divergence(result: Characterization) -> Table:
+def _axial_divergence(result: Characterization) -> TextTable:
     paper = _paper_divergence(result)
     angles = angle_groups(result.modes)
     rows = []
     for mode in result.modes:
         found = [(cell.angle_group, cell.axial) for cell in mode.cells]
         rows.append(
-            Row(
+            TextRow(
                 (
                     mode.usecase,
                     *(
@@ -164,7 +164,7 @@ def _axial_divergence(result: Characterization) -> Table:
         if reported:
             table = {float(key): value for key, value in reported['axial_kl'].items()}
             rows.append(
-                Row(
+                TextRow(
                     (
                         'paper',
                         *(f'{table[angle]:.3f}' if angle in table else '' for angle in angles),
@@ -173,7 +173,7 @@ def _axial_divergence(result: Characterization) -> Table:
                     True,
                 )
             )
-    return Table(
+    return TextTable(
         'Divergence of the measured noise from the model [nats]',
         'Kullback-Leibler divergence, mean over pixels. In brackets: without the finite-sample '
         'bias (about 1 / frames).',
@@ -188,14 +188,14 @@ def _paper_divergence(result: Characterization) -> dict[str, Any]:
     return read_section(config_dir() / 'paper.yaml', 'divergence', dict)
 
 
-def _lateral(result: Characterization) -> Table:
+def _lateral(result: Characterization) -> TextTable:
     paper = _paper_divergence(result)
     rows = []
     for mode in result.modes:
         sigmas = [edge.sigma for _, edge in mode.edges]
         found = [cell.lateral for cell in mode.cells if cell.lateral is not None]
         rows.append(
-            Row(
+            TextRow(
                 (
                     mode.usecase,
                     str(len(sigmas)),
@@ -210,12 +210,12 @@ def _lateral(result: Characterization) -> Table:
         if noise is not None:
             kl = paper.get(mode.usecase, {}).get('lateral_kl')
             rows.append(
-                Row(
+                TextRow(
                     ('paper', '', f'{noise.sigma_x:g}', '', '', '' if kl is None else f'{kl:g}'),
                     True,
                 )
             )
-    return Table(
+    return TextTable(
         'Lateral noise',
         "sigma_x is the 90th percentile of the edges' standard deviations about their fitted "
         'lines, in pixels. Edges are located to whole pixels; these figures include this '
@@ -225,10 +225,10 @@ def _lateral(result: Characterization) -> Table:
     )
 
 
-def surfaces_table(result: Characterization) -> Table:
+def surfaces_table(result: Characterization) -> TextTable:
     """Return how noise depends on reflectivity; without rows where nobody measured it."""
     rows = [
-        Row(
+        TextRow(
             (
                 mode.usecase,
                 ', '.join(f'{rho:.0%}' for rho in fit.reflectivities),
@@ -239,7 +239,7 @@ def surfaces_table(result: Characterization) -> Table:
         for mode in result.modes
         if (fit := mode.surfaces) is not None
     ]
-    return Table(
+    return TextTable(
         'Noise and reflectivity',
         'sigma_z² of a surface over that of the white board in its place: c + (1 − c) q (s + r q) '
         '/ (s + r), with q the ratio of the reflectivities, s = (1 − r) A, A the amplitude of the '

@@ -14,7 +14,7 @@ PANEL = 2.2  # behind it by less than c / 4f, so that mixed phases give a depth 
 
 
 @dataclass(frozen=True)
-class Room:
+class DrawnRoom:
     """
     Depth and reflectivity of the room.
 
@@ -31,7 +31,7 @@ class Room:
     reflectivity: np.ndarray
 
 
-def room(forward: float = 0.0) -> Room:
+def room(forward: float = 0.0) -> DrawnRoom:
     """
     Return the view of a camera that has moved forward.
 
@@ -81,7 +81,7 @@ def room(forward: float = 0.0) -> Room:
         b = x * middle[0] + y * middle[1] + middle[2]
         root = b**2 - a * (sum(part**2 for part in middle) - radius**2)
         put((b - np.sqrt(root)) / a, 0.9, root > 0)
-    return Room(depth, shade)
+    return DrawnRoom(depth, shade)
 
 
 def speed(seconds: np.ndarray) -> np.ndarray:

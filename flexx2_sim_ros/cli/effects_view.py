@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from flexx2_sim_ros.camera import Camera, flexx2, Frame
-from flexx2_sim_ros.cli.effects_scene import Room, room, way
+from flexx2_sim_ros.cli.effects_scene import DrawnRoom, room, way
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.physics.surface import analyse, Surface
 import numpy as np
@@ -21,7 +21,7 @@ class EffectView:
     ----------
     effect : Effect
         The effect.
-    scene : Room
+    scene : DrawnRoom
         The scene, from the start of a moving camera.
     clean : numpy.ndarray
         (T, H, W) clean depth, metres.
@@ -35,7 +35,7 @@ class EffectView:
     """
 
     effect: Effect
-    scene: Room
+    scene: DrawnRoom
     clean: np.ndarray
     surface: Surface
     seconds: np.ndarray

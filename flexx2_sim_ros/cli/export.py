@@ -15,7 +15,7 @@ from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.common import add_force, add_profile, messages, progress_bar
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError, printable, shown_path
-from flexx2_sim_ros.export import measure_noise, Noise, Parameters, Target, TARGETS
+from flexx2_sim_ros.export import ExportTarget, MapperNoise, measure_noise, Parameters, TARGETS
 from flexx2_sim_ros.export.noise import ANGLES
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import Profile
@@ -112,7 +112,9 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _target_path(arguments: argparse.Namespace, chosen: list[Target], profile: Profile) -> Path:
+def _target_path(
+    arguments: argparse.Namespace, chosen: list[ExportTarget], profile: Profile
+) -> Path:
     # Where to write. What is there is left alone without --force.
     if arguments.target == _ALL:
         if arguments.out is None:
@@ -126,7 +128,9 @@ def _target_path(arguments: argparse.Namespace, chosen: list[Target], profile: P
     return out
 
 
-def _write(out: Path, made: dict[Target, Parameters], profile: Profile, folder: bool) -> None:
+def _write(
+    out: Path, made: dict[ExportTarget, Parameters], profile: Profile, folder: bool
+) -> None:
     if not folder:
         for parameters in made.values():
             write_text(out, parameters.text)
@@ -146,7 +150,7 @@ def _targets() -> Table:
     return table
 
 
-def _fits(made: dict[Target, Parameters]) -> Table:
+def _fits(made: dict[ExportTarget, Parameters]) -> Table:
     table = Table(
         box=box.SIMPLE, title='What is written, as a ratio to the camera where it is worst'
     )
@@ -161,7 +165,7 @@ def _fits(made: dict[Target, Parameters]) -> Table:
     return table
 
 
-def _print_losses(console: Console, made: dict[Target, Parameters]) -> None:
+def _print_losses(console: Console, made: dict[ExportTarget, Parameters]) -> None:
     # What all targets lose is said once.
     every = [
         sentence
@@ -180,7 +184,7 @@ def _print_losses(console: Console, made: dict[Target, Parameters]) -> None:
             console.print(f'  {sentence}')
 
 
-def _about(noise: Noise) -> str:
+def _about(noise: MapperNoise) -> str:
     near, far = noise.typical[[0, -1]]
     ends = ' to '.join('?' if math.isnan(s) else f'{1e3 * s:.1f} mm' for s in (near, far))
     effects = f', with {", ".join(noise.effects)}' if noise.effects else ''

@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
     from flexx2_sim_ros.gap.planning.table import (
         compute,
+        PowerRequest,
         read_table,
-        Request,
         shipped_table,
         to_yaml,
     )
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = atomic.output_folder(arguments.out)
     console = common.messages()
     if arguments.compute:
-        request = Request(plan, profile, out, arguments.seed, jobs=arguments.jobs)
+        request = PowerRequest(plan, profile, out, arguments.seed, jobs=arguments.jobs)
         with common.progress_bar(console) as progress:
             table = compute(request, common.command_line('gap', 'plan'), progress)
         atomic.write_text(out / TABLE, to_yaml(table))

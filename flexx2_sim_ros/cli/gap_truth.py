@@ -219,12 +219,12 @@ def _maker(arguments: argparse.Namespace) -> _Maker:
 
 
 def _room_maker(arguments: argparse.Namespace) -> _Maker:
-    from flexx2_sim_ros.truth import make_truth, Request
+    from flexx2_sim_ros.truth import make_truth, RoomRequest
 
     room = Path(arguments.scan or arguments.scene)
     _check_suffix(room, arguments.scan is not None)
     _check_unused(arguments, ('lens_error',), '--board')
-    request = Request(
+    request = RoomRequest(
         **_common(arguments),
         room=room,
         poses=tuple(_pose('--pose', text) for text in arguments.pose),

@@ -19,7 +19,7 @@ _SAMPLE = 3000  # points that RANSAC sees
 _FAR = 2.5  # metres ahead that a height grid is looked for
 
 
-class Standing(NamedTuple):
+class CameraAboveGround(NamedTuple):
     """
     A camera above the ground.
 
@@ -66,14 +66,14 @@ def fit_ground(points: np.ndarray) -> tuple[float, float, float] | None:
     return float(a), float(b), float(search.estimator_.intercept_)
 
 
-def mounted(height: float, pitch: float) -> Standing:
+def mounted(height: float, pitch: float) -> CameraAboveGround:
     """Return where a camera is at a height, metres, that looks down by an angle, degrees."""
     down = math.radians(pitch)
     ahead = np.array([0.0, -math.sin(down), math.cos(down)])
     return _standing(np.array([0.0, -math.cos(down), -math.sin(down)]), ahead, height)
 
 
-def find_ground(clean: np.ndarray, lens: Intrinsics, sensor: Sensor) -> Standing | None:
+def find_ground(clean: np.ndarray, lens: Intrinsics, sensor: Sensor) -> CameraAboveGround | None:
     """
     Find the ground: the largest plane that faces up.
 
@@ -122,11 +122,11 @@ def find_ground(clean: np.ndarray, lens: Intrinsics, sensor: Sensor) -> Standing
     return _standing(up, np.array([0.0, 0.0, 1.0]), height)
 
 
-def _standing(up: np.ndarray, along: np.ndarray, height: float) -> Standing:
+def _standing(up: np.ndarray, along: np.ndarray, height: float) -> CameraAboveGround:
     ahead = along - up * (along @ up)
     ahead = ahead / np.linalg.norm(ahead)
     rotation = np.stack([ahead, np.cross(up, ahead), up])
-    return Standing(rotation, np.array([0.0, 0.0, height]))
+    return CameraAboveGround(rotation, np.array([0.0, 0.0, height]))
 
 
 def best_centre(points: np.ndarray) -> float | None:

@@ -25,7 +25,7 @@ _NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
 
 
 @dataclass(frozen=True)
-class Source:
+class ConsumerSource:
     """
     Where the class of a consumer is.
 
@@ -50,7 +50,7 @@ class Source:
 
 def sources(
     wanted: Collection[str], leave_out: Callable[[str, BaseException], None]
-) -> list[Source]:
+) -> list[ConsumerSource]:
     """
     Return where consumers are.
 
@@ -81,25 +81,25 @@ def sources(
     return chosen
 
 
-def _from_text(label: str, text: str) -> Source:
+def _from_text(label: str, text: str) -> ConsumerSource:
     module, _, attribute = text.partition(':')
-    return Source(label, module, attribute)
+    return ConsumerSource(label, module, attribute)
 
 
-def _from_point(point: EntryPoint) -> Source:
+def _from_point(point: EntryPoint) -> ConsumerSource:
     return _from_text(point.name, point.value)
 
 
-def _file(text: str) -> Source:
+def _file(text: str) -> ConsumerSource:
     path, _, attribute = text.rpartition(':')
     if not Path(path).is_file():
         raise InputError(f'consumer: must be a Python file that exists, got {shown_path(path)}')
     if not attribute.isidentifier():
         raise InputError(f'consumer: must name a class, as my.py:Grid does, got {shown(text)}')
-    return Source(unquoted(text), str(Path(path).resolve()), attribute, is_file=True)
+    return ConsumerSource(unquoted(text), str(Path(path).resolve()), attribute, is_file=True)
 
 
-def load(source: Source) -> Consumer:
+def load(source: ConsumerSource) -> Consumer:
     """
     Load and create a consumer.
 

@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.consumers.consumer import CameraView, Consumer
-from flexx2_sim_ros.consumers.loading import load, Source
+from flexx2_sim_ros.consumers.loading import ConsumerSource, load
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.processes import server
 import numpy as np
@@ -19,7 +19,7 @@ _LARGEST_ERROR = 1e100  # Sums of larger ones overflow.
 
 
 @dataclass(frozen=True)
-class Views:
+class ConsumerViews:
     """
     A recording as its consumers get it.
 
@@ -77,16 +77,19 @@ class _FaultError(Exception):
 
 
 def run(
-    source: Source, recordings: Sequence[Views], limit: float, step: Callable[[], None]
+    source: ConsumerSource,
+    recordings: Sequence[ConsumerViews],
+    limit: float,
+    step: Callable[[], None],
 ) -> Result:
     """
     Run a consumer on all recordings.
 
     Parameters
     ----------
-    source : Source
+    source : ConsumerSource
         Where its class is.
-    recordings : sequence of Views
+    recordings : sequence of ConsumerViews
         What it gets.
     limit : float
         Seconds that one recording may take.
@@ -152,7 +155,7 @@ def _check_pictures(pictures: Mapping[str, np.ndarray], recording: str) -> None:
         )
 
 
-def _serve(connection: Connection, source: Source) -> None:
+def _serve(connection: Connection, source: ConsumerSource) -> None:
     # In the consumer's process: answers each recording with errors and pictures, until the end.
     try:
         os.dup2(2, 1)  # Standard output is the command's; this holds for libraries in C as well.
@@ -177,7 +180,7 @@ def _said(error: BaseException) -> str:
 
 
 def judge(
-    consumer: Consumer, views: Views
+    consumer: Consumer, views: ConsumerViews
 ) -> tuple[dict[str, dict[str, float]], dict[str, np.ndarray]]:
     """Return a consumer's errors and pictures of a recording, by rendition, in this process."""
     true = [consumer.look(view) for view in views.true]

@@ -13,12 +13,12 @@ from flexx2_sim_ros.export import (
     octomap_server,
     rtabmap,
 )
-from flexx2_sim_ros.export.noise import measure_noise, Noise
-from flexx2_sim_ros.export.target import Parameters, Target
+from flexx2_sim_ros.export.noise import MapperNoise, measure_noise
+from flexx2_sim_ros.export.target import ExportTarget, Parameters
 
-__all__ = ['TARGETS', 'Noise', 'Parameters', 'Target', 'measure_noise']
+__all__ = ['TARGETS', 'MapperNoise', 'Parameters', 'ExportTarget', 'measure_noise']
 # A file each.
-TARGETS: Mapping[str, Target] = MappingProxyType(
+TARGETS: Mapping[str, ExportTarget] = MappingProxyType(
     {
         target.name: target
         for target in (

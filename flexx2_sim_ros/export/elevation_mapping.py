@@ -1,13 +1,13 @@
 """ANYbotics elevation_mapping: sensor processors for structured light and for perfect sensors."""
 
 from flexx2_sim_ros.export.fits import fit_structured_light
-from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, Parameters, Target
+from flexx2_sim_ros.export.noise import MapperNoise
+from flexx2_sim_ros.export.target import common_losses, ExportTarget, header, Parameters
 
 _SOURCE = 'ANYbotics/elevation_mapping, November 2024: config/sensor_processors/*.yaml'
 
 
-def write(noise: Noise, cell: float) -> Parameters:
+def write(noise: MapperNoise, cell: float) -> Parameters:
     """Write ``sigma = a + b (z - c)^2 + d z^e`` and ``sigma_lateral = factor z``, metres."""
     del cell
     fit = fit_structured_light(noise.distance, noise.typical)
@@ -28,7 +28,7 @@ def write(noise: Noise, cell: float) -> Parameters:
     )
 
 
-def write_perfect(noise: Noise, cell: float) -> Parameters:
+def write_perfect(noise: MapperNoise, cell: float) -> Parameters:
     """Write the processor of a sensor without noise."""
     del cell
     text = f'{header(noise)}\nsensor_processor:\n  type: perfect\n'
@@ -36,7 +36,9 @@ def write_perfect(noise: Noise, cell: float) -> Parameters:
     return Parameters(text, (), lost)
 
 
-STRUCTURED_LIGHT = Target(
+STRUCTURED_LIGHT = ExportTarget(
     'elevation_mapping', 'CAMERA.yaml', 'sigma(z), sigma_x, range', _SOURCE, write
 )
-PERFECT = Target('elevation_mapping_perfect', 'perfect.yaml', 'nothing', _SOURCE, write_perfect)
+PERFECT = ExportTarget(
+    'elevation_mapping_perfect', 'perfect.yaml', 'nothing', _SOURCE, write_perfect
+)

@@ -1,11 +1,11 @@
 """elevation_mapping_cupy: one factor on the square of the distance."""
 
 from flexx2_sim_ros.export.fits import fit_power
-from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, Parameters, Target
+from flexx2_sim_ros.export.noise import MapperNoise
+from flexx2_sim_ros.export.target import common_losses, ExportTarget, header, Parameters
 
 
-def write(noise: Noise, cell: float) -> Parameters:
+def write(noise: MapperNoise, cell: float) -> Parameters:
     """
     Write ``noise = factor z^2``.
 
@@ -24,7 +24,7 @@ def write(noise: Noise, cell: float) -> Parameters:
     return Parameters(text, (('sensor_noise_factor', fit),), common_losses(noise))
 
 
-TARGET = Target(
+TARGET = ExportTarget(
     'elevation_mapping_cupy',
     'CAMERA_core_param.yaml',
     'sigma(z) as a z^2, range',

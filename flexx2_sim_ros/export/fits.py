@@ -11,7 +11,7 @@ _FLOOR = 1e-6  # metres; a sigma of 0 has no logarithm
 
 
 @dataclass(frozen=True)
-class Fit:
+class NoiseFit:
     """
     A form of noise, fitted to a camera.
 
@@ -36,7 +36,7 @@ class Fit:
 
 def fit_constant(
     distance: np.ndarray, sigma: np.ndarray, low: float = 0.0, high: float = math.inf
-) -> Fit:
+) -> NoiseFit:
     """Fit one value from low to high; see `fit_power`."""
     return fit_power(distance, sigma, 0, 'constant', low, high)
 
@@ -48,7 +48,7 @@ def fit_power(
     form: str,
     low: float = 0.0,
     high: float = math.inf,
-) -> Fit:
+) -> NoiseFit:
     """
     Fit ``a z^power`` by least squares of the logarithm: a factor of 2 weighs the same everywhere.
 
@@ -69,7 +69,7 @@ def fit_power(
     return _rated(form, (value,), distance, sigma, value * distance**power)
 
 
-def fit_structured_light(distance: np.ndarray, sigma: np.ndarray) -> Fit:
+def fit_structured_light(distance: np.ndarray, sigma: np.ndarray) -> NoiseFit:
     """
     Fit ``a + b (z - c)^2 + d z^e`` by least squares of the logarithm.
 
@@ -132,10 +132,10 @@ def _rated(
     distance: np.ndarray,
     sigma: np.ndarray,
     fitted: np.ndarray,
-) -> Fit:
+) -> NoiseFit:
     ratio = np.maximum(fitted, _FLOOR) / sigma
     worst = int(np.argmax(np.abs(np.log(ratio))))
-    return Fit(form, values, float(ratio[worst]), float(distance[worst]))
+    return NoiseFit(form, values, float(ratio[worst]), float(distance[worst]))
 
 
 def _seen(distance: np.ndarray, sigma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -4,11 +4,17 @@ import math
 import re
 
 from flexx2_sim_ros.export.fits import fit_constant
-from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, identifier, Parameters, Target
+from flexx2_sim_ros.export.noise import MapperNoise
+from flexx2_sim_ros.export.target import (
+    common_losses,
+    ExportTarget,
+    header,
+    identifier,
+    Parameters,
+)
 
 
-def write(noise: Noise, cell: float) -> Parameters:
+def write(noise: MapperNoise, cell: float) -> Parameters:
     """Write a sensor with the image, range, rate and lens of the camera, and constant noise."""
     del cell
     fit = fit_constant(noise.distance, noise.typical)
@@ -53,7 +59,7 @@ def write(noise: Noise, cell: float) -> Parameters:
     return Parameters(text, (('stddev', fit),), lost)
 
 
-TARGET = Target(
+TARGET = ExportTarget(
     'gazebo',
     'CAMERA.sdf',
     'one sigma, mean bias, range, lens, rate',

@@ -3,11 +3,11 @@
 import math
 
 from flexx2_sim_ros.export.fits import fit_constant, fit_power
-from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, Parameters, Target
+from flexx2_sim_ros.export.noise import MapperNoise
+from flexx2_sim_ros.export.target import common_losses, ExportTarget, header, Parameters
 
 
-def write(noise: Noise, cell: float) -> Parameters:
+def write(noise: MapperNoise, cell: float) -> Parameters:
     """Write the one of ``add`` and ``scale`` that fits sigma better."""
     del cell
     added = fit_constant(noise.distance, noise.typical)
@@ -32,7 +32,7 @@ def write(noise: Noise, cell: float) -> Parameters:
     return Parameters(text, (('std', fit),), lost)
 
 
-TARGET = Target(
+TARGET = ExportTarget(
     'isaac_lab',
     'CAMERA_depth_noise.py',
     'one sigma and mean bias, or sigma as a z',

@@ -3,13 +3,13 @@
 import math
 
 from flexx2_sim_ros.export.fits import fit_constant
-from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, Parameters, Target
+from flexx2_sim_ros.export.noise import MapperNoise
+from flexx2_sim_ros.export.target import common_losses, ExportTarget, header, Parameters
 
 _UNIFORM = math.sqrt(3.0)  # half-width of a uniform distribution with a sigma of 1
 
 
-def write(noise: Noise, cell: float) -> Parameters:
+def write(noise: MapperNoise, cell: float) -> Parameters:
     """Write a ``noise_config`` whose uniform noise has the camera's sigma."""
     del cell
     fit = fit_constant(noise.distance, noise.typical)
@@ -29,7 +29,7 @@ def write(noise: Noise, cell: float) -> Parameters:
     return Parameters(text, (('scales.depth', fit),), lost)
 
 
-TARGET = Target(
+TARGET = ExportTarget(
     'mujoco_playground',
     'CAMERA_noise_config.py',
     'one sigma',

@@ -24,7 +24,7 @@ _GROSS = 0.1, 5.0  # of the distance, and sigma_z of the model: an error beyond 
 
 
 @dataclass(frozen=True)
-class Noise:
+class MapperNoise:
     """
     What a camera's depth is like, as far as a mapper can take it.
 
@@ -89,7 +89,7 @@ def measure_noise(
     angles: Sequence[float] = ANGLES,
     distances: tuple[float, float] | None = None,
     progress: Callable[[float], None] = lambda done: None,
-) -> Noise:
+) -> MapperNoise:
     """
     Return the noise of a mode, with effects.
 
@@ -139,7 +139,7 @@ def measure_noise(
     names = tuple(effect.name for effect in effects if effect.strength)
     offset = time_offset_of(effects)
     age = 1e-9 * (offset.latency_ns + offset.delay_ns)
-    return Noise(profile, mode, names, tuple(angles), distance, sigma, bias, lost, age)
+    return MapperNoise(profile, mode, names, tuple(angles), distance, sigma, bias, lost, age)
 
 
 def _distances(mode: Mode, steepest: float, asked: tuple[float, float] | None) -> np.ndarray:

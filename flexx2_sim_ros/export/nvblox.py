@@ -3,15 +3,15 @@
 import math
 
 from flexx2_sim_ros.export.fits import fit_power
-from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, Parameters, Target
+from flexx2_sim_ros.export.noise import MapperNoise
+from flexx2_sim_ros.export.target import common_losses, ExportTarget, header, Parameters
 import numpy as np
 
 _SIGMAS = 3.0  # that the truncation distance holds
 _LEAST_CELLS = 4.0  # nvblox's own default
 
 
-def write(noise: Noise, cell: float) -> Parameters:
+def write(noise: MapperNoise, cell: float) -> Parameters:
     """
     Write range, truncation distance and weighting.
 
@@ -33,7 +33,7 @@ def write(noise: Noise, cell: float) -> Parameters:
     return Parameters(text, (('weight 1 / z^2', fit),), common_losses(noise))
 
 
-TARGET = Target(
+TARGET = ExportTarget(
     'nvblox',
     'nvblox_CAMERA.yaml',
     'sigma(z) as a z, range',

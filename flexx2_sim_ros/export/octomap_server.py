@@ -1,14 +1,14 @@
 """octomap_server of ROS 2: the probability of a hit, and the range."""
 
 from flexx2_sim_ros.export.fits import fit_constant, within
-from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, Parameters, reach, Target
+from flexx2_sim_ros.export.noise import MapperNoise
+from flexx2_sim_ros.export.target import common_losses, ExportTarget, header, Parameters, reach
 import numpy as np
 
 _LEAST, _MOST = 0.51, 0.97  # a hit below 0.5 would clear a cell; the server's own upper clamp
 
 
-def write(noise: Noise, cell: float) -> Parameters:
+def write(noise: MapperNoise, cell: float) -> Parameters:
     """
     Write the range in which sigma is at most half a cell, and the probability of a hit there.
 
@@ -31,7 +31,7 @@ def write(noise: Noise, cell: float) -> Parameters:
     return Parameters(text, (('sensor_model.hit', fit),), lost)
 
 
-TARGET = Target(
+TARGET = ExportTarget(
     'octomap_server',
     'octomap_server.yaml',
     'probability of a hit, range',

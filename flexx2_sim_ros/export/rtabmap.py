@@ -1,10 +1,10 @@
 """rtabmap: it has no noise model, only ranges and a filter."""
 
-from flexx2_sim_ros.export.noise import Noise
-from flexx2_sim_ros.export.target import common_losses, header, Parameters, reach, Target
+from flexx2_sim_ros.export.noise import MapperNoise
+from flexx2_sim_ros.export.target import common_losses, ExportTarget, header, Parameters, reach
 
 
-def write(noise: Noise, cell: float) -> Parameters:
+def write(noise: MapperNoise, cell: float) -> Parameters:
     """Write the range in which sigma is at most half a cell."""
     near = noise.mode.range_min
     far, unusable = reach(noise, cell)
@@ -21,7 +21,7 @@ def write(noise: Noise, cell: float) -> Parameters:
     return Parameters('\n'.join(lines) + '\n', (), lost)
 
 
-TARGET = Target(
+TARGET = ExportTarget(
     'rtabmap',
     'rtabmap.ini',
     'range',

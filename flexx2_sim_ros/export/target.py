@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import re
 
-from flexx2_sim_ros.export.fits import Fit
-from flexx2_sim_ros.export.noise import Noise
+from flexx2_sim_ros.export.fits import NoiseFit
+from flexx2_sim_ros.export.noise import MapperNoise
 from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 
@@ -30,12 +30,12 @@ class Parameters:
     """
 
     text: str
-    fits: tuple[tuple[str, Fit], ...]
+    fits: tuple[tuple[str, NoiseFit], ...]
     lost: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Target:
+class ExportTarget:
     """
     A mapper or simulator that takes noise parameters.
 
@@ -58,7 +58,7 @@ class Target:
     file: str
     holds: str
     source: str
-    write: Callable[[Noise, float], Parameters]
+    write: Callable[[MapperNoise, float], Parameters]
 
     def file_of(self, profile: Profile) -> str:
         """Return the name of the file for a camera."""
@@ -70,13 +70,13 @@ def identifier(profile: Profile) -> str:
     return re.sub('[^a-z0-9]+', '_', profile.model.lower()).strip('_') or 'camera'
 
 
-def reach(noise: Noise, cell: float) -> tuple[float, tuple[str, ...]]:
+def reach(noise: MapperNoise, cell: float) -> tuple[float, tuple[str, ...]]:
     """
     Return up to which distance sigma is at most half a cell, and what to say if it never is.
 
     Parameters
     ----------
-    noise : Noise
+    noise : MapperNoise
         The camera.
     cell : float
         Edge length of a cell, metres.
@@ -98,7 +98,7 @@ def reach(noise: Noise, cell: float) -> tuple[float, tuple[str, ...]]:
     return float(noise.distance[usable].max()), ()
 
 
-def header(noise: Noise, comment: str = '#') -> str:
+def header(noise: MapperNoise, comment: str = '#') -> str:
     """Return the lines at the top of a file: which camera, which effects."""
     effects = ', '.join(noise.effects) or 'none'
     angles = ', '.join(f'{angle:g}' for angle in noise.angles)
@@ -112,13 +112,15 @@ def header(noise: Noise, comment: str = '#') -> str:
     )
 
 
-def common_losses(noise: Noise, *, bias: bool = False, lateral: bool = False) -> tuple[str, ...]:
+def common_losses(
+    noise: MapperNoise, *, bias: bool = False, lateral: bool = False
+) -> tuple[str, ...]:
     """
     Return what no target, or hardly one, can hold.
 
     Parameters
     ----------
-    noise : Noise
+    noise : MapperNoise
         What the camera has.
     bias : bool
         Whether the target holds the mean error over all distances.

@@ -17,7 +17,7 @@ from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import given_effects, in_one_table, Table
 from flexx2_sim_ros.gap.features.before_after import before_after
 from flexx2_sim_ros.gap.features.physical import UNITS
-from flexx2_sim_ros.gap.given_effects import fit_without_and_with, Fitted
+from flexx2_sim_ros.gap.given_effects import fit_without_and_with, FittedRecordings
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.report.check_page import FILES, write_check
@@ -143,7 +143,7 @@ class _Values:
     tolerances: dict[str, float]
 
 
-def _compare(request: _Request, fitted: Fitted, mapped: Map) -> _Values:
+def _compare(request: _Request, fitted: FittedRecordings, mapped: Map) -> _Values:
     found, profile = noisier(fitted.found, request.profile, request.noise_factor)
     work = bind(
         _physical, profile=profile, effects=request.effects, seed=request.seed, known=request.known
@@ -162,7 +162,7 @@ def _compare(request: _Request, fitted: Fitted, mapped: Map) -> _Values:
 
 
 def _table(
-    request: _Request, fitted: Fitted, left_out: list[tuple[str, str]], found: _Values
+    request: _Request, fitted: FittedRecordings, left_out: list[tuple[str, str]], found: _Values
 ) -> dict[str, Any]:
     measures = {
         name: measured(values, found.tolerances[name]) for name, values in found.values.items()

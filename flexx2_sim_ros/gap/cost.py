@@ -12,7 +12,7 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.consumers.comparison import compare, parts, QUANTILES
-from flexx2_sim_ros.consumers.loading import Source, sources
+from flexx2_sim_ros.consumers.loading import ConsumerSource, sources
 from flexx2_sim_ros.consumers.running import Result, run
 from flexx2_sim_ros.effects import Effect, parse_effects
 from flexx2_sim_ros.effects.registry import for_reports
@@ -118,7 +118,7 @@ class CostRequest:
 
     Attributes
     ----------
-    consumers : tuple of Source
+    consumers : tuple of ConsumerSource
         Where the consumers are.
     damaged : tuple of str
         Installed packages that cannot be read.
@@ -129,7 +129,7 @@ class CostRequest:
 
     """
 
-    consumers: tuple[Source, ...]
+    consumers: tuple[ConsumerSource, ...]
     damaged: tuple[str, ...]
     profile: Profile | None
     seed: int

@@ -10,7 +10,13 @@ from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, in_one_table, Table
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
-from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances, Term
+from flexx2_sim_ros.gap.features.catalogue import (
+    Candidate,
+    CandidateTerm,
+    catalogue,
+    Column,
+    nuisances,
+)
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.search import inside_of
 from flexx2_sim_ros.gap.features.simulation import definitions
@@ -25,7 +31,7 @@ _SET = 'set'
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedRecordings:
     """
     Recordings fitted without and with effects, each at the poses that suit.
 
@@ -82,7 +88,7 @@ def fit_without_and_with(
     mapped: Map,
     progress: Progress,
     known: Table | None = None,
-) -> Fitted:
+) -> FittedRecordings:
     """
     Fit recordings without and with effects.
 
@@ -147,7 +153,9 @@ def fit_without_and_with(
     if posed is not None:
         centre = np.array([posed[name] * posed['strength'] for name in NAMES])
         models[1].own.centre = centre / STEPS
-    return Fitted(used, unusable, after, models, (fit(models[0], []), _fit_set(models[1], rest)))
+    return FittedRecordings(
+        used, unusable, after, models, (fit(models[0], []), _fit_set(models[1], rest))
+    )
 
 
 def _shift_surfaces(table: Table) -> Table:
@@ -171,5 +179,5 @@ def _nuisance_columns(one: Found) -> list[Column]:
 def _fit_set(model: Model, table: Table) -> Fit:
     if not table:
         return fit(model, [])
-    on = Term('on', ((1.0, _SET),), 1.0, 1.0)
+    on = CandidateTerm('on', ((1.0, _SET),), 1.0, 1.0)
     return fit(model, [Candidate(_SET, '', (on,), lambda values: {})], np.ones(1))

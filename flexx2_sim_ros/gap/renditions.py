@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from flexx2_sim_ros.camera import Intrinsics, Profile
 from flexx2_sim_ros.consumers.consumer import CameraView
 from flexx2_sim_ros.consumers.ground import best_centre, find_ground, mounted
-from flexx2_sim_ros.consumers.running import Views
+from flexx2_sim_ros.consumers.running import ConsumerViews
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table
@@ -59,14 +59,14 @@ class Rendered:
 
     Attributes
     ----------
-    views : Views
+    views : ConsumerViews
         The renditions by name.
     effects_from : str
         ``other recordings`` if the effects were not fitted to this one, or ``this recording``.
 
     """
 
-    views: Views
+    views: ConsumerViews
     effects_from: str
 
 
@@ -128,7 +128,7 @@ def render(
         **alone,
         ALL: scene.simulate(own, first),
     }
-    views = Views(
+    views = ConsumerViews(
         recording.name,
         tuple(pose.view for pose in poses),
         {name: tuple(pose.of(depth) for pose in poses) for name, depth in seen.items()},
@@ -138,7 +138,7 @@ def render(
 
 
 @dataclass(frozen=True)
-class Pose:
+class RenditionPose:
     """
     One pose of the camera.
 
@@ -165,7 +165,7 @@ class Pose:
 
 def poses_of(
     scene: PlacedScene, distortion: tuple[float, ...], mounting: tuple[float, float] | None
-) -> Iterator[Pose]:
+) -> Iterator[RenditionPose]:
     """
     Yield each pose of the camera whose ground is known.
 
@@ -202,4 +202,4 @@ def poses_of(
             depth = np.broadcast_to(true, (len(frames), height, width))
             view = CameraView(depth, lens, mode, standing.rotation, standing.position, None)
             points = np.concatenate([view.points(t) for t in range(len(frames))])
-            yield Pose(replace(view, centre=best_centre(points)), frames, known)
+            yield RenditionPose(replace(view, centre=best_centre(points)), frames, known)

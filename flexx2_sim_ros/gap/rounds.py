@@ -25,7 +25,7 @@ _LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Explained:
+class ExplainedSet:
     """
     A set of effects, and how near it comes.
 
@@ -83,7 +83,7 @@ class Campaign:
     step: Callable[[], None] = lambda: None
     posed: Sequence[Candidate] = ()
 
-    def judged(self, some: Sequence[Proposal]) -> list[Explained]:
+    def judged(self, some: Sequence[Proposal]) -> list[ExplainedSet]:
         """Simulate several proposals."""
         one = self.simulations
         jobs = [
@@ -92,7 +92,7 @@ class Campaign:
         ]
         work = bind(_far, profile=one.profile, seed=one.seed, known=one.known)
         apart = np.array(self.mapped(work, jobs, self.step))
-        return [Explained(p, apart[:, i]) for i, p in enumerate(some)]
+        return [ExplainedSet(p, apart[:, i]) for i, p in enumerate(some)]
 
     def proposed(self, best: Proposal) -> list[Proposal]:
         """Return what a round could make of a set; see `joint.proposals`."""
@@ -130,7 +130,7 @@ class Campaign:
         effects, without = forms.explained.effects, list(forms.explained.now)
         return [replace(best, effects=effects, without=without, motions=motions, label='forms')]
 
-    def taking_off(self, best: Explained) -> dict[str, np.ndarray]:
+    def taking_off(self, best: ExplainedSet) -> dict[str, np.ndarray]:
         """Return by how much recordings are farther apart without each effect, (R, 3)."""
         some = [_without(best.proposal, [name]) for name in best.proposal.effects]
         judged = zip(best.proposal.effects, self.judged(some), strict=True)
@@ -139,7 +139,7 @@ class Campaign:
 
 def explain(
     campaign: Campaign, model: Model, found: Sequence[Candidate], values: np.ndarray
-) -> Explained:
+) -> ExplainedSet:
     """
     Return the set of effects that explains the recordings.
 
@@ -168,7 +168,7 @@ def _louder(one: Candidate) -> Candidate:
     return replace(one, terms=terms)
 
 
-def refine(campaign: Campaign, begin: Sequence[Proposal]) -> Explained:
+def refine(campaign: Campaign, begin: Sequence[Proposal]) -> ExplainedSet:
     """
     Fit a set of effects again, add to it and take off it, as long as simulations come nearer.
 
@@ -208,7 +208,7 @@ def surely(rise: np.ndarray) -> float:
     return float(rise.mean() / (rise.std(ddof=1) / math.sqrt(len(rise)) + 1e-9))
 
 
-def _needed(best: Explained, rises: Mapping[str, np.ndarray]) -> Explained:
+def _needed(best: ExplainedSet, rises: Mapping[str, np.ndarray]) -> ExplainedSet:
     # Without effects that neither the simulations nor the features need.
     least, proposal = ROUNDS.needed * best.apart.mean(), best.proposal
     kept = []
@@ -233,7 +233,7 @@ def _without(one: Proposal, names: Collection[str]) -> Proposal:
     return replace(one, effects=left(one.effects), without=without, label=label)
 
 
-def _nearest(some: Sequence[Explained], within: float = ROUNDS.as_near) -> Explained:
+def _nearest(some: Sequence[ExplainedSet], within: float = ROUNDS.as_near) -> ExplainedSet:
     for one in some:
         _LOG.debug(
             '%.2f loss %.2f %s: %s',

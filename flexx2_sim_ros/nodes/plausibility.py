@@ -40,7 +40,7 @@ class ReflectivityUnit:
 
 
 @dataclass(frozen=True)
-class Finding:
+class NothingInRange:
     """
     The likely reason why an image has no pixel in range.
 
@@ -82,7 +82,9 @@ def sees_something(depth: np.ndarray, nearest: float, farthest: float) -> bool:
     return bool(((sample >= nearest) & (sample <= farthest)).any())
 
 
-def explain(depth: np.ndarray, encoding: str, nearest: float, farthest: float) -> Finding | None:
+def explain(
+    depth: np.ndarray, encoding: str, nearest: float, farthest: float
+) -> NothingInRange | None:
     """
     Return why no pixel is within the range.
 
@@ -112,23 +114,23 @@ def explain(depth: np.ndarray, encoding: str, nearest: float, farthest: float) -
     )
 
 
-def _no_depth(depth: np.ndarray) -> Finding:
+def _no_depth(depth: np.ndarray) -> NothingInRange:
     negative = depth[np.isfinite(depth) & (depth < 0)]
     if negative.size:
-        return Finding(
+        return NothingInRange(
             'negative',
             f'values of about {_number(float(np.median(negative)))}: depth '
             "must be positive, along the optical frame's +z",
             True,
         )
     if not depth.any():
-        return Finding(
+        return NothingInRange(
             'zero',
             "every pixel is 0: the renderer's depth buffer may be empty, or nothing is in view",
             True,
         )
     if (depth == -np.inf).all():
-        return Finding(
+        return NothingInRange(
             'too near', 'every pixel is -inf: something is nearer than the near plane', False
         )
     counts = {
@@ -138,15 +140,15 @@ def _no_depth(depth: np.ndarray) -> Finding:
         '0': depth == 0,
     }
     found = ', '.join(f'{name} {mask.mean():.0%}' for name, mask in counts.items() if mask.any())
-    return Finding('nothing', f'no pixel has a return ({found}): nothing is in view', False)
+    return NothingInRange('nothing', f'no pixel has a return ({found}): nothing is in view', False)
 
 
 def _wrong_unit(
     low: float, middle: float, high: float, encoding: str, nearest: float, farthest: float
-) -> Finding | None:
+) -> NothingInRange | None:
     if encoding == '16UC1':
         if nearest <= middle * _MILLI <= farthest:
-            return Finding(
+            return NothingInRange(
                 'metres',
                 f'values of about {_number(middle * _MILLI)}: looks like '
                 'metres; 16UC1 must be millimetres (REP 118)',
@@ -154,7 +156,7 @@ def _wrong_unit(
             )
         return None
     if high < _SMALLEST or middle > _LARGEST:
-        return Finding(
+        return NothingInRange(
             'byte order',
             f'values of {_number(low)} to {_number(high)}: looks like '
             'the wrong byte order (is_bigendian)',
@@ -164,9 +166,9 @@ def _wrong_unit(
         text = f'looks like millimetres; {encoding} must be metres (REP 118)'
         if low == high:
             text += '; or the far plane, with nothing in view'
-        return Finding('millimetres', f'values of about {_number(middle)}: {text}', True)
+        return NothingInRange('millimetres', f'values of about {_number(middle)}: {text}', True)
     if nearest <= middle * _MILLI <= farthest:
-        return Finding(
+        return NothingInRange(
             'kilometres',
             f'values of about {_number(middle)}: looks like metres '
             f'divided by 1000; {encoding} must be metres (REP 118)',
@@ -175,15 +177,15 @@ def _wrong_unit(
     return None
 
 
-def _out_of_range(low: float, high: float, nearest: float, farthest: float) -> Finding:
+def _out_of_range(low: float, high: float, nearest: float, farthest: float) -> NothingInRange:
     if low == high > farthest:
-        return Finding(
+        return NothingInRange(
             'far plane',
             f'every pixel is {_number(low)} m: nothing is in view before the far plane',
             False,
         )
     what = 'too far' if low > farthest else 'too near' if high < nearest else 'too near or too far'
-    return Finding(
+    return NothingInRange(
         what, f'depths of {_number(low)} to {_number(high)} m: all of them {what}', True
     )
 

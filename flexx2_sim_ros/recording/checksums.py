@@ -58,7 +58,7 @@ class Check:
     protected: bool
 
 
-class Row(NamedTuple):
+class BagRow(NamedTuple):
     """
     A message of an SQLite bag.
 
@@ -226,7 +226,7 @@ def check_sqlite(path: Path) -> Check:
         connection.close()
 
 
-def sqlite_rows(connection: sqlite3.Connection) -> Iterator[Row]:
+def sqlite_rows(connection: sqlite3.Connection) -> Iterator[BagRow]:
     """
     Iterate over the messages of an SQLite bag, in the order of writing.
 
@@ -248,14 +248,14 @@ def sqlite_rows(connection: sqlite3.Connection) -> Iterator[Row]:
         ):
             if not isinstance(data, bytes) or not isinstance(time, int):
                 return
-            yield Row(*topics[number], time, data, True)
+            yield BagRow(*topics[number], time, data, True)
         return
     for number, time, data, checksum in connection.execute(
         f'SELECT topic_id, timestamp, data, crc32 FROM messages LEFT JOIN {_TABLE} USING (id) '
         'ORDER BY id'
     ):
         topic, kind = topics.get(number, ('', ''))
-        yield Row(
+        yield BagRow(
             topic,
             kind,
             time,

@@ -75,7 +75,7 @@ class GaitState:
 
 
 @dataclass(frozen=True)
-class Pose:
+class GaitPose:
     """
     The pose of the robot in a state of the gait.
 
@@ -173,14 +173,14 @@ def _is_blocked(
     return blocked(position, rotation(rpy), target[:2], legs.standing_height, ground)
 
 
-def pose(state: GaitState, gait: Gait, legs: LegGeometry) -> Pose:
+def pose(state: GaitState, gait: Gait, legs: LegGeometry) -> GaitPose:
     """Return the trunk's pose and the joint angles of a state."""
     points, heights, swinging = _feet(state, gait, legs)
     position, rpy = trunk_pose(state.position, state.yaw, heights, legs)
     wanted = (points - position) @ rotation(rpy)
     angles = joint_angles(wanted, legs)
     missed = np.linalg.norm(feet(angles, legs) - wanted, axis=1)
-    return Pose(position, rpy, angles, points, ~swinging, missed)
+    return GaitPose(position, rpy, angles, points, ~swinging, missed)
 
 
 def _small_step(

@@ -8,7 +8,7 @@ what was measured of them.
 """
 
 from flexx2_sim_ros.truth.board_campaign import BoardRequest, make_board_truth
-from flexx2_sim_ros.truth.campaign import make_truth, Request
+from flexx2_sim_ros.truth.campaign import make_truth, RoomRequest
 from flexx2_sim_ros.truth.plane_campaign import asked_for, make_plane_truth, PlaneRequest
 from flexx2_sim_ros.truth.trajectory import PoseSource
 
@@ -16,7 +16,7 @@ __all__ = [
     'BoardRequest',
     'PlaneRequest',
     'PoseSource',
-    'Request',
+    'RoomRequest',
     'asked_for',
     'make_board_truth',
     'make_plane_truth',

@@ -20,7 +20,7 @@ _TILE = 8  # pixels
 
 
 @dataclass(frozen=True)
-class Target:
+class AlignedPixels:
     """
     The pixels that are aligned.
 
@@ -48,7 +48,7 @@ class Target:
 
 
 @dataclass(frozen=True)
-class Fit:
+class AlignedPose:
     """
     An aligned pose.
 
@@ -67,14 +67,14 @@ class Fit:
     history: tuple[float, ...]
 
 
-def choose(observation: Observation, most: int, seed: int = 0) -> Target:
+def choose(observation: Observation, most: int, seed: int = 0) -> AlignedPixels:
     """Return up to `most` pixels, drawn at random from those on smooth surfaces."""
     good = np.flatnonzero(observation.smooth)
     if len(good) > most:
         good = np.sort(np.random.default_rng(seed).choice(good, most, replace=False))
     width = observation.depth.shape[1]
     tiles = (good // width // _TILE) * (width // _TILE + 1) + good % width // _TILE
-    return Target(
+    return AlignedPixels(
         observation.rays.reshape(-1, 2)[good],
         observation.depth.ravel()[good],
         observation.sigma.ravel()[good],
@@ -122,13 +122,13 @@ def jacobian(hits: Hits, rays: np.ndarray) -> np.ndarray:
         return -change / hits.slant(rays)[:, None]
 
 
-def facing(hits: Hits, target: Target) -> np.ndarray:
+def facing(hits: Hits, target: AlignedPixels) -> np.ndarray:
     """Return (N,) bool: hits that are not at a grazing angle."""
     with np.errstate(invalid='ignore'):
         return -hits.slant(target.rays) > _GRAZING * target.length
 
 
-def residuals(hits: Hits, target: Target) -> np.ndarray:
+def residuals(hits: Hits, target: AlignedPixels) -> np.ndarray:
     """Return (N,) measured minus expected depth, without whole wraps; NaN without a hit."""
     return unwrapped(target.depth - hits.depth, target.length, target.wraps)
 
@@ -162,8 +162,8 @@ def robust_weights(residual: np.ndarray, variance: np.ndarray, widest: float) ->
 
 
 def align(
-    room: Room, target: Target, start: Pose, steps: int = 20, reach: float = TRUNCATION
-) -> Fit:
+    room: Room, target: AlignedPixels, start: Pose, steps: int = 20, reach: float = TRUNCATION
+) -> AlignedPose:
     """
     Align pixels to a room from a pose nearby.
 
@@ -171,7 +171,7 @@ def align(
     ----------
     room : Room
         The room.
-    target : Target
+    target : AlignedPixels
         The pixels.
     start : Pose
         Within about 0.2 m and 10 degrees of the true one.
@@ -183,7 +183,7 @@ def align(
 
     Returns
     -------
-    Fit
+    AlignedPose
 
     """
     pose, damping = start, 1e-3
@@ -217,7 +217,7 @@ def align(
         history.append(best)
         if np.abs(step).max() < _CONVERGED:
             break
-    return Fit(pose, best, tuple(history))
+    return AlignedPose(pose, best, tuple(history))
 
 
 def clamped(step: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import never_decided
-from flexx2_sim_ros.truth.board_placing import BoardJob, place_board, Placed
+from flexx2_sim_ros.truth.board_placing import BoardJob, BoardPoses, place_board
 from flexx2_sim_ros.truth.board_writing import BoardWriting, OnBoard, write_board
 from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.page import figures, recordings_table, undecided, whole_page
@@ -16,9 +16,9 @@ from flexx2_sim_ros.truth.run import (
     no_progress,
     Progress,
     running,
-    Source,
     sources_of,
     TruthRequest,
+    TruthSource,
     write_table,
 )
 from flexx2_sim_ros.truth.shared import MOST_BIAS
@@ -82,7 +82,7 @@ def make_board_truth(request: BoardRequest, progress: Progress = no_progress) ->
         jobs = [_job(request, target, source) for source in sources]
         digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
         texts = run.each_once('finding the board', (0.0, 0.7), place_board, jobs, digests)
-        placed = [Placed.from_json(text) for text in texts]
+        placed = [BoardPoses.from_json(text) for text in texts]
         if all(one.reason for one in placed):
             raise InputError(f'{shown_path(sources[0].path)}: {placed[0].reason}')
         writings = {
@@ -116,14 +116,14 @@ def make_board_truth(request: BoardRequest, progress: Progress = no_progress) ->
         )
 
 
-def _job(request: BoardRequest, target: Target, source: Source) -> BoardJob:
+def _job(request: BoardRequest, target: Target, source: TruthSource) -> BoardJob:
     return BoardJob(
         source.path, target, request.camera, request.profile, request.motion, request.lens_error
     )
 
 
 def _row(
-    source: Source, one: Placed, board: OnBoard | None, scale: float | None
+    source: TruthSource, one: BoardPoses, board: OnBoard | None, scale: float | None
 ) -> dict[str, Any]:
     row = source.row(
         'refused',
@@ -135,7 +135,7 @@ def _row(
     return row if board is None else row | _numbers(board, one, scale)
 
 
-def _numbers(board: OnBoard, placed: Placed, scale: float | None) -> dict[str, Any]:
+def _numbers(board: OnBoard, placed: BoardPoses, scale: float | None) -> dict[str, Any]:
     doubts = _doubts(board, scale)
     numbers: dict[str, Any] = {
         'verdict': 'doubtful' if doubts else 'used',
@@ -189,7 +189,9 @@ def _scale(boards: Sequence[OnBoard]) -> float | None:
     return float(slope)
 
 
-def _page(table: dict[str, Any], placed: Sequence[Placed], boards: Mapping[int, OnBoard]) -> str:
+def _page(
+    table: dict[str, Any], placed: Sequence[BoardPoses], boards: Mapping[int, OnBoard]
+) -> str:
     size = ' x '.join(f'{value * 1e3:g}' for value in table['board_size_m'])
     about = (
         f'Board: <code>{escape(table["board"])}</code>, {size} mm; focal length within '

@@ -45,7 +45,7 @@ class BoardJob:
 
 
 @dataclass(frozen=True)
-class Placed:
+class BoardPoses:
     """
     The poses of the camera relative to the board in a recording.
 
@@ -83,7 +83,7 @@ class Placed:
         return json.dumps(vars(self))
 
     @classmethod
-    def from_json(cls, text: str) -> 'Placed':
+    def from_json(cls, text: str) -> 'BoardPoses':
         """Return the result from the text of `to_json`."""
         table: dict[str, Any] = json.loads(text)
         for name in ('poses', 'covariances', 'costs', 'history'):
@@ -98,7 +98,7 @@ def place_board(job: BoardJob) -> str:
     Returns
     -------
     str
-        A `Placed` as text, with the reason when the recording cannot be read.
+        A `BoardPoses` as text, with the reason when the recording cannot be read.
 
     """
     try:
@@ -107,7 +107,7 @@ def place_board(job: BoardJob) -> str:
         return _placed(False, [reason_of(error, job.path)]).to_json()
 
 
-def _found(job: BoardJob) -> Placed:
+def _found(job: BoardJob) -> BoardPoses:
     reader = open_recording(job.path, job.camera, job.profile)
     footage = observe(reader, job.profile, job.motion)
     moving, rays = footage.moving, footage.still.rays
@@ -124,7 +124,7 @@ def _found(job: BoardJob) -> Placed:
     return _placed(moving, found)
 
 
-def _placed(moving: bool, found: list[Any]) -> Placed:
+def _placed(moving: bool, found: list[Any]) -> BoardPoses:
     fits = [fit for fit in found if isinstance(fit, GrayFit)]
     reasons = [fit for fit in found if isinstance(fit, str)]
     good = [isinstance(fit, GrayFit) for fit in found]
@@ -132,7 +132,7 @@ def _placed(moving: bool, found: list[Any]) -> Placed:
     def middle(name: str) -> float:
         return float(np.median([getattr(fit, name) for fit in fits])) if fits else 0.0
 
-    return Placed(
+    return BoardPoses(
         moving,
         tuple(
             tuple(fit.pose.numbers()) if ok else None for fit, ok in zip(found, good, strict=True)

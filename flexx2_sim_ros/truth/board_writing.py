@@ -7,13 +7,13 @@ from pathlib import Path
 
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.board import BoardRoom, plane_covariance
-from flexx2_sim_ros.truth.board_placing import BoardJob, Placed
+from flexx2_sim_ros.truth.board_placing import BoardJob, BoardPoses
 from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, render
 from flexx2_sim_ros.truth.gray import Gray, white_fraction
 from flexx2_sim_ros.truth.gray_frames import gray_images
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.writing import Picture, picture_of, without_hidden, write_truth
+from flexx2_sim_ros.truth.writing import PageImages, picture_of, without_hidden, write_truth
 import numpy as np
 
 _FITS, _FITS_NOISE = 0.05, 3.0  # metres and standard deviations of the residual, as for a scan
@@ -28,7 +28,7 @@ class BoardWriting:
     Attributes
     ----------
     job : BoardJob
-    placed : Placed
+    placed : BoardPoses
     target : pathlib.Path
         The file to write.
     keys : mapping of str to numpy.ndarray
@@ -37,7 +37,7 @@ class BoardWriting:
     """
 
     job: BoardJob
-    placed: Placed
+    placed: BoardPoses
     target: Path
     keys: Mapping[str, np.ndarray] = field(default_factory=dict)
 
@@ -49,7 +49,7 @@ class OnBoard:
 
     Attributes
     ----------
-    picture : Picture
+    picture : PageImages
         Images of the first frame that shows the board.
     pose : tuple of float
         Pose of the camera in the frame of the board in this frame, see `Pose.numbers`.
@@ -66,7 +66,7 @@ class OnBoard:
 
     """
 
-    picture: Picture
+    picture: PageImages
     pose: tuple[float, ...]
     distance: float
     difference: float
@@ -153,7 +153,7 @@ def _plane_of(shown: _Shown, known: np.ndarray, covariance: np.ndarray) -> np.nd
     return plane_covariance(shown.pose, covariance, points.mean(axis=0))
 
 
-def _judged(picture: Picture, shown: _Shown, plane: np.ndarray, frames: int) -> OnBoard:
+def _judged(picture: PageImages, shown: _Shown, plane: np.ndarray, frames: int) -> OnBoard:
     known = shown.clean.known
     error = difference(shown.clean, shown.image)[known]
     valid = np.isfinite(error)

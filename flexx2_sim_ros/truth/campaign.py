@@ -9,9 +9,9 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_scan
 from flexx2_sim_ros.truth.clock import ClockOffset, common_offset
-from flexx2_sim_ros.truth.columns import Columns
+from flexx2_sim_ros.truth.columns import ErrorColumns
 from flexx2_sim_ros.truth.files import digest
-from flexx2_sim_ros.truth.joint import solve, View
+from flexx2_sim_ros.truth.joint import PosedImage, solve
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.page import page
 from flexx2_sim_ros.truth.reflectivity import find_scale, GrayScale
@@ -21,15 +21,15 @@ from flexx2_sim_ros.truth.run import (
     Progress,
     Run,
     running,
-    Source,
     sources_of,
     TruthRequest,
+    TruthSource,
     write_table,
 )
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import PoseSource, read_trajectory
-from flexx2_sim_ros.truth.verdict import as_given, ASSUMED, check_room, judge, strays, Verdict
-from flexx2_sim_ros.truth.writing import Picture, read_light, write_recording, Writing
+from flexx2_sim_ros.truth.verdict import as_given, ASSUMED, check_room, judge, RoomFit, strays
+from flexx2_sim_ros.truth.writing import PageImages, read_light, write_recording, Writing
 import numpy as np
 
 _CLEAR_LATENCY = 3.0  # standard deviations
@@ -39,7 +39,7 @@ _HIDDEN_UNLESS_FITTED = 'intrinsics_error', 'warm_up_drift'
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request(TruthRequest):
+class RoomRequest(TruthRequest):
     """
     A request for ground truth from a room.
 
@@ -65,13 +65,13 @@ class Request(TruthRequest):
     told: PoseSource | None = None
 
 
-def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, Any]:
+def make_truth(request: RoomRequest, progress: Progress = no_progress) -> dict[str, Any]:
     """
     Register recordings to a room and write them with their ground truth.
 
     Parameters
     ----------
-    request : Request
+    request : RoomRequest
         The recordings and the room.
     progress : callable
         Called with the name of the current step and the fraction of the work that is done.
@@ -137,12 +137,12 @@ def make_truth(request: Request, progress: Progress = no_progress) -> dict[str, 
 class _Placed:
     # A recording that was registered, and its number among all that were given.
     number: int
-    source: Source
+    source: TruthSource
     job: Job
     where: Registered
 
 
-def _jobs(request: Request, sources: Sequence[Source]) -> list[Job]:
+def _jobs(request: RoomRequest, sources: Sequence[TruthSource]) -> list[Job]:
     if len(request.poses) not in (0, 1, len(sources)):
         raise InputError(
             f'--pose: must be given once or once for each of {len(sources)} recordings, got '
@@ -171,7 +171,7 @@ def _jobs(request: Request, sources: Sequence[Source]) -> list[Job]:
 
 
 def _register(
-    run: Run, sources: Sequence[Source], jobs: Sequence[Job]
+    run: Run, sources: Sequence[TruthSource], jobs: Sequence[Job]
 ) -> tuple[list[_Placed], dict[int, dict[str, Any]]]:
     # The recordings that can be registered, and the rows of the others by number.
     digests = [
@@ -206,8 +206,8 @@ def _register_one(job: Job) -> str:
 
 
 def _fit(
-    parts: Sequence[Sequence[View]], placed: Sequence[_Placed]
-) -> tuple[Shared, list[_Placed], list[Verdict]]:
+    parts: Sequence[Sequence[PosedImage]], placed: Sequence[_Placed]
+) -> tuple[Shared, list[_Placed], list[RoomFit]]:
     # Recordings that do not fit would distort the shared errors, so they are left out first. So
     # are those whose poses are used as they were given.
     registered = [one.where for one in placed]
@@ -217,7 +217,7 @@ def _fit(
         for view in part
         if not one.believed
     ]
-    alone = solve(fitted, Columns(False, (), False))
+    alone = solve(fitted, ErrorColumns(False, (), False))
     verdicts = judge(registered, alone)
     out = [_as_given(*both) for both in zip(placed, verdicts, strict=True)]
     registered = [one.where for one in out]
@@ -237,7 +237,7 @@ def _fit(
     return shared, out, final
 
 
-def _as_given(placed: _Placed, verdict: Verdict) -> _Placed:
+def _as_given(placed: _Placed, verdict: RoomFit) -> _Placed:
     # What a camera of few pixels sees may not hold its pose, so that it strays from the given one.
     where = placed.where
     if where.given and strays(where) and not verdict.held:
@@ -261,10 +261,10 @@ def _why_given(before: _Placed, after: _Placed) -> list[str]:
 
 
 def _writings(
-    request: Request,
+    request: RoomRequest,
     placed: Sequence[_Placed],
     shared: Shared,
-    verdicts: Sequence[Verdict],
+    verdicts: Sequence[RoomFit],
     latency: float,
 ) -> dict[int, Writing]:
     solution = shared.solution
@@ -295,7 +295,9 @@ def _writings(
     return out
 
 
-def _write(run: Run, writings: dict[int, Writing]) -> tuple[dict[int, Picture], GrayScale | None]:
+def _write(
+    run: Run, writings: dict[int, Writing]
+) -> tuple[dict[int, PageImages], GrayScale | None]:
     lit = run.each('reading gray images', (0.65, 0.7), read_light, list(writings.values()))
     scale = find_scale([one for part in lit for one in part])
     whole = [replace(writing, scale=scale) for writing in writings.values()]
@@ -304,7 +306,7 @@ def _write(run: Run, writings: dict[int, Writing]) -> tuple[dict[int, Picture], 
 
 
 def _row(
-    placed: _Placed, verdict: Verdict, writing: Writing | None, picture: Picture | None
+    placed: _Placed, verdict: RoomFit, writing: Writing | None, picture: PageImages | None
 ) -> dict[str, Any]:
     where = placed.where
     state, reasons = verdict.state, verdict.reasons
@@ -341,7 +343,7 @@ def _clock(registered: Sequence[Registered]) -> ClockOffset | None:
     return common_offset(offsets) if offsets else None
 
 
-def _latency(request: Request, clock: ClockOffset | None) -> float | None:
+def _latency(request: RoomRequest, clock: ClockOffset | None) -> float | None:
     # How late images are. None where it is not known: the clocks' own offset was not given, or the
     # whole offset was not found.
     told = None if request.told is None else request.told.clock_offset

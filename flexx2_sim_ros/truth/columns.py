@@ -17,7 +17,7 @@ _INVERSIONS = 4  # of distortion: enough for a tenth of a pixel
 
 
 @dataclass(frozen=True)
-class Columns:
+class ErrorColumns:
     """
     The errors that all recordings share, in the order of the coefficients.
 
@@ -98,14 +98,14 @@ class Columns:
 
 
 def error_columns(
-    columns: Columns, hits: Hits, rays: np.ndarray, bounce: np.ndarray, uptime: float
+    columns: ErrorColumns, hits: Hits, rays: np.ndarray, bounce: np.ndarray, uptime: float
 ) -> np.ndarray:
     """
     Return the depth error per unit of each coefficient.
 
     Parameters
     ----------
-    columns : Columns
+    columns : ErrorColumns
         The errors.
     hits : Hits
         (N,) surfaces that the rays should hit.

@@ -11,15 +11,15 @@ import math
 from pathlib import Path
 
 from flexx2_sim_ros.truth.alignment import (
+    AlignedPixels,
     clamped,
     facing,
     jacobian,
     residuals,
     robust_weights,
-    Target,
     TRUNCATION,
 )
-from flexx2_sim_ros.truth.columns import Columns, error_columns, LENS, PRIOR
+from flexx2_sim_ros.truth.columns import error_columns, ErrorColumns, LENS, PRIOR
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Hits
@@ -31,7 +31,7 @@ _POSE_PRIOR = 1.0  # 1/m2: keeps the equations regular if the recording does not
 
 
 @dataclass(frozen=True)
-class View:
+class PosedImage:
     """
     One image with its pose.
 
@@ -41,7 +41,7 @@ class View:
         Number of its recording.
     room : pathlib.Path
         The room's file; see `load_room`.
-    target : Target
+    target : AlignedPixels
         Its pixels.
     pose : Pose
     bounce : numpy.ndarray
@@ -53,7 +53,7 @@ class View:
 
     recording: int
     room: Path
-    target: Target
+    target: AlignedPixels
     pose: Pose
     bounce: np.ndarray
     uptime: float = math.inf
@@ -69,7 +69,7 @@ class Linear:
     J, A, y, weight : numpy.ndarray
         (N, 6), (N, k), (N,), (N,).
     tile : numpy.ndarray
-        (N,) see `Target`.
+        (N,) see `AlignedPixels`.
     bias : numpy.ndarray
         (N,) depth error by a bias of 1 m along the ray.
 
@@ -111,7 +111,7 @@ class Solution:
 
     Attributes
     ----------
-    columns : Columns
+    columns : ErrorColumns
     values : numpy.ndarray
         (k,) coefficients.
     deviations : numpy.ndarray
@@ -119,7 +119,7 @@ class Solution:
         out one recording at a time.
     condition : float
         Condition number of the coefficients' equations, scaled to a unit diagonal.
-    views : tuple of View
+    views : tuple of PosedImage
         The views with their new poses.
     covariances : tuple of numpy.ndarray
         (6, 6) each, of the views' motions (metres, radians).
@@ -133,11 +133,11 @@ class Solution:
 
     """
 
-    columns: Columns
+    columns: ErrorColumns
     values: np.ndarray
     deviations: np.ndarray
     condition: float
-    views: tuple[View, ...]
+    views: tuple[PosedImage, ...]
     covariances: tuple[np.ndarray, ...]
     drags: tuple[np.ndarray, ...]
     left_out: np.ndarray
@@ -150,16 +150,16 @@ class Solution:
 
 
 def linearise(
-    view: View, columns: Columns, values: np.ndarray
-) -> tuple[Linear, Target, np.ndarray]:
+    view: PosedImage, columns: ErrorColumns, values: np.ndarray
+) -> tuple[Linear, AlignedPixels, np.ndarray]:
     """
     Return a view's equations at its pose, with robust weights of the residuals.
 
     Parameters
     ----------
-    view : View
+    view : PosedImage
         The view.
-    columns : Columns
+    columns : ErrorColumns
         Which errors are shared.
     values : numpy.ndarray
         (k,) present coefficients.
@@ -185,7 +185,7 @@ def linearise(
     return Linear(J, A, y, weight, chosen.tile, 1 / chosen.length), chosen, kept.depth
 
 
-def replace_target(target: Target, use: np.ndarray) -> Target:
+def replace_target(target: AlignedPixels, use: np.ndarray) -> AlignedPixels:
     """Return the pixels of a target that an (N,) bool array picks."""
     picked = {
         name: getattr(target, name)[use]
@@ -198,15 +198,15 @@ def _pick(hits: Hits, use: np.ndarray) -> Hits:
     return Hits(hits.depth[use], hits.normal[use], None, hits.border[use])
 
 
-def solve(views: Sequence[View], columns: Columns, rounds: int = _ROUNDS) -> Solution:
+def solve(views: Sequence[PosedImage], columns: ErrorColumns, rounds: int = _ROUNDS) -> Solution:
     """
     Estimate poses and shared coefficients together.
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of PosedImage
         Views with approximately correct poses.
-    columns : Columns
+    columns : ErrorColumns
         Which errors are shared.
     rounds : int
         Maximum number of Gauss-Newton steps.
@@ -232,7 +232,7 @@ def solve(views: Sequence[View], columns: Columns, rounds: int = _ROUNDS) -> Sol
     return _finish(current, columns, values)
 
 
-def reduced(equations: Sequence[Linear], columns: Columns) -> tuple[np.ndarray, np.ndarray]:
+def reduced(equations: Sequence[Linear], columns: ErrorColumns) -> tuple[np.ndarray, np.ndarray]:
     """Return the normal equations of the coefficients, without poses (Schur complement)."""
     S, s = np.diag(columns.precision), np.zeros(len(columns.names))
     for one in equations:
@@ -246,7 +246,7 @@ def _share(one: Linear) -> tuple[np.ndarray, np.ndarray]:
     return (free * one.weight[:, None]).T @ one.A, free.T @ (one.weight * one.y)
 
 
-def _finish(views: list[View], columns: Columns, values: np.ndarray) -> Solution:
+def _finish(views: list[PosedImage], columns: ErrorColumns, values: np.ndarray) -> Solution:
     equations = [linearise(view, columns, values)[0] for view in views]
     shares = [_share(one) for one in equations]
     k = len(values)

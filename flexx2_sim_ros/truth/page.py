@@ -8,10 +8,10 @@ from typing import Any
 
 from flexx2_sim_ros.html_drawing import CURVE_STYLE, curves, picture
 from flexx2_sim_ros.html_page import html_page
-from flexx2_sim_ros.truth.board_placing import Placed
+from flexx2_sim_ros.truth.board_placing import BoardPoses
 from flexx2_sim_ros.truth.clean import PARTS
 from flexx2_sim_ros.truth.registration import Registered
-from flexx2_sim_ros.truth.writing import Picture
+from flexx2_sim_ros.truth.writing import PageImages
 from matplotlib.image import imsave
 import numpy as np
 
@@ -35,7 +35,7 @@ _LIMIT = 0.03  # metres, end of the colour scale of the residual map
 
 
 def page(
-    table: dict[str, Any], registered: Mapping[int, Registered], pictures: Mapping[int, Picture]
+    table: dict[str, Any], registered: Mapping[int, Registered], pictures: Mapping[int, PageImages]
 ) -> str:
     """
     Return the page as HTML, all text escaped and all pictures inside.
@@ -190,9 +190,9 @@ def _millimetres(value: float | None) -> str:
 
 def figures(
     name: str,
-    shown: Picture,
+    shown: PageImages,
     caption: str,
-    where: Registered | Placed | None = None,
+    where: Registered | BoardPoses | None = None,
     cost: str = '',
 ) -> str:
     """
@@ -202,7 +202,7 @@ def figures(
     ----------
     name : str
         Name of the recording.
-    shown : Picture
+    shown : PageImages
         The images of the recording.
     caption : str
         Caption of the overlay.
@@ -232,21 +232,21 @@ def figures(
     )
 
 
-def _legend(shown: Picture) -> str:
+def _legend(shown: PageImages) -> str:
     return ', '.join(
         f'<span style="color:rgb{_COLOURS[name]}">&#9632;</span> {name} {part:.0%}'
         for name, part in shown.shares.items()
     )
 
 
-def _map(shown: Picture) -> str:
+def _map(shown: PageImages) -> str:
     # Which pixels are known, and why others are not, over the image.
     colours = np.array([_COLOURS[name] for name in PARTS], float)[shown.part]
     image = 0.6 * colours + 0.4 * _gray(shown.image)[..., None]
     return _data_url(image.astype(np.uint8).repeat(2, axis=0).repeat(2, axis=1))
 
 
-def overlay(shown: Picture) -> str:
+def overlay(shown: PageImages) -> str:
     """Return an image with the edges of clean depth on it, as a data URL."""
     image = np.repeat(_gray(shown.image)[..., None], 3, axis=2)
     image = image.astype(np.uint8).repeat(4, axis=0).repeat(4, axis=1)

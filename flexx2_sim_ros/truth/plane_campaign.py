@@ -24,12 +24,12 @@ from flexx2_sim_ros.truth.run import (
     no_progress,
     Progress,
     running,
-    Source,
     sources_of,
     TruthRequest,
+    TruthSource,
     write_table,
 )
-from flexx2_sim_ros.truth.writing import Picture
+from flexx2_sim_ros.truth.writing import PageImages
 
 _FRONTAL = 20.0  # degrees between the normal and the optical axis
 
@@ -142,7 +142,9 @@ def asked_for(request: PlaneRequest) -> str:
     )
 
 
-def _jobs(request: PlaneRequest, plan: PlaneFile, sources: Sequence[Source]) -> list[PlaneJob]:
+def _jobs(
+    request: PlaneRequest, plan: PlaneFile, sources: Sequence[TruthSource]
+) -> list[PlaneJob]:
     names = [source.target.stem for source in sources]
     return [
         PlaneJob(
@@ -160,7 +162,7 @@ def _jobs(request: PlaneRequest, plan: PlaneFile, sources: Sequence[Source]) -> 
     ]
 
 
-def _row(source: Source, one: Judged, picture: Picture | None) -> dict[str, Any]:
+def _row(source: TruthSource, one: Judged, picture: PageImages | None) -> dict[str, Any]:
     row = source.row(one.state, one.reasons)
     if picture is not None:
         row |= {**picture.table(), 'planes': one.table()}
@@ -183,7 +185,7 @@ def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, Any]]:
     return out
 
 
-def _page(table: dict[str, Any], pictures: Mapping[int, Picture]) -> str:
+def _page(table: dict[str, Any], pictures: Mapping[int, PageImages]) -> str:
     about = f'Planes: <code>{escape(table["planes"])}</code>.'
     parts = [undecided(table['cannot_decide']), _recordings(table['recordings'])]
     for i, picture in pictures.items():

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.plane_file import Angle, Measured
-from flexx2_sim_ros.truth.plane_finding import Surface
+from flexx2_sim_ros.truth.plane_finding import ImagePlane
 import numpy as np
 
 # Standard deviations of a plane without measurements: metres, radians. They are large, because a
@@ -28,7 +28,7 @@ _STEP = 1e-6
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedPlanes:
     """
     Planes of one recording.
 
@@ -47,7 +47,7 @@ class Placed:
     distances: np.ndarray
     pivots: np.ndarray
 
-    def moved(self, change: np.ndarray) -> 'Placed':
+    def moved(self, change: np.ndarray) -> 'PlacedPlanes':
         """
         Return the planes moved.
 
@@ -64,7 +64,7 @@ class Placed:
             normals[k] = turned / np.linalg.norm(turned)
             distances[k] = normals[k] @ (self.pivots[k] + offset * normal)
         pivots = self.pivots + (distances - (normals * self.pivots).sum(axis=1))[:, None] * normals
-        return Placed(normals, distances, pivots)
+        return PlacedPlanes(normals, distances, pivots)
 
     def distance_deviations(self, covariance: np.ndarray) -> np.ndarray:
         """
@@ -109,13 +109,13 @@ class Constraints:
     angles: tuple[Angle, ...]
     origin: tuple[float, float, float]
 
-    def errors(self, placed: Placed) -> tuple[np.ndarray, list[str]]:
+    def errors(self, placed: PlacedPlanes) -> tuple[np.ndarray, list[str]]:
         """
         Return the differences between planes and measurements.
 
         Parameters
         ----------
-        placed : Placed
+        placed : PlacedPlanes
             The planes.
 
         Returns
@@ -140,7 +140,7 @@ class Constraints:
             words += [f'angle between {angle.first} and {angle.second}'] * len(parts)
         return np.array(errors), words
 
-    def tape_errors(self, placed: Placed) -> np.ndarray:
+    def tape_errors(self, placed: PlacedPlanes) -> np.ndarray:
         """Return (P,) distance minus measured distance, metres; NaN if not measured."""
         told = np.array([np.nan if d is None else d.value for d in self.distances])
         return np.asarray(placed.distances - placed.normals @ np.array(self.origin) - told)
@@ -159,13 +159,13 @@ def _angle_errors(one: np.ndarray, other: np.ndarray, told: float) -> np.ndarray
     return np.asarray(np.stack(plane_axes(one)) @ other)
 
 
-def settle(placed: Placed, constraints: Constraints) -> tuple[Placed, np.ndarray]:
+def settle(placed: PlacedPlanes, constraints: Constraints) -> tuple[PlacedPlanes, np.ndarray]:
     """
     Move planes to the measurements, by generalised least squares.
 
     Parameters
     ----------
-    placed : Placed
+    placed : PlacedPlanes
         The planes as fitted to the recording.
     constraints : Constraints
         What was measured.
@@ -193,11 +193,11 @@ def settle(placed: Placed, constraints: Constraints) -> tuple[Placed, np.ndarray
     return moved, (covariance + covariance.T) / 2
 
 
-def _errors(placed: Placed, change: np.ndarray, constraints: Constraints) -> np.ndarray:
+def _errors(placed: PlacedPlanes, change: np.ndarray, constraints: Constraints) -> np.ndarray:
     return constraints.errors(placed.moved(change))[0]
 
 
-def _slope(placed: Placed, change: np.ndarray, constraints: Constraints) -> np.ndarray:
+def _slope(placed: PlacedPlanes, change: np.ndarray, constraints: Constraints) -> np.ndarray:
     columns = [
         _errors(placed, change + step, constraints) - _errors(placed, change - step, constraints)
         for step in _STEP * np.eye(len(change))
@@ -205,7 +205,7 @@ def _slope(placed: Placed, change: np.ndarray, constraints: Constraints) -> np.n
     return np.stack(columns, axis=1) / (2 * _STEP)
 
 
-def turned(surfaces: list[Surface], constraints: Constraints) -> str:
+def turned(surfaces: list[ImagePlane], constraints: Constraints) -> str:
     """Return why a recording shows other planes than the file means, or nothing."""
     normals = {surface.name: surface.normal for surface in surfaces}
     for angle in constraints.angles:
@@ -219,7 +219,7 @@ def turned(surfaces: list[Surface], constraints: Constraints) -> str:
     return ''
 
 
-def turns(surfaces: list[Surface], constraints: Constraints) -> list[str]:
+def turns(surfaces: list[ImagePlane], constraints: Constraints) -> list[str]:
     """Return where the recording shows another angle than was measured: a finding."""
     normals = {surface.name: surface.normal for surface in surfaces}
     out = []
@@ -234,7 +234,7 @@ def turns(surfaces: list[Surface], constraints: Constraints) -> list[str]:
     return out
 
 
-def contradiction(placed: Placed, constraints: Constraints) -> str:
+def contradiction(placed: PlacedPlanes, constraints: Constraints) -> str:
     """Return which measurements contradict each other, or nothing."""
     errors, words = constraints.errors(placed)
     if not len(errors) or np.abs(errors).max() <= _CONTRADICTION:
@@ -246,7 +246,7 @@ def contradiction(placed: Placed, constraints: Constraints) -> str:
     )
 
 
-def doubts_of(surfaces: list[Surface], constraints: Constraints) -> list[str]:
+def doubts_of(surfaces: list[ImagePlane], constraints: Constraints) -> list[str]:
     """Return why the planes of a recording are doubtful."""
     doubts = [
         f'{surface.name}: the recording bends it by {surface.bend * 1e3:.0f} mm rms: several '

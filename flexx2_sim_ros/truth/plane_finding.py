@@ -32,7 +32,7 @@ _PATCH = 4  # pixels around a seed
 
 
 @dataclass(frozen=True)
-class Surface:
+class ImagePlane:
     """
     A plane in an image.
 
@@ -96,7 +96,7 @@ class Surface:
         return out
 
 
-def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[Surface]:
+def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[ImagePlane]:
     """
     Find planes: those with a box or an outline first, then the largest of the rest.
 
@@ -113,7 +113,7 @@ def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[Surface]
 
     Returns
     -------
-    list of Surface
+    list of ImagePlane
         The planes that were found, in the order of the hints.
 
     """
@@ -209,7 +209,7 @@ class _Search:
 
     def surface(
         self, name: str, cores: Mapping[str, _Core], regions: Mapping[str, np.ndarray]
-    ) -> Surface:
+    ) -> ImagePlane:
         """Return a plane; what it encloses is of it, or is hidden by what is nearer."""
         own, region = cores[name], regions[name]
         others = np.zeros_like(region)
@@ -239,7 +239,7 @@ class _Search:
         bend = float(np.sqrt(max(np.mean(apart**2) - noise, 0.0))) if shown.any() else 0.0
         beside = (_between(region, 0) | _between(region, 1)) & ~whole & ~hidden & ~others & far
         counts = [int(np.count_nonzero(one)) for one in (known & far, beside)]
-        return Surface(name, own.inverse, part, bend, *counts)
+        return ImagePlane(name, own.inverse, part, bend, *counts)
 
     def _meet(self, own: np.ndarray, theirs: np.ndarray) -> np.ndarray:
         # A pixel near the intersection of two planes may belong to either.

@@ -19,20 +19,20 @@ from flexx2_sim_ros.truth.plane_constraints import (
     Constraints,
     contradiction,
     doubts_of,
-    Placed,
+    PlacedPlanes,
     settle,
     turned,
     turns,
 )
 from flexx2_sim_ros.truth.plane_file import Angle, PlaneHint
-from flexx2_sim_ros.truth.plane_finding import find_planes, Surface
+from flexx2_sim_ros.truth.plane_finding import find_planes, ImagePlane
 from flexx2_sim_ros.truth.reflectivity import (
     gray_samples,
     GraySamples,
     GrayScale,
     with_reflectivity,
 )
-from flexx2_sim_ros.truth.writing import Picture, picture_of, shows_light, write_truth
+from flexx2_sim_ros.truth.writing import PageImages, picture_of, shows_light, write_truth
 import numpy as np
 
 
@@ -77,17 +77,17 @@ class Nominal:
 
     Attributes
     ----------
-    surfaces : tuple of Surface
+    surfaces : tuple of ImagePlane
         The planes as fitted to the recording.
-    placed : Placed
+    placed : PlacedPlanes
         The planes moved to the measurements.
     covariance : numpy.ndarray
         (3 P, 3 P) covariance, as in recordings.
 
     """
 
-    surfaces: tuple[Surface, ...]
-    placed: Placed
+    surfaces: tuple[ImagePlane, ...]
+    placed: PlacedPlanes
     covariance: np.ndarray
 
 
@@ -172,13 +172,13 @@ class Judged:
         if planes is not None:
             table['planes'] = Nominal(
                 tuple(map(_surface, planes['surfaces'])),
-                Placed(*map(np.array, planes['placed'])),
+                PlacedPlanes(*map(np.array, planes['placed'])),
                 np.array(planes['covariance']),
             )
         return cls(**table)
 
 
-def _off(surface: Surface, placed: Placed, k: int) -> float:
+def _off(surface: ImagePlane, placed: PlacedPlanes, k: int) -> float:
     return round((surface.distance - float(placed.distances[k])) * 1e3, 2)
 
 
@@ -186,10 +186,10 @@ def _packed(part: np.ndarray) -> str:
     return b64encode(compress(part.tobytes())).decode()
 
 
-def _surface(row: dict[str, Any]) -> Surface:
+def _surface(row: dict[str, Any]) -> ImagePlane:
     part = np.frombuffer(decompress(b64decode(row['part'])), np.uint8)
     shape = row.pop('shape')
-    return Surface(**{**row, 'inverse': np.array(row['inverse']), 'part': part.reshape(shape)})
+    return ImagePlane(**{**row, 'inverse': np.array(row['inverse']), 'part': part.reshape(shape)})
 
 
 def place_planes(job: PlaneJob) -> str:
@@ -248,12 +248,12 @@ def _constraints(job: PlaneJob, names: list[str]) -> Constraints:
     return Constraints(tuple(names), tuple(told[name] for name in names), angles, job.origin)
 
 
-def _fitted(surfaces: list[Surface], image: Observation) -> Placed:
+def _fitted(surfaces: list[ImagePlane], image: Observation) -> PlacedPlanes:
     pivots = []
     for surface in surfaces:
         rays = image.directions[surface.mask]
         pivots.append((rays / (rays @ surface.inverse)[:, None]).mean(axis=0))
-    return Placed(
+    return PlacedPlanes(
         np.stack([surface.normal for surface in surfaces]),
         np.array([surface.distance for surface in surfaces]),
         np.stack(pivots),
@@ -301,7 +301,7 @@ def read_plane_light(what: PlaneWriting) -> list[GraySamples]:
     return [] if samples is None else [samples]
 
 
-def write_planes(what: PlaneWriting) -> Picture:
+def write_planes(what: PlaneWriting) -> PageImages:
     """
     Write a recording with `clean_depth` on its planes, whole or not at all.
 

@@ -16,12 +16,12 @@ from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.alignment import align, choose
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.clock import ClockOffset, find_offset
-from flexx2_sim_ros.truth.joint import View
+from flexx2_sim_ros.truth.joint import PosedImage
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Room
-from flexx2_sim_ros.truth.search import find, Found, look_around, Panoramas
+from flexx2_sim_ros.truth.search import find, FoundPose, look_around, Panoramas
 from flexx2_sim_ros.truth.trajectory import (
     camera_trajectory,
     CameraTrajectory,
@@ -275,12 +275,12 @@ def _panoramas(path: Path) -> Panoramas:
 
 def _search(
     job: Job, footage: Footage, start: tuple[int, Pose] | None
-) -> tuple[Found, int, float]:
+) -> tuple[FoundPose, int, float]:
     # The best pose, the number of its frame, and the cost in a mirrored room.
     room, up = load_room(job.room), job.up
     first, guess = start or (0, None)
     panoramas = _panoramas(job.room) if guess is None else None
-    tried: list[tuple[Found, int]] = []
+    tried: list[tuple[FoundPose, int]] = []
     count = len(footage.reader.stamp)
     for number in (0, count // 2, count - 1) if footage.moving and guess is None else (first,):
         image = frame(footage, number) if footage.moving else footage.still
@@ -333,7 +333,7 @@ def follow(room: Room, image: Observation, start: Pose) -> tuple[Pose, float]:
     return fit.pose, fit.cost
 
 
-def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[View]:
+def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[PosedImage]:
     """
     Return the views of a recording for the joint fit.
 
@@ -370,7 +370,7 @@ def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[View
         if bounce and footage.mode is not None and footage.mode.modulation_hz:
             added = bounced(room, pose, image, footage.reader.K, footage.mode, how.profile)
             shape = added.ravel()[target.pixel]
-        out.append(View(recording, how.room, target, pose, shape, how.uptime))
+        out.append(PosedImage(recording, how.room, target, pose, shape, how.uptime))
     return out
 
 

@@ -74,7 +74,7 @@ class TruthRequest:
 
 
 @dataclass(frozen=True)
-class Source:
+class TruthSource:
     """
     One of the recordings.
 
@@ -113,7 +113,7 @@ class Source:
         }
 
 
-def sources_of(request: TruthRequest, *others: Path) -> list[Source]:
+def sources_of(request: TruthRequest, *others: Path) -> list[TruthSource]:
     """
     Return the recordings of a request.
 
@@ -136,9 +136,9 @@ def sources_of(request: TruthRequest, *others: Path) -> list[Source]:
     readers = opened(request.out, paths, request.camera, request.profile, given)
     known = iter(uptimes([one for one in readers if one is not None], request.uptime))
     return [
-        Source(path, request.out / name)
+        TruthSource(path, request.out / name)
         if reader is None
-        else Source(path, request.out / name, next(known), tuple(dict.fromkeys(reader.notes)))
+        else TruthSource(path, request.out / name, next(known), tuple(dict.fromkeys(reader.notes)))
         for path, name, reader in zip(paths, names_of(paths), readers, strict=True)
     ]
 
@@ -268,7 +268,7 @@ def write_table(
     about : dict
         The source of the ground truth.
     rows : sequence of dict
-        Rows as from `Source.row`.
+        Rows as from `TruthSource.row`.
     findings : dict
         Results for all recordings together.
     page : callable

@@ -5,7 +5,7 @@ import math
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.compiled import loop
-from flexx2_sim_ros.truth.alignment import align, choose, Fit
+from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose
 from flexx2_sim_ros.truth.observation import Observation
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Room
@@ -39,20 +39,20 @@ _ELSEWHERE = 0.2, math.radians(10)
 
 
 @dataclass(frozen=True)
-class Found:
+class FoundPose:
     """
     The best pose, and the cost of its rival.
 
     Attributes
     ----------
-    fit : Fit
+    fit : AlignedPose
         The best fit.
     rival : float
         Cost of the best pose elsewhere; infinite if there is none.
 
     """
 
-    fit: Fit
+    fit: AlignedPose
     rival: float
 
 
@@ -99,7 +99,7 @@ def look_around(room: Room) -> Panoramas:
 
 def find(
     room: Room, observation: Observation, guess: Pose | None, panoramas: Panoramas | None, up: str
-) -> Found:
+) -> FoundPose:
     """
     Find the pose of a depth image.
 
@@ -118,7 +118,7 @@ def find(
 
     Returns
     -------
-    Found
+    FoundPose
 
     Raises
     ------
@@ -136,7 +136,7 @@ def find(
                 'the room: must have free places within its bounds, as a single wall has not; '
                 'give a rough pose (--pose or --trajectory)'
             )
-    fits = [Fit(start, 0.0, ()) for start in starts]
+    fits = [AlignedPose(start, 0.0, ()) for start in starts]
     for pixels, steps, reach, kept in _ROUNDS:
         target = choose(observation, pixels)
         fits = [align(room, target, one.pose, steps, reach) for one in fits]
@@ -149,10 +149,10 @@ def find(
         limit = _AS_GOOD * fits[0].cost
         fits.sort(key=lambda fit: (fit.cost > limit, _distance(fit.pose, guess)))
     rivals = [one.cost for one in fits[1:] if _differ(one.pose, fits[0].pose, *_ELSEWHERE)]
-    return Found(fits[0], min(rivals, default=math.inf))
+    return FoundPose(fits[0], min(rivals, default=math.inf))
 
 
-def _shaken(room: Room, observation: Observation, best: Fit) -> Fit:
+def _shaken(room: Room, observation: Observation, best: AlignedPose) -> AlignedPose:
     # A second search around the best pose, which may be a local minimum.
     pixels, steps, reach = _SHAKE
     target = choose(observation, pixels)
@@ -169,9 +169,9 @@ def _distance(one: Pose, other: Pose) -> float:
     return float(np.linalg.norm(motion[:3]) / _SHIFT + np.linalg.norm(motion[3:]) / _TURN)
 
 
-def _distinct(fits: list[Fit], most: int) -> list[Fit]:
+def _distinct(fits: list[AlignedPose], most: int) -> list[AlignedPose]:
     # The first poses that differ from each other.
-    out: list[Fit] = []
+    out: list[AlignedPose] = []
     for fit in fits:
         if all(_differ(fit.pose, other.pose) for other in out):
             out.append(fit)

@@ -4,15 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
-from flexx2_sim_ros.truth.columns import Columns, LENS
+from flexx2_sim_ros.truth.columns import ErrorColumns, LENS
 from flexx2_sim_ros.truth.joint import (
     Linear,
     linearise,
+    PosedImage,
     reduced,
     replace_target,
     Solution,
     solve,
-    View,
 )
 import numpy as np
 
@@ -65,13 +65,13 @@ class Shared:
     findings: dict[str, dict[str, object]]
 
 
-def estimate(views: Sequence[View]) -> Shared:
+def estimate(views: Sequence[PosedImage]) -> Shared:
     """
     Estimate poses and shared errors, without errors that these recordings cannot distinguish.
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of PosedImage
         Views of all recordings, with approximately correct poses.
 
     Returns
@@ -81,7 +81,7 @@ def estimate(views: Sequence[View]) -> Shared:
     """
     bounce = any(view.bounce.any() for view in views)
     several = _recordings(views) >= LEAST_RECORDINGS
-    trial = _with_waves(solve(views, Columns(True, (), bounce, lens=several)))
+    trial = _with_waves(solve(views, ErrorColumns(True, (), bounce, lens=several)))
     findings: dict[str, dict[str, object]] = {}
     trial, findings['warm_up_drift'] = _with_drift(trial)
     solution, findings['intrinsics_error'] = _with_or_without_lens(trial)
@@ -119,7 +119,7 @@ def _with_waves(solution: Solution) -> Solution:
     return solution
 
 
-def _recordings(views: Sequence[View]) -> int:
+def _recordings(views: Sequence[PosedImage]) -> int:
     return len({view.recording for view in views})
 
 
@@ -267,11 +267,11 @@ def _best_period(solution: Solution) -> tuple[float, float]:
 class _Scan:
     # The equations of a view with fewer pixels, and depth and ray length of these pixels.
     equations: Linear
-    view: View
+    view: PosedImage
     depth: np.ndarray
 
     @classmethod
-    def of(cls, view: View, solution: Solution) -> '_Scan':
+    def of(cls, view: PosedImage, solution: Solution) -> '_Scan':
         step = max(len(view.target.depth) // _SCAN_PIXELS, 1)
         use = np.zeros(len(view.target.depth), bool)
         use[::step] = True
@@ -280,7 +280,7 @@ class _Scan:
         return cls(equations, replace(thin, target=kept), depth)
 
 
-def _gains(scanned: Sequence[_Scan], columns: Columns, periods: np.ndarray) -> np.ndarray:
+def _gains(scanned: Sequence[_Scan], columns: ErrorColumns, periods: np.ndarray) -> np.ndarray:
     S, s = reduced([one.equations for one in scanned], columns)
     k, count = len(s), len(periods)
     cross = np.zeros((count, k, 2))

@@ -19,7 +19,7 @@ _SAME = 1e-6  # metres and quaternion: rounding
 
 
 @dataclass
-class Link:
+class FrameTransforms:
     """
     The transforms of one frame.
 
@@ -48,10 +48,12 @@ class Link:
         return np.array(self.rows)
 
 
-_Tree = dict[str, dict[str, Link]]  # by child, then by parent
+_Tree = dict[str, dict[str, FrameTransforms]]  # by child, then by parent
 
 
-def transforms_between(bag: Bag, parent: str, child: str, camera: str = '') -> list[Link]:
+def transforms_between(
+    bag: Bag, parent: str, child: str, camera: str = ''
+) -> list[FrameTransforms]:
     """
     Return the transforms from a frame to one under it.
 
@@ -101,7 +103,7 @@ def transforms_between(bag: Bag, parent: str, child: str, camera: str = '') -> l
 
 def _of_camera(
     trees: Mapping[str, _Tree], parent: str, child: str, camera: str
-) -> list[Link] | None:
+) -> list[FrameTransforms] | None:
     # In the namespaces around the camera, the nearest first; None if none of them has the child.
     around = [space for space in trees if f'/{camera}/'.startswith(f'{space}/')]
     for space in sorted(around, key=len, reverse=True):
@@ -111,7 +113,9 @@ def _of_camera(
     return None
 
 
-def _chain_from(trees: Mapping[str, _Tree], space: str, parent: str, child: str) -> list[Link]:
+def _chain_from(
+    trees: Mapping[str, _Tree], space: str, parent: str, child: str
+) -> list[FrameTransforms]:
     # In one namespace, or also in those around it, if no frame is in two of them.
     links = _chain(trees[space], parent, child)
     if links:
@@ -132,16 +136,18 @@ def _read(bag: Bag) -> dict[str, _Tree]:
         tree = trees.setdefault(space, {})
         for one in bag_messages.decode(TF, data, f'{shown_path(bag.path)}: {topic}').transforms:
             child, parent = one.child_frame_id.lstrip('/'), one.header.frame_id.lstrip('/')
-            link = tree.setdefault(child, {}).setdefault(parent, Link(child, parent))
+            link = tree.setdefault(child, {}).setdefault(parent, FrameTransforms(child, parent))
             link.stamps.append(stamp_of(one))
             link.rows.append(pose_of(one.transform.translation, one.transform.rotation))
             link.fixed |= last == _STATIC
     return trees
 
 
-def _chain(tree: Mapping[str, Mapping[str, Link]], parent: str, child: str) -> list[Link]:
+def _chain(
+    tree: Mapping[str, Mapping[str, FrameTransforms]], parent: str, child: str
+) -> list[FrameTransforms]:
     # The links from the parent to the child; none if there are none.
-    links: list[Link] = []
+    links: list[FrameTransforms] = []
     name = child
     while name != parent and name in tree and len(links) <= len(tree):
         above = tree[name]
@@ -155,7 +161,7 @@ def _chain(tree: Mapping[str, Mapping[str, Link]], parent: str, child: str) -> l
     return links[::-1] if name == parent else []
 
 
-def _check(link: Link, name: str) -> None:
+def _check(link: FrameTransforms, name: str) -> None:
     # Transforms of two robots on one topic: the frame is in two places at once.
     order = np.argsort(link.stamps, kind='stable')
     poses, stamps = link.poses[order], np.array(link.stamps, np.int64)[order]
@@ -177,7 +183,7 @@ def _check(link: Link, name: str) -> None:
         )
 
 
-def _ends(links: Mapping[str, Link]) -> set[str]:
+def _ends(links: Mapping[str, FrameTransforms]) -> set[str]:
     return {name for link in links.values() for name in (link.child, link.parent)}
 
 

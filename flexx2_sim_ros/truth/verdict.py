@@ -6,8 +6,8 @@ from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.alignment import residuals
-from flexx2_sim_ros.truth.columns import Columns
-from flexx2_sim_ros.truth.joint import Solution, View
+from flexx2_sim_ros.truth.columns import ErrorColumns
+from flexx2_sim_ros.truth.joint import PosedImage, Solution
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.registration import Registered
 import numpy as np
@@ -28,7 +28,7 @@ _LOST = 'the camera is lost: none of the frames that were tried fits the room'
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RoomFit:
     """
     How well a recording fits the room.
 
@@ -63,14 +63,14 @@ def strays(one: Registered) -> bool:
 
 
 def as_given(
-    views: Sequence[View], accuracy: tuple[float, float], reasons: Sequence[str]
-) -> Verdict:
+    views: Sequence[PosedImage], accuracy: tuple[float, float], reasons: Sequence[str]
+) -> RoomFit:
     """
     Return the verdict of a recording whose poses are used as they were given.
 
     Parameters
     ----------
-    views : sequence of View
+    views : sequence of PosedImage
         Its views.
     accuracy : tuple of float
         Standard deviations of the poses, metres and degrees.
@@ -78,11 +78,11 @@ def as_given(
         Why they are used.
 
     """
-    fitting, residual = _misfit(views, Columns(False, (), False), np.zeros(0))
-    return Verdict('used', tuple(reasons), fitting, residual, accuracy)
+    fitting, residual = _misfit(views, ErrorColumns(False, (), False), np.zeros(0))
+    return RoomFit('used', tuple(reasons), fitting, residual, accuracy)
 
 
-def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]:
+def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]:
     """
     Judge all recordings.
 
@@ -95,7 +95,7 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]
 
     Returns
     -------
-    list of Verdict
+    list of RoomFit
 
     """
     numbers = [_numbers(i, solution) for i in range(len(registered))]
@@ -107,7 +107,7 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]
     ):
         refused, doubts = [], []
         if i not in seen:
-            out.append(Verdict('refused', (_LOST,), fitting, residual, deviation))
+            out.append(RoomFit('refused', (_LOST,), fitting, residual, deviation))
             continue
         if strays(one):
             assert one.told is not None
@@ -134,12 +134,12 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[Verdict]
         state = 'refused' if refused else 'doubtful' if doubts else 'used'
         free = [solution.free[k] for k, view in enumerate(solution.views) if view.recording == i]
         held = float(np.median(free)) < _MOST_METRES
-        out.append(Verdict(state, tuple(refused + doubts), fitting, residual, deviation, held))
+        out.append(RoomFit(state, tuple(refused + doubts), fitting, residual, deviation, held))
     return out
 
 
 def check_room(
-    room: Path, posed: bool, registered: Sequence[Registered], verdicts: Sequence[Verdict]
+    room: Path, posed: bool, registered: Sequence[Registered], verdicts: Sequence[RoomFit]
 ) -> None:
     """
     Check that most recordings fit the room.
@@ -152,7 +152,7 @@ def check_room(
         Whether rough poses were given.
     registered : sequence of Registered
         Registrations, by number of the recording.
-    verdicts : sequence of Verdict
+    verdicts : sequence of RoomFit
         Verdicts, likewise.
 
     Raises
@@ -197,7 +197,9 @@ def _numbers(recording: int, solution: Solution) -> tuple[float, float, tuple[fl
     return fitting, residual, (metres, degrees)
 
 
-def _misfit(views: Sequence[View], columns: Columns, values: np.ndarray) -> tuple[float, float]:
+def _misfit(
+    views: Sequence[PosedImage], columns: ErrorColumns, values: np.ndarray
+) -> tuple[float, float]:
     # The fraction of pixels that fit, and the median residual, metres.
     left, fits = [], []
     for view in views:

@@ -19,7 +19,7 @@ from flexx2_sim_ros.truth.clean import (
     REFUSED,
     render,
 )
-from flexx2_sim_ros.truth.columns import Columns
+from flexx2_sim_ros.truth.columns import ErrorColumns
 from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, mask_of, Observation, observe
@@ -53,7 +53,7 @@ class Writing:
     registered : Registered
     pose : tuple of float
         Pose of a still recording from the joint fit; see `Pose.numbers`.
-    columns : Columns
+    columns : ErrorColumns
         The errors that all recordings share.
     values : tuple of float
         Coefficients of these errors.
@@ -75,7 +75,7 @@ class Writing:
     job: Job
     registered: Registered
     pose: tuple[float, ...]
-    columns: Columns
+    columns: ErrorColumns
     values: tuple[float, ...]
     covariance: np.ndarray
     room_error: float
@@ -86,7 +86,7 @@ class Writing:
 
 
 @dataclass(frozen=True)
-class Picture:
+class PageImages:
     """
     The images of a recording on the page: its first frame or median.
 
@@ -125,7 +125,7 @@ class Picture:
         return {'known': round(self.known, 4), 'unknown': left}
 
 
-def write_recording(what: Writing) -> Picture:
+def write_recording(what: Writing) -> PageImages:
     """
     Write a recording with `clean_depth` and its accuracy, whole or not at all.
 
@@ -222,7 +222,7 @@ def write_truth(
     Returns
     -------
     dict
-        As `Picture.shares`.
+        As `PageImages.shares`.
 
     Raises
     ------
@@ -246,7 +246,7 @@ def write_truth(
     return dict(zip(PARTS, (counts / part.size).tolist(), strict=True))
 
 
-def picture_of(truth: Clean, first: Observation, shares: dict[str, float]) -> Picture:
+def picture_of(truth: Clean, first: Observation, shares: dict[str, float]) -> PageImages:
     """Return the images of a recording for the page: of its first frame or median."""
     error = difference(truth, first)
     residual = np.where(truth.known, error, np.nan).astype(np.float32)
@@ -260,7 +260,7 @@ def picture_of(truth: Clean, first: Observation, shares: dict[str, float]) -> Pi
         )
     if hidden > few:
         notes.append(f'{hidden} pixels show something nearer that the ground truth has not')
-    return Picture(
+    return PageImages(
         first.depth.astype(np.float32), edges(truth), residual, truth.part, shares, tuple(notes)
     )
 

@@ -28,7 +28,7 @@ _MOST_PAGES = 100
 _MOST_MESSAGES = 1000
 
 
-class Source(Protocol):
+class PageSource(Protocol):
     """
     The images and actions behind the page; called from the server's thread.
 
@@ -75,19 +75,19 @@ class Server(WebServer):
     ----------
     sockets, access
         As for `WebServer`.
-    source : Source
+    source : PageSource
         What the page shows.
 
     Attributes
     ----------
-    source : Source
+    source : PageSource
         As given.
     turn : asyncio.Lock
         Held while a frame is sent.
 
     """
 
-    def __init__(self, sockets: list[socket.socket], access: Access, source: Source) -> None:
+    def __init__(self, sockets: list[socket.socket], access: Access, source: PageSource) -> None:
         """Start without browsers."""
         super().__init__(sockets, access, None)
         self.source = source

@@ -14,7 +14,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Views:
+class WalkViews:
     """
     What the cameras of N walks have before them, in L looks of C cameras.
 
@@ -58,7 +58,7 @@ class Views:
 class WalkingCamera(Protocol):
     """A camera on a robot; it is sent to other processes."""
 
-    def __call__(self, views: Views) -> np.ndarray:
+    def __call__(self, views: WalkViews) -> np.ndarray:
         """Return (C, L, N, H, W) float32 metres, NaN where invalid."""
 
 
@@ -76,7 +76,7 @@ class ExactCamera:
 
     range_max: float
 
-    def __call__(self, views: Views) -> np.ndarray:
+    def __call__(self, views: WalkViews) -> np.ndarray:
         """Return the exact depth up to the range."""
         return np.where(views.depth <= self.range_max, views.depth, np.float32(np.nan))
 
@@ -106,7 +106,7 @@ class SimulatedCamera:
     effects: Mapping[str, Any] = field(default_factory=dict)
     seed: int = 0
 
-    def __call__(self, views: Views) -> np.ndarray:
+    def __call__(self, views: WalkViews) -> np.ndarray:
         """Simulate all walks in one batch."""
         count = views.depth.shape[2]
         # Looks are too far apart to tell from them what the cameras had before them in between.

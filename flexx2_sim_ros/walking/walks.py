@@ -21,7 +21,7 @@ from flexx2_sim_ros.robots.model import build_model
 from flexx2_sim_ros.robots.parts import find_parts
 from flexx2_sim_ros.robots.robot import DEFAULT_ROBOT, load_robot, Robot
 from flexx2_sim_ros.robots.trot import Gait, trunk_pose
-from flexx2_sim_ros.walking.cameras import Views, WalkingCamera
+from flexx2_sim_ros.walking.cameras import WalkingCamera, WalkViews
 from flexx2_sim_ros.walking.footsteps import Feet, Footstep, footsteps, Grid, land, plan, roughness
 from flexx2_sim_ros.walking.rendering import render
 from flexx2_sim_ros.walking.terrain import draw_terrain, Terrain
@@ -178,7 +178,7 @@ def _views(
     robot: Robot,
     gait: Gait,
     legs: LegGeometry,
-) -> Views:
+) -> WalkViews:
     times = np.arange(0.0, (_TO - _SEEN_FROM) / _SPEED, _INTERVAL)
     eyes = np.array([mount.position for mount in robot.mounts])
     axes = np.array([mount.rotation for mount in robot.mounts])
@@ -196,7 +196,7 @@ def _views(
         return render(terrain, lens, robot.mounts, *trunks(times - seconds))
 
     names = tuple(mount.name for mount in robot.mounts)
-    return Views(
+    return WalkViews(
         *earlier(0.0), earlier, *poses(times), poses, times, lens, names, terrain, point.first
     )
 
@@ -211,7 +211,7 @@ def _flattest(mode: Mode, height: float) -> float:
     return float(fall[sigma < _SIGMA].min(initial=1.0))
 
 
-def _usable(depth: np.ndarray, views: Views, mode: Mode) -> np.ndarray:
+def _usable(depth: np.ndarray, views: WalkViews, mode: Mode) -> np.ndarray:
     # Depth without the pixels that are too noisy for a foothold.
     across, down = pixel_rays(views.lens)
     rays = np.stack([across, down, np.ones_like(across)], axis=-1)
@@ -226,7 +226,7 @@ def _usable(depth: np.ndarray, views: Views, mode: Mode) -> np.ndarray:
 
 def _walk(
     depth: np.ndarray,
-    views: Views,
+    views: WalkViews,
     steps: Sequence[Footstep],
     gait: Gait,
     legs: LegGeometry,

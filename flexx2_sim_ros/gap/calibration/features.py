@@ -83,7 +83,7 @@ class Features:
 
 
 @dataclass(frozen=True)
-class Measures:
+class MeasureResolution:
     """Resolution of the gap in physical units."""
 
     bin_mm: float = constant(0.5, 'mm', 'histogram of depth errors', DEFINITION)
@@ -126,5 +126,5 @@ class Simulation:
 
 
 FEATURES = Features()
-MEASURES = Measures()
+MEASURES = MeasureResolution()
 SIMULATION = Simulation()

@@ -39,7 +39,7 @@ class Decaying(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Term:
+class CandidateTerm:
     """
     One parameter of a candidate.
 
@@ -73,7 +73,7 @@ class Candidate:
     ----------
     effect, label : str
         The effect's name; which variant.
-    terms : tuple of Term
+    terms : tuple of CandidateTerm
     build : callable
         From the terms' values to the effect's parameters.
     given : Candidate or None
@@ -89,7 +89,7 @@ class Candidate:
 
     effect: str
     label: str
-    terms: tuple[Term, ...]
+    terms: tuple[CandidateTerm, ...]
     build: Callable[[tuple[float, ...]], dict[str, float]]
     given: 'Candidate | None' = None
     kind: type[Effect] = Effect
@@ -241,7 +241,7 @@ def _column(
     return Column(f'{effect}:{tag}', {effect: parameters}, few)
 
 
-def _term(kind: type[Effect], term: declared.Term, columns: dict[str, Column]) -> Term:
+def _term(kind: type[Effect], term: declared.Term, columns: dict[str, Column]) -> CandidateTerm:
     stand_in = term.stand_in
     if stand_in is not None:
         column = _column(stand_in.effect, stand_in.name, stand_in.value)
@@ -288,8 +288,10 @@ def _standing_in(
     )
 
 
-def _bounded(term: declared.Term, nodes: tuple[tuple[float, str | Decaying], ...]) -> Term:
-    return Term(term.name, nodes, term.low, term.high, term.neutral)
+def _bounded(
+    term: declared.Term, nodes: tuple[tuple[float, str | Decaying], ...]
+) -> CandidateTerm:
+    return CandidateTerm(term.name, nodes, term.low, term.high, term.neutral)
 
 
 def _named(

@@ -35,7 +35,7 @@ WIDTH = 17
 _RUNNING = 13
 
 
-class Surfaces(NamedTuple):
+class RowSurfaces(NamedTuple):
     """
     What of a clean image the sums need; see `PixelCovariates`.
 
@@ -133,7 +133,7 @@ def gather_rows(depth, surfaces, frames, frame_sums, pixel_sums, passing, step):
     ----------
     depth : numpy.ndarray
         (T, H, W) float32 metres, NaN where invalid.
-    surfaces : Surfaces
+    surfaces : RowSurfaces
         The clean image.
     frames : FrameTimes
         Which frames count.

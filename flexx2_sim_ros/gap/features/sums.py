@@ -12,7 +12,7 @@ from flexx2_sim_ros.gap.features.row_sums import (
     FrameTimes,
     gather_rows,
     PixelSums,
-    Surfaces,
+    RowSurfaces,
     WIDTH,
 )
 import numpy as np
@@ -138,7 +138,7 @@ def _sum_frames(
         sigma = np.where(scene.sigma <= scene.trusted, scene.sigma, np.float32(np.nan))
         gather_rows(
             depth[part],
-            Surfaces(scene.clean, sigma, scene.inside, scene.first, scene.runs),
+            RowSurfaces(scene.clean, sigma, scene.inside, scene.first, scene.runs),
             FrameTimes(*(one[part] for one in frames)),
             FrameSums(*(one[part] for one in frame_sums)),
             pixel_sums,

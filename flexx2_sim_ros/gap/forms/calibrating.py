@@ -10,7 +10,7 @@ from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import BIASES, covariate_of, Form, forms_of
 from flexx2_sim_ros.gap.forms.calibratable import PATTERN, shapes_of
-from flexx2_sim_ros.gap.forms.fitting import BiasFit, Fitted
+from flexx2_sim_ros.gap.forms.fitting import BiasFit, FittedForms
 from flexx2_sim_ros.gap.forms.geometry import (
     is_fitted_with_poses,
     is_settled,
@@ -18,16 +18,16 @@ from flexx2_sim_ros.gap.forms.geometry import (
     shape_of,
 )
 from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
-from flexx2_sim_ros.gap.forms.proposals import judged, Proposal, variation, Verdict
+from flexx2_sim_ros.gap.forms.proposals import FormProposal, FormVerdict, judged, variation
 from flexx2_sim_ros.gap.forms.samples import Samples
-from flexx2_sim_ros.gap.forms.scale import Columns, fit_scale, pose_width, scale_of
+from flexx2_sim_ros.gap.forms.scale import fit_scale, pose_width, scale_of, ScaleColumns
 from flexx2_sim_ros.gap.forms.search import Numbers, search
 from flexx2_sim_ros.gap.forms.work import Looked, Settings
 import numpy as np
 
 
 @dataclass(frozen=True)
-class Explained:
+class FormedSet:
     """
     An explanation with the forms that were tried for its effects.
 
@@ -37,7 +37,7 @@ class Explained:
         The recordings, looked at with these effects.
     effects : dict
         Settings by effect, with the forms that are taken.
-    verdicts : list of Verdict
+    verdicts : list of FormVerdict
         One for each effect that can have a form, in the order of fitting.
     now : list of dict
         (R,) the settings, with each form fitted without the recording.
@@ -48,7 +48,7 @@ class Explained:
 
     looked: list[Looked]
     effects: Settings
-    verdicts: list[Verdict]
+    verdicts: list[FormVerdict]
     now: list[Settings]
     apart: list[dict[str, float]]
 
@@ -93,7 +93,7 @@ class Work:
 
     judge: Callable[[Jobs, int | None, bool], list[list[dict[str, float]]]]
     pixels: Callable[[list[tuple[Looked, Settings]]], list[PixelErrors]]
-    columns: Callable[[list[tuple[Looked, str]]], list[Columns]]
+    columns: Callable[[list[tuple[Looked, str]]], list[ScaleColumns]]
     again: Callable[[Sequence[Looked], Sequence[Settings]], list[Looked]]
 
     def apart(self, looked: Sequence[Looked], now: Sequence[Settings]) -> list[dict[str, float]]:
@@ -109,7 +109,7 @@ def calibrate_effects(
     without: Sequence[Settings],
     names: Sequence[str],
     quick: bool,
-) -> Explained:
+) -> FormedSet:
     """
     Fit a form for each effect that can have one.
 
@@ -130,14 +130,14 @@ def calibrate_effects(
 
     Returns
     -------
-    Explained
+    FormedSet
 
     """
-    verdicts: list[Verdict] = []
+    verdicts: list[FormVerdict] = []
     together = dict(effects)
     now = list(without)
     before = [one.apart for one in looked]
-    proposals: dict[str, Proposal] | None = None
+    proposals: dict[str, FormProposal] | None = None
     for name in names:
         if is_fitted_with_poses(name):
             proposal = _geometry(name, looked, now, work)
@@ -176,7 +176,7 @@ def calibrate_effects(
             together = _with_form(together, name, proposal.together)
         elif registry()[name].scale:
             looked, before = wide
-    return Explained(looked, together, verdicts, now, before)
+    return FormedSet(looked, together, verdicts, now, before)
 
 
 def _with_form(settings: Settings, name: str, form: Mapping[str, Any]) -> Settings:
@@ -188,7 +188,7 @@ def _with_form(settings: Settings, name: str, form: Mapping[str, Any]) -> Settin
 
 def _geometry(
     name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work
-) -> Proposal:
+) -> FormProposal:
     # During a diagnosis, recordings start from settings of their own; after the first round, all
     # have the same ones.
     there = looked
@@ -202,12 +202,12 @@ def _geometry(
         last, settings[name] = settings[name], {**settings[name], **together}
         if is_settled(name, last, settings[name]):
             break
-    return Proposal(name, shape_of(name).label, together, without, with_poses=True)
+    return FormProposal(name, shape_of(name).label, together, without, with_poses=True)
 
 
 def _searched(
     name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work, quick: bool
-) -> Proposal:
+) -> FormProposal:
     def evaluate(sets: Sequence[Numbers]) -> np.ndarray:
         jobs = [
             (one, [_with_form(own, name, numbers) for numbers in sets])
@@ -217,12 +217,12 @@ def _searched(
         return np.array([[one['mismatch'] for one in part] for part in several]).T
 
     found = search(shapes_of(name, quick), now[0][name], evaluate, quick)
-    return Proposal(name, found.shape.label, found.together, found.without)
+    return FormProposal(name, found.shape.label, found.together, found.without)
 
 
 def _scaled(
     name: str, looked: Sequence[Looked], work: Work
-) -> tuple[Proposal, list[Looked]] | None:
+) -> tuple[FormProposal, list[Looked]] | None:
     # And the recordings with priors of their poses beside which the effect shows. None where no
     # recording shows it.
     columns = work.columns([(one, name) for one in looked])
@@ -237,10 +237,10 @@ def _scaled(
     scale = scale_of(name)
     if not together[scale.name]:
         return None
-    return Proposal(name, scale.label, together, tuple(without), with_poses=True), looked
+    return FormProposal(name, scale.label, together, tuple(without), with_poses=True), looked
 
 
-def _biases(looked: Sequence[Looked], effects: Sequence[str]) -> dict[str, Proposal]:
+def _biases(looked: Sequence[Looked], effects: Sequence[str]) -> dict[str, FormProposal]:
     names = [name for name in BIASES if name in effects]
     if any(one.uptime is None for one in looked):
         names = [name for name in names if name != 'warm_up_drift']
@@ -264,11 +264,11 @@ def _less_others(one: Looked, fitted: Sequence[str]) -> Samples:
     return replace(one.samples, error=one.samples.error - np.sum(others, axis=0))
 
 
-def _proposal(fitted: Fitted, form: Form, samples: Sequence[Samples]) -> Proposal:
+def _proposal(fitted: FittedForms, form: Form, samples: Sequence[Samples]) -> FormProposal:
     part = fitted.part(form)
     curve = form.curve(fitted.together[part])
     covariate = covariate_of(form.effect)
-    return Proposal(
+    return FormProposal(
         form.effect,
         form.label,
         _strong(curve=curve),
@@ -279,14 +279,14 @@ def _proposal(fitted: Fitted, form: Form, samples: Sequence[Samples]) -> Proposa
     )
 
 
-def _pattern(looked: Sequence[Looked], now: Sequence[Settings], work: Work) -> Proposal:
+def _pattern(looked: Sequence[Looked], now: Sequence[Settings], work: Work) -> FormProposal:
     rest = [{k: v for k, v in own.items() if k != PATTERN} for own in now]
     errors = work.pixels(list(zip(looked, rest, strict=True)))
 
     def settings(some: Sequence[PixelErrors]) -> dict[str, Any]:
         return _strong(pattern=PixelMap(np.clip(np.round(map_of(some), 6), -0.2, 0.2)))
 
-    return Proposal(
+    return FormProposal(
         PATTERN,
         'map of the image',
         settings(errors),
@@ -294,23 +294,23 @@ def _pattern(looked: Sequence[Looked], now: Sequence[Settings], work: Work) -> P
     )
 
 
-def _noise(looked: Sequence[Looked]) -> Proposal:
+def _noise(looked: Sequence[Looked]) -> FormProposal:
     noises = [one.noise for one in looked]
     field = noise.best_field(noises)
     together, *without = (
         _strong(**{field: noise.curve_of(field, some)}) for some in (noises, *_all_but_one(noises))
     )
-    return Proposal(noise.NAME, f'factor over {noise.WORDS[field]}', together, tuple(without))
+    return FormProposal(noise.NAME, f'factor over {noise.WORDS[field]}', together, tuple(without))
 
 
-def _dropout(name: str, looked: Sequence[Looked]) -> Proposal:
+def _dropout(name: str, looked: Sequence[Looked]) -> FormProposal:
     counts = [one.counts for one in looked]
     kind = dropout.best_kind(name, counts)
 
     def settings(some: Sequence[dropout.Counts]) -> dict[str, Any]:
         return _strong(**{kind.field: dropout.table_of(kind, some)})
 
-    return Proposal(
+    return FormProposal(
         name,
         f'monotone table over {kind.over}',
         settings(counts),

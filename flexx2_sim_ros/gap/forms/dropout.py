@@ -13,7 +13,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Kind:
+class DropoutTable:
     """
     One kind of table that a dropout may have.
 
@@ -34,9 +34,12 @@ class Kind:
 
 
 KINDS = {
-    'grazing_dropout': (Kind('curve', 'incidence', True), Kind('slant', 'slant', True)),
-    'low_signal_dropout': (Kind('curve', 'light', False),),
-    'saturation': (Kind('curve', 'light', True),),
+    'grazing_dropout': (
+        DropoutTable('curve', 'incidence', True),
+        DropoutTable('slant', 'slant', True),
+    ),
+    'low_signal_dropout': (DropoutTable('curve', 'light', False),),
+    'saturation': (DropoutTable('curve', 'light', True),),
 }
 _EDGES = {
     'incidence': np.linspace(*FORMS.incidence),
@@ -109,7 +112,7 @@ def together(counts: Sequence[Counts]) -> Counts:
     )
 
 
-def table_of(kind: Kind, counts: Sequence[Counts]) -> Curve:
+def table_of(kind: DropoutTable, counts: Sequence[Counts]) -> Curve:
     """Return the monotone table that is the likeliest for the pixels of some recordings."""
     every = together(counts)
     seen = every.seen[kind.over]
@@ -128,10 +131,10 @@ def table_of(kind: Kind, counts: Sequence[Counts]) -> Curve:
     )
 
 
-def best_kind(effect: str, counts: Sequence[Counts]) -> Kind:
+def best_kind(effect: str, counts: Sequence[Counts]) -> DropoutTable:
     """Return the kind of table that tells most of the invalid pixels of left-out recordings."""
 
-    def surprise(kind: Kind) -> float:
+    def surprise(kind: DropoutTable) -> float:
         # Negative log-likelihood a pixel, mean over recordings.
         total = 0.0
         for i, one in enumerate(counts):

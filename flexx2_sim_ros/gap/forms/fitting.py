@@ -12,7 +12,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedForms:
     """
     Coefficients of some forms.
 
@@ -64,10 +64,12 @@ class BiasFit:
         both = zip(self.samples, self._weights, strict=True)
         self._parts = [_WithoutOwn(one, weight) for one, weight in both]
 
-    def fit(self, forms: Sequence[Form]) -> Fitted:
+    def fit(self, forms: Sequence[Form]) -> FittedForms:
         """Fit forms to all recordings, and to all but one."""
         columns = [np.concatenate([form.columns(one) for form in forms]) for one in self.samples]
-        return Fitted(tuple(forms), *self.solve(columns, _blocks([f.penalty() for f in forms])))
+        return FittedForms(
+            tuple(forms), *self.solve(columns, _blocks([f.penalty() for f in forms]))
+        )
 
     def solve(
         self, columns: Sequence[np.ndarray], penalty: np.ndarray
@@ -85,7 +87,7 @@ class BiasFit:
         Returns
         -------
         tuple of numpy.ndarray
-            (K,), (R, K) and (R,): `Fitted.together`, `Fitted.without` and `Fitted.losses`.
+            (K,), (R, K) and (R,): `together`, `without` and `losses` of `FittedForms`.
 
         """
         parts = [part.equations(own) for own, part in zip(columns, self._parts, strict=True)]
@@ -123,7 +125,7 @@ class BiasFit:
             out._eliminate_motions()
         return out
 
-    def best(self, groups: Sequence[Sequence[Form]], others: Sequence[Form] = ()) -> Fitted:
+    def best(self, groups: Sequence[Sequence[Form]], others: Sequence[Form] = ()) -> FittedForms:
         """
         Return the form that left-out recordings pay for, fitted.
 
@@ -135,7 +137,7 @@ class BiasFit:
             Forms of other effects that are fitted at the same time.
 
         """
-        chosen: Fitted | None = None
+        chosen: FittedForms | None = None
         for group in groups:
             fits = [self.fit([form, *others]) for form in group]
             one = min(fits, key=lambda fit: float(fit.losses.sum()))

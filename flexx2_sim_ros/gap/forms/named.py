@@ -16,7 +16,7 @@ from flexx2_sim_ros.gap.forms.calibratable import (
     quickly_calibratable,
     rounds,
 )
-from flexx2_sim_ros.gap.forms.calibrating import calibrate_effects, Explained, Jobs, Work
+from flexx2_sim_ros.gap.forms.calibrating import calibrate_effects, FormedSet, Jobs, Work
 from flexx2_sim_ros.gap.forms.work import (
     confirm_settled,
     judge,
@@ -97,14 +97,14 @@ class Calibrated:
 
     Attributes
     ----------
-    explained : Explained
+    explained : FormedSet
         The forms that were tried.
     typical : dict
         Settings by effect in the form of the catalogue.
 
     """
 
-    explained: Explained
+    explained: FormedSet
     typical: Settings
 
     @property

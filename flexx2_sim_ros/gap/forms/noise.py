@@ -18,7 +18,7 @@ WORDS = {'curve': 'amplitude', 'slant': 'incidence'}
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseCurves:
     """
     The noise of a recording on surfaces, beside that of its simulation.
 
@@ -42,7 +42,9 @@ class Noise:
     count: dict[str, np.ndarray]
 
 
-def noise_of(axes: Axes, real: Measures, simulated: Measures, effects: Mapping[str, Any]) -> Noise:
+def noise_of(
+    axes: Axes, real: Measures, simulated: Measures, effects: Mapping[str, Any]
+) -> NoiseCurves:
     """
     Return the noise of a recording.
 
@@ -70,7 +72,7 @@ def noise_of(axes: Axes, real: Measures, simulated: Measures, effects: Mapping[s
             ratio = (real.noise[1] - simulated.noise[1])[mine]
         some = np.minimum(count[field], simulated.noise[0][mine]) >= FORMS.known
         level[field] = np.where(some, ratio + 2 * np.log(factors[field]), np.nan)
-    return Noise(middles, factors, level, count)
+    return NoiseCurves(middles, factors, level, count)
 
 
 def _factor(effects: Mapping[str, Any], field: str, middles: np.ndarray) -> np.ndarray:
@@ -86,13 +88,13 @@ def _factor(effects: Mapping[str, Any], field: str, middles: np.ndarray) -> np.n
     return np.asarray(1 + effect.strength * (own.at(middles) - 1), float)
 
 
-def typical(field: str, noises: Sequence[Noise], places: np.ndarray) -> np.ndarray:
+def typical(field: str, noises: Sequence[NoiseCurves], places: np.ndarray) -> np.ndarray:
     """Return the mean factor of the simulations of recordings, at places along the covariate."""
     mean = np.mean([one.simulated[field] for one in noises], axis=0)
     return np.interp(places, noises[0].middles[field], mean)
 
 
-def curve_of(field: str, noises: Sequence[Noise]) -> Curve:
+def curve_of(field: str, noises: Sequence[NoiseCurves]) -> Curve:
     """
     Return the curve that is the mean of some recordings.
 
@@ -100,7 +102,7 @@ def curve_of(field: str, noises: Sequence[Noise]) -> Curve:
     ----------
     field : str
         One of `FIELDS`.
-    noises : sequence of Noise
+    noises : sequence of NoiseCurves
         The recordings.
 
     """
@@ -114,7 +116,7 @@ def curve_of(field: str, noises: Sequence[Noise]) -> Curve:
     )
 
 
-def best_field(noises: Sequence[Noise]) -> str:
+def best_field(noises: Sequence[NoiseCurves]) -> str:
     """Return the field whose curve tells most of the noise of left-out recordings."""
 
     def told(field: str) -> float:
@@ -134,7 +136,7 @@ def best_field(noises: Sequence[Noise]) -> str:
     return max(known or FIELDS, key=told)
 
 
-def _mean(noises: Sequence[Noise], field: str) -> tuple[np.ndarray, np.ndarray]:
+def _mean(noises: Sequence[NoiseCurves], field: str) -> tuple[np.ndarray, np.ndarray]:
     # (B,) mean level by the number of pairs, and where there is one.
     levels = np.array([one.level[field] for one in noises])
     counts = np.where(np.isfinite(levels), [one.count[field] for one in noises], 0.0)

@@ -21,7 +21,7 @@ _OTHERS = {
 
 
 @dataclass(frozen=True)
-class Proposal:
+class FormProposal:
     """
     A form for one effect.
 
@@ -49,13 +49,13 @@ class Proposal:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class FormVerdict:
     """
     Whether a proposal is taken.
 
     Attributes
     ----------
-    proposal : Proposal
+    proposal : FormProposal
     before, after : numpy.ndarray
         (R,) how far each recording is from its simulation, with the effect as diagnosed and with
         the form fitted without this recording; see `physical.distance`.
@@ -65,7 +65,7 @@ class Verdict:
 
     """
 
-    proposal: Proposal
+    proposal: FormProposal
     before: np.ndarray
     after: np.ndarray
     taken: bool
@@ -91,8 +91,8 @@ def totals(apart: Sequence[dict[str, float]]) -> np.ndarray:
 
 
 def judged(
-    proposal: Proposal, before: Sequence[dict[str, float]], after: Sequence[dict[str, float]]
-) -> Verdict:
+    proposal: FormProposal, before: Sequence[dict[str, float]], after: Sequence[dict[str, float]]
+) -> FormVerdict:
     """
     Take a proposal if left-out recordings are nearer by more than the standard error.
 
@@ -112,7 +112,7 @@ def judged(
     worse = tuple(unit for unit, one in others.items() if one['worse'])
     better = any(one['better'] for one in others.values())
     taken = nearer or ((better or proposal.with_poses) and not worse and not farther)
-    return Verdict(proposal, old, new, taken, worse)
+    return FormVerdict(proposal, old, new, taken, worse)
 
 
 def _matters(near: np.ndarray, far: np.ndarray) -> bool:

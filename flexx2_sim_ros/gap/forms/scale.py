@@ -17,7 +17,7 @@ _DIGITS = 4  # after the decimal point
 
 
 @dataclass(frozen=True)
-class Columns:
+class ScaleColumns:
     """
     How the depth of one recording's samples changes with an effect's scale.
 
@@ -41,7 +41,7 @@ class Columns:
         return not any((np.abs(shift) > FORMS.equal).any() for shift in shifts)
 
 
-def columns_of(scene: PlacedScene, samples: Samples, effect: str) -> Columns:
+def columns_of(scene: PlacedScene, samples: Samples, effect: str) -> ScaleColumns:
     """
     Return how depth changes with the scale of an effect.
 
@@ -57,13 +57,13 @@ def columns_of(scene: PlacedScene, samples: Samples, effect: str) -> Columns:
     """
     if registry()[effect].needs_motion and not scene.moving:
         nothing = np.zeros(len(samples.place))
-        return Columns(tuple(nothing for _ in scale_of(effect).variants), nothing == 0)
+        return ScaleColumns(tuple(nothing for _ in scale_of(effect).variants), nothing == 0)
     scale = scale_of(effect)
     every = [shift_of(scene, {effect: scale.settings(1.0, one)}) for one in scale.variants]
     given = shift_of(scene, {})
     frame = samples.place // given[0].size
     shifts = [(one - given).ravel()[samples.place].astype(np.float64) for one in every]
-    return Columns(
+    return ScaleColumns(
         tuple(shifts), np.all([_is_rigid(one, samples.own[:POSE], frame) for one in shifts], 0)
     )
 
@@ -94,7 +94,7 @@ def scale_of(effect: str) -> Scale:
     return scale
 
 
-def pose_width(samples: Sequence[Samples], columns: Sequence[Columns]) -> float:
+def pose_width(samples: Sequence[Samples], columns: Sequence[ScaleColumns]) -> float:
     """
     Return how wide the poses are that an effect does not change, as a fraction of their prior.
 
@@ -106,7 +106,7 @@ def pose_width(samples: Sequence[Samples], columns: Sequence[Columns]) -> float:
     ----------
     samples : sequence of Samples
         One for each recording, with errors that other effects do not explain.
-    columns : sequence of Columns
+    columns : sequence of ScaleColumns
         Likewise.
 
     """
@@ -115,7 +115,7 @@ def pose_width(samples: Sequence[Samples], columns: Sequence[Columns]) -> float:
 
 
 def fit_scale(
-    effect: str, samples: Sequence[Samples], columns: Sequence[Columns]
+    effect: str, samples: Sequence[Samples], columns: Sequence[ScaleColumns]
 ) -> list[Numbers]:
     """
     Fit an effect's scale together with the poses, and choose its variant.
@@ -127,7 +127,7 @@ def fit_scale(
     samples : sequence of Samples
         One for each recording, with errors that other effects do not explain, and priors of the
         poses as wide as these usually are.
-    columns : sequence of Columns
+    columns : sequence of ScaleColumns
         Likewise.
 
     Returns
@@ -149,7 +149,7 @@ def fit_scale(
     ]
 
 
-def _losses(samples: Samples, columns: Columns, values: np.ndarray) -> np.ndarray:
+def _losses(samples: Samples, columns: ScaleColumns, values: np.ndarray) -> np.ndarray:
     # (V, K) of a recording, for each variant and value.
     if columns.none:
         return np.zeros((len(columns.shifts), len(values)))

@@ -16,7 +16,7 @@ _DIGITS = 4
 
 
 @dataclass(frozen=True)
-class Searched:
+class SearchResult:
     """
     Parameters that were found.
 
@@ -47,7 +47,7 @@ def evaluations(shapes: Sequence[Shape], quick: bool = False) -> int:
 
 def search(
     shapes: Sequence[Shape], start: Mapping[str, float], evaluate: Evaluate, quick: bool = False
-) -> Searched:
+) -> SearchResult:
     """
     Fit shapes from simple to flexible; return the one that left-out recordings pay for.
 
@@ -63,7 +63,7 @@ def search(
         Whether only places around the start are tried, with few calls of ``evaluate``.
 
     """
-    chosen: Searched | None = None
+    chosen: SearchResult | None = None
     for shape in shapes:
         found = _fit(shape, {**start, **(chosen.together if chosen else {})}, evaluate, quick)
         if chosen is None or is_surely_less(found.mismatch, chosen.mismatch):
@@ -72,7 +72,9 @@ def search(
     return chosen
 
 
-def _fit(shape: Shape, start: Mapping[str, float], evaluate: Evaluate, quick: bool) -> Searched:
+def _fit(
+    shape: Shape, start: Mapping[str, float], evaluate: Evaluate, quick: bool
+) -> SearchResult:
     tried: list[Numbers] = []
     values: list[np.ndarray] = []
 
@@ -88,7 +90,7 @@ def _fit(shape: Shape, start: Mapping[str, float], evaluate: Evaluate, quick: bo
     # Which of all places suits the others best; the places themselves are the same for all.
     rest = found.sum(axis=1, keepdims=True) - found
     chosen = rest.argmin(axis=0)
-    return Searched(
+    return SearchResult(
         shape,
         tried[int(found.sum(axis=1).argmin())],
         tuple(tried[i] for i in chosen),

@@ -23,10 +23,10 @@ from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 from flexx2_sim_ros.gap.forms.dropout import Counts, counts_of
 from flexx2_sim_ros.gap.forms.fitting import own_motion
 from flexx2_sim_ros.gap.forms.geometry import slopes_of
-from flexx2_sim_ros.gap.forms.noise import Noise, noise_of
+from flexx2_sim_ros.gap.forms.noise import noise_of, NoiseCurves
 from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_alike, shift_of, shifters
-from flexx2_sim_ros.gap.forms.scale import Columns, columns_of
+from flexx2_sim_ros.gap.forms.scale import columns_of, ScaleColumns
 import numpy as np
 
 Settings = dict[str, dict[str, Any]]
@@ -49,7 +49,7 @@ class Looked:
         Errors on surfaces.
     counts, typical_counts : Counts
         Invalid pixels on surfaces, measured and simulated with the effects as diagnosed.
-    noise : Noise
+    noise : NoiseCurves
         Measured noise beside that of the simulation with the effects as diagnosed.
     shifts : dict of str to numpy.ndarray
         (N,) metres that each effect as diagnosed changes in the samples.
@@ -68,7 +68,7 @@ class Looked:
     samples: Samples
     counts: Counts
     typical_counts: Counts
-    noise: Noise
+    noise: NoiseCurves
     shifts: dict[str, np.ndarray]
     uptime: float | None
     shape: tuple[int, ...]
@@ -145,7 +145,7 @@ def look_at_pixels(
 
 def look_at_scale(
     job: tuple[Looked, str], profile: Profile | None, known: Table, seed: int
-) -> Columns:
+) -> ScaleColumns:
     """Return how the depth of a recording's samples changes with an effect's scale."""
     del seed  # Nothing is simulated.
     looked, effect = job

@@ -12,7 +12,7 @@ from typing import Any
 
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.calibration.inference import ROUNDS
-from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, Term
+from flexx2_sim_ros.gap.features.catalogue import Candidate, CandidateTerm, Column
 from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, of_camera
 from flexx2_sim_ros.gap.inference.fitting import nuisances_of
 from flexx2_sim_ros.gap.inference.model import Model
@@ -256,7 +256,7 @@ def _around(
     kind = registry()[name]
     gone = Column(f'{name}: without', {}, few=False, without=(name,))
     limits = {one.name: (one.low, one.high) for one in kind.parameters()}
-    free: dict[str, Term] = {}
+    free: dict[str, CandidateTerm] = {}
     numbers = [key for key, value in settings.items() if isinstance(value, float)]
     shaped = any(key in settings for key in kind.tables() if key not in numbers)
     terms = {t.name: t for c in candidates if c.effect == name for t in c.terms}
@@ -289,7 +289,9 @@ def _around(
             nodes.append((there - value, column.name))
         if nodes:
             reach = ROUNDS.reach * size
-            free[key] = Term(key, tuple(nodes), max(low - value, -reach), min(high - value, reach))
+            free[key] = CandidateTerm(
+                key, tuple(nodes), max(low - value, -reach), min(high - value, reach)
+            )
     if not free:
         return columns, Member(name, None, gone.name)
 

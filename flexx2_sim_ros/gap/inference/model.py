@@ -11,7 +11,13 @@ from flexx2_sim_ros.gap.calibration.inference import LOSS, Loss
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
-from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, Decaying, nuisances, Term
+from flexx2_sim_ros.gap.features.catalogue import (
+    Candidate,
+    CandidateTerm,
+    Column,
+    Decaying,
+    nuisances,
+)
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import Feature, LAYOUT, SIZE, STRUCTURE_UNITS, TOLERANCE
 from flexx2_sim_ros.gap.features.grain import repeats, same_noise
@@ -151,7 +157,7 @@ class Model:
         remaining = (name.factor * np.array(left)[:, None]).astype(np.float32)
         return self._columns[:, self.index[name.column]] * remaining
 
-    def term(self, term: Term, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def term(self, term: CandidateTerm, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the shift of all features at (R,) values of a term, and its slope; (R, SIZE)."""
         key = term.nodes
         cache = self._nodes

@@ -53,7 +53,7 @@ class Assumed:
 
 
 @dataclass(frozen=True)
-class Source:
+class DiagnosedWith:
     """
     What the recordings were diagnosed with.
 
@@ -87,7 +87,7 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Known:
+class DiagnosedRecordings:
     """
     The recordings that were diagnosed, and how they are explained.
 
@@ -101,7 +101,7 @@ class Known:
         Effect and label of the candidates that are compared.
     assumed : tuple of Assumed
         The explanations.
-    source : Source
+    source : DiagnosedWith
         What the recordings were diagnosed with.
 
     """
@@ -110,7 +110,7 @@ class Known:
     columns: tuple[Column, ...]
     labels: frozenset[tuple[str, str]]
     assumed: tuple[Assumed, ...]
-    source: Source
+    source: DiagnosedWith
 
     def candidates(self) -> list[Candidate]:
         """Return the candidates that are compared."""
@@ -135,7 +135,9 @@ class Expected:
     undecided: float
 
 
-def what_is_known(model: Model, source: Source) -> tuple[list[Explanation], np.ndarray, Known]:
+def what_is_known(
+    model: Model, source: DiagnosedWith
+) -> tuple[list[Explanation], np.ndarray, DiagnosedRecordings]:
     """
     Diagnose the recordings, and return what is still possible.
 
@@ -143,7 +145,7 @@ def what_is_known(model: Model, source: Source) -> tuple[list[Explanation], np.n
     ----------
     model : Model
         The recordings.
-    source : Source
+    source : DiagnosedWith
         What they were diagnosed with.
 
     Returns
@@ -161,7 +163,7 @@ def what_is_known(model: Model, source: Source) -> tuple[list[Explanation], np.n
     own = [Column(one.name, one.effects, few=False) for one in standing if one.effects]
     index = [model.index[column.name] for column in needed]
     blank = np.zeros((len(own), SIZE), np.float32)
-    known = Known(
+    known = DiagnosedRecordings(
         tuple(
             replace(one, columns=np.concatenate([one.columns[index], blank]))
             for one in model.evidence
@@ -177,13 +179,15 @@ def what_is_known(model: Model, source: Source) -> tuple[list[Explanation], np.n
     return standing, weights, known
 
 
-def expect(known: Known, pairs: Sequence[tuple[Evidence, Evidence]], fitted: bool) -> Expected:
+def expect(
+    known: DiagnosedRecordings, pairs: Sequence[tuple[Evidence, Evidence]], fitted: bool
+) -> Expected:
     """
     Return the expected decision when set-ups are recorded twice each.
 
     Parameters
     ----------
-    known : Known
+    known : DiagnosedRecordings
         The recordings so far.
     pairs : sequence of tuple of Evidence
         Each new set-up, simulated twice with different random numbers.

@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
-from flexx2_sim_ros.gap.features.catalogue import Candidate, Column, Term
+from flexx2_sim_ros.gap.features.catalogue import Candidate, CandidateTerm, Column
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import Model
@@ -139,6 +139,6 @@ def _losses(
 def _loss(model: Model, name: str | None) -> float:
     if name is None:
         return fit(model, [], scales=GROUND_TRUTH.scales).inside
-    as_it_is = Term(name, ((1.0, name),), 1.0, 1.0)
+    as_it_is = CandidateTerm(name, ((1.0, name),), 1.0, 1.0)
     one = Candidate(name, '', (as_it_is,), lambda values: {})
     return fit(model, [one], np.ones(1), GROUND_TRUTH.scales).inside

@@ -13,7 +13,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class View:
+class PredictedView:
     """
     The images that each explanation predicts for a recording.
 
@@ -38,7 +38,7 @@ class View:
 
 def look(
     possible: Possible, explanations: Mapping[str, Effects], profile: Profile, seed: int
-) -> View:
+) -> PredictedView:
     """
     Simulate a recording with each explanation.
 
@@ -69,7 +69,7 @@ def look(
         )
         images.append(_images(depth - recording.clean, np.isfinite(depth), recording.truth.known))
     error, noise, valid = (np.array(one) for one in zip(*images, strict=True))
-    return View(possible, error, noise, valid)
+    return PredictedView(possible, error, noise, valid)
 
 
 def _images(

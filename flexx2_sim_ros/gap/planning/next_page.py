@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.gap.planning.drawing import as_data_url, drawing
-from flexx2_sim_ros.gap.planning.looks import View
+from flexx2_sim_ros.gap.planning.looks import PredictedView
 from flexx2_sim_ros.gap.planning.next_recording import Suggestions
 from flexx2_sim_ros.gap.planning.page import record_command
 from flexx2_sim_ros.gap.report.text import percent
@@ -143,7 +143,9 @@ def _row(record: str, row: Mapping[str, Any], apart: str, kind: str = '') -> str
     )
 
 
-def _view(index: int, view: View, explanations: Mapping[str, Any], lens: Intrinsics) -> str:
+def _view(
+    index: int, view: PredictedView, explanations: Mapping[str, Any], lens: Intrinsics
+) -> str:
     one = view.possible
     planned, title = one.planned, f'{index + 1}. {one.name}'
     set_up = command = ''
@@ -161,7 +163,7 @@ def _view(index: int, view: View, explanations: Mapping[str, Any], lens: Intrins
     )
 
 
-def _looks(view: View, explanations: Mapping[str, Any]) -> str:
+def _looks(view: PredictedView, explanations: Mapping[str, Any]) -> str:
     # Images of each explanation, with the same colours for all.
     none = next(i for i, effects in enumerate(explanations.values()) if not effects)
     changed = max(_percentile(np.abs(error - view.error[none])) for error in view.error)

@@ -18,7 +18,13 @@ from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.explanations import check_open, Effects
-from flexx2_sim_ros.gap.planning.forecast import expect, Expected, Known, Source, what_is_known
+from flexx2_sim_ros.gap.planning.forecast import (
+    DiagnosedRecordings,
+    DiagnosedWith,
+    expect,
+    Expected,
+    what_is_known,
+)
 from flexx2_sim_ros.gap.planning.information import (
     entropy,
     Outlook,
@@ -26,7 +32,7 @@ from flexx2_sim_ros.gap.planning.information import (
     true_columns,
     with_true,
 )
-from flexx2_sim_ros.gap.planning.looks import look, View
+from flexx2_sim_ros.gap.planning.looks import look, PredictedView
 from flexx2_sim_ros.gap.planning.plan import Plan
 from flexx2_sim_ros.gap.planning.possible import (
     kinds_named,
@@ -56,13 +62,13 @@ class Suggestions:
     ----------
     table : dict
         The table ``next.json`` of ``docs/planning.md``.
-    views : list of View
+    views : list of PredictedView
         The images of the first suggestions.
 
     """
 
     table: dict[str, Any]
-    views: list[View]
+    views: list[PredictedView]
 
 
 @dataclass(frozen=True)
@@ -72,7 +78,7 @@ class _Setting:
     given: Table
     explanations: dict[str, Effects]
     weights: np.ndarray
-    known: Known
+    known: DiagnosedRecordings
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +168,7 @@ def suggest(
 
 
 def _suggestion(
-    new: Sequence[_Row], known: Known, mapped: Map, progress: Progress
+    new: Sequence[_Row], known: DiagnosedRecordings, mapped: Map, progress: Progress
 ) -> tuple[Sequence[_Row], Expected]:
     # The first set-up if that is enough, otherwise the best pair of the first few.
     sets: list[Sequence[_Row]] = [new[:1]]
@@ -198,7 +204,9 @@ def _setting(
     used, evidence, _ = summarise_all(campaign, found, left_out, simulations, mapped, step)
     model = Model(evidence, columns, np.array(prior))
     hidden = [one for one in hidden_effects(campaign) if one.effect not in without]
-    source = Source(tuple(columns), frozenset(without), modulation, tuple(hidden), prior, seed)
+    source = DiagnosedWith(
+        tuple(columns), frozenset(without), modulation, tuple(hidden), prior, seed
+    )
     standing, weights, known = what_is_known(model, source)
     if len(standing) < 2:
         raise InputError(f'DIAGNOSIS: must leave something open, got only {standing[0].name}')
@@ -260,7 +268,7 @@ def _look_out(possible: Possible, setting: _Setting) -> _Row | str:
     return _Row(possible, tells, expect(known, [(first, second)], kind.fitted), (first, second))
 
 
-def _together(rows: Sequence[_Row], known: Known) -> Expected:
+def _together(rows: Sequence[_Row], known: DiagnosedRecordings) -> Expected:
     # What is expected when these set-ups are recorded twice each.
     fitted = any(row.possible.kind.fitted for row in rows)
     return expect(known, [row.pair for row in rows], fitted)

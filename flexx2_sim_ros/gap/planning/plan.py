@@ -8,7 +8,7 @@ from typing import Any
 from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError, shown, shown_path
-from flexx2_sim_ros.gap.planning.scenes import card, Panel, Scene, wall
+from flexx2_sim_ros.gap.planning.scenes import card, Panel, PlannedScene, wall
 from flexx2_sim_ros.limits import is_finite
 from flexx2_sim_ros.paths import config_dir
 
@@ -33,7 +33,7 @@ class PlannedRecording:
 
     Attributes
     ----------
-    scene : Scene
+    scene : PlannedScene
         The scene; the bag has its name.
     title, set_up : str
         A few words, and what to do.
@@ -44,7 +44,7 @@ class PlannedRecording:
 
     """
 
-    scene: Scene
+    scene: PlannedScene
     title: str
     set_up: str
     seconds: float
@@ -160,7 +160,7 @@ def _recording(row: Any) -> PlannedRecording:
     if not panels:
         raise InputError('walls: must be at least one wall or card, got none')
     set_up = ' '.join(_text(row, 'set_up').split())
-    scene = Scene(name, set_up, tuple(panels), pan, after)
+    scene = PlannedScene(name, set_up, tuple(panels), pan, after)
     return PlannedRecording(scene, _text(row, 'title'), set_up, seconds, tuple(effects))
 
 

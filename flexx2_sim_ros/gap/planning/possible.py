@@ -10,12 +10,12 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.gap.data.campaign import check, Found
 from flexx2_sim_ros.gap.data.given import at_size, given_effects, Table
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
-from flexx2_sim_ros.gap.planning.truths import ALL_KINDS, Kind, smaller, write_recording
+from flexx2_sim_ros.gap.planning.truths import ALL_KINDS, smaller, TruthKind, write_recording
 from flexx2_sim_ros.recording import load_scene
 import numpy as np
 
 _FRAMES = 12  # of a scene of the user's own that stands still
-_AS_TOLD = Kind('own', 'as the file says', fitted=True)  # Registration finds its errors.
+_AS_TOLD = TruthKind('own', 'as the file says', fitted=True)  # Registration finds its errors.
 _REPLACED = 'depth', 'usecase', 'amplitude'  # keys of a scene's file
 
 
@@ -28,7 +28,7 @@ class Possible:
     ----------
     name, words : str
         Name for tables, and what to set up.
-    kind : Kind
+    kind : TruthKind
         The kind of ground truth.
     path : pathlib.Path
         Its simulated recording, or an existing one.
@@ -43,7 +43,7 @@ class Possible:
 
     name: str
     words: str
-    kind: Kind
+    kind: TruthKind
     path: Path
     known: Table
     planned: PlannedRecording | None = None
@@ -69,7 +69,7 @@ def usual_kinds(table: Mapping[str, Any]) -> list[str]:
     return kinds or ['exact']
 
 
-def kinds_named(names: Sequence[str]) -> list[Kind]:
+def kinds_named(names: Sequence[str]) -> list[TruthKind]:
     """
     Return the kinds of ground truth with these names, without duplicates.
 
@@ -87,7 +87,7 @@ def kinds_named(names: Sequence[str]) -> list[Kind]:
 
 
 def of_plan(
-    folder: Path, plan: Plan, kinds: Sequence[Kind], profile: Profile, known: Table, seed: int
+    folder: Path, plan: Plan, kinds: Sequence[TruthKind], profile: Profile, known: Table, seed: int
 ) -> list[Possible]:
     """
     Write the plan's recordings with each kind of ground truth that suits them.
@@ -98,7 +98,7 @@ def of_plan(
         An existing folder.
     plan : Plan
         What could be recorded.
-    kinds : sequence of Kind
+    kinds : sequence of TruthKind
         The kind of ground truth.
     profile : Profile
         The camera.

@@ -28,7 +28,7 @@ from flexx2_sim_ros.gap.inference.selection import (
     without_each,
 )
 from flexx2_sim_ros.gap.inference.support import support_of
-from flexx2_sim_ros.gap.planning.truths import Kind
+from flexx2_sim_ros.gap.planning.truths import TruthKind
 import numpy as np
 
 STRENGTHS = (0.1, 0.25, 0.5, 1.0, 2.0)
@@ -96,7 +96,7 @@ def column_name(effect: str, strength: float) -> str:
     return f'plan:{effect}:{strength:g}'
 
 
-def left_open(model: Model, candidates: Sequence[Candidate], kind: Kind) -> set[str]:
+def left_open(model: Model, candidates: Sequence[Candidate], kind: TruthKind) -> set[str]:
     """Return the effects that the ground truth leaves undecided."""
     return {one.effect for one in undecided(model, candidates) if one.confounded} | set(kind.never)
 
@@ -106,7 +106,7 @@ def power(
     model: Model,
     candidates: Sequence[Candidate],
     hidden: set[str],
-    kind: Kind,
+    kind: TruthKind,
     seed: int,
     draws: int = _DRAWS,
 ) -> Power:
@@ -126,7 +126,7 @@ def power(
         The catalogue.
     hidden : set of str
         The result of `left_open`.
-    kind : Kind
+    kind : TruthKind
         The kind of ground truth.
     seed : int
         Seed of the draws.
@@ -186,7 +186,7 @@ def _fraction(
     considered: _Considered,
     effect: str,
     shift: np.ndarray,
-    kind: Kind,
+    kind: TruthKind,
     seed: int,
     draws: int,
 ) -> float:

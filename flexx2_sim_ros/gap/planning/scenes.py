@@ -46,7 +46,7 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Scene:
+class PlannedScene:
     """
     A scene to record.
 
@@ -106,14 +106,14 @@ def card(
 
 
 def render(
-    scene: Scene, lens: Intrinsics, stamp: Sequence[float] | np.ndarray
+    scene: PlannedScene, lens: Intrinsics, stamp: Sequence[float] | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """
     Return depth and reflectivity of a scene without noise.
 
     Parameters
     ----------
-    scene : Scene
+    scene : PlannedScene
         The scene in view.
     lens : Intrinsics
         The camera.

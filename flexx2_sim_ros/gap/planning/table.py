@@ -20,7 +20,7 @@ from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.plan import Plan
 from flexx2_sim_ros.gap.planning.power import left_open, planned_columns, Power, power, STRENGTHS
-from flexx2_sim_ros.gap.planning.truths import Kind, KINDS, write_campaign
+from flexx2_sim_ros.gap.planning.truths import KINDS, TruthKind, write_campaign
 from flexx2_sim_ros.gap.work import find, Simulations, summarise
 from flexx2_sim_ros.jobs import bind, Map, workers
 from flexx2_sim_ros.paths import config_dir
@@ -34,7 +34,7 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Request:
+class PowerRequest:
     """
     What to compute.
 
@@ -52,7 +52,7 @@ class Request:
         How many at each strength.
     jobs : int
         Number of processes.
-    kinds : tuple of Kind
+    kinds : tuple of TruthKind
         The kind of ground truth.
 
     """
@@ -63,7 +63,7 @@ class Request:
     seed: int = 0
     draws: int = _DRAWS
     jobs: int = 1
-    kinds: tuple[Kind, ...] = KINDS
+    kinds: tuple[TruthKind, ...] = KINDS
 
     @property
     def key(self) -> str:
@@ -107,7 +107,7 @@ def to_yaml(table: Mapping[str, Any]) -> str:
     )
 
 
-def compute(request: Request, command: str, progress: Progress) -> dict[str, Any]:
+def compute(request: PowerRequest, command: str, progress: Progress) -> dict[str, Any]:
     """
     Compute what a plan can find.
 
@@ -115,7 +115,7 @@ def compute(request: Request, command: str, progress: Progress) -> dict[str, Any
 
     Parameters
     ----------
-    request : Request
+    request : PowerRequest
         What to compute.
     command : str
         The command line, stored in the table.
@@ -163,8 +163,8 @@ def _row(one: Power) -> dict[str, Any]:
 
 
 def _of_kind(
-    request: Request,
-    kind: Kind,
+    request: PowerRequest,
+    kind: TruthKind,
     names: Sequence[str],
     mapped: Map,
     modulation: bool,
@@ -220,7 +220,7 @@ def _finished(file: Path, key: str) -> dict[str, Power]:
 
 
 def _simulate(
-    request: Request, kind: Kind, mapped: Map, modulation: bool, progress: Progress
+    request: PowerRequest, kind: TruthKind, mapped: Map, modulation: bool, progress: Progress
 ) -> tuple[list[Evidence], list[Column]]:
     # The recordings' summaries, with each effect at each strength. The latter are simulated with
     # other random numbers than the catalogue; otherwise the fit would include their noise.
@@ -256,7 +256,7 @@ def _model(evidence: Sequence[Evidence], columns: Sequence[Column]) -> Model:
 
 
 def _hidden(
-    evidence: Sequence[Evidence], columns: Sequence[Column], kind: Kind, modulation: bool
+    evidence: Sequence[Evidence], columns: Sequence[Column], kind: TruthKind, modulation: bool
 ) -> set[str]:
     return left_open(_model(evidence, columns), catalogue((), modulation)[1], kind)
 
@@ -266,7 +266,7 @@ def _power(
     evidence: Sequence[Evidence],
     columns: Sequence[Column],
     hidden: set[str],
-    kind: Kind,
+    kind: TruthKind,
     modulation: bool,
     seed: int,
     draws: int,

@@ -22,7 +22,7 @@ _LEAST_PIXELS = 8  # across an image, as of the smallest cameras
 
 
 @dataclass(frozen=True)
-class Kind:
+class TruthKind:
     """
     A kind of ground truth.
 
@@ -54,19 +54,21 @@ class Kind:
 
 
 KINDS = (
-    Kind('exact', 'clean depth without errors, as of a simulated camera or of motion capture'),
-    Kind(
+    TruthKind(
+        'exact', 'clean depth without errors, as of a simulated camera or of motion capture'
+    ),
+    TruthKind(
         'scan',
         'flexx2 gap truth --scan, of a room known to 3 mm',
         pose=True,
         never=('pose_error', 'time_offset'),
     ),
-    Kind(
+    TruthKind(
         'tape',
         'planes, measured with a tape (3 mm) and a set square (0.3 degrees)',
         plane=(GROUND_TRUTH.tape, GROUND_TRUTH.square),
     ),
-    Kind(
+    TruthKind(
         'planes',
         'planes fitted to the recordings, nothing measured',
         plane=(_LOOSE[0], float(np.radians(_LOOSE[1]))),
@@ -74,7 +76,7 @@ KINDS = (
     ),
 )
 # Kinds of `flexx2 gap next` that the table of the plan does not have.
-LASER = Kind(
+LASER = TruthKind(
     'laser',
     'planes, measured with a laser distance meter (1 mm) and a set square (0.3 degrees)',
     plane=(GROUND_TRUTH.laser, GROUND_TRUTH.square),
@@ -86,7 +88,7 @@ def write_campaign(
     folder: Path,
     plan: Plan,
     profile: Profile,
-    kind: Kind,
+    kind: TruthKind,
     effects: Table | None = None,
     seed: int = 0,
     wrong: bool = False,
@@ -102,7 +104,7 @@ def write_campaign(
         What is recorded. Moving scenes are left out where the truth consists of planes.
     profile : Profile
         The camera.
-    kind : Kind
+    kind : TruthKind
         The kind of ground truth.
     effects : mapping, optional
         Effects of the camera: parameters by effect.
@@ -123,7 +125,7 @@ def write_recording(
     plan: Plan,
     planned: PlannedRecording,
     profile: Profile,
-    kind: Kind,
+    kind: TruthKind,
     effects: Table | None = None,
     seed: Sequence[int] = (0,),
     wrong: bool = False,
@@ -162,7 +164,7 @@ def ground_truth(
     lens: Intrinsics,
     stamp: np.ndarray,
     depth: np.ndarray,
-    kind: Kind,
+    kind: TruthKind,
     rng: np.random.Generator | None,
 ) -> dict[str, np.ndarray]:
     """
@@ -178,7 +180,7 @@ def ground_truth(
         (T,) seconds.
     depth : numpy.ndarray
         (T, H, W) as measured, metres, to which planes may be fitted.
-    kind : Kind
+    kind : TruthKind
         The kind of ground truth.
     rng : numpy.random.Generator or None
         Draws the errors of planes; with None they have none.
@@ -220,7 +222,11 @@ def labels(planned: PlannedRecording, lens: Intrinsics, stamp: np.ndarray) -> np
 
 
 def _truth(
-    planned: PlannedRecording, lens: Intrinsics, stamp: np.ndarray, clean: np.ndarray, kind: Kind
+    planned: PlannedRecording,
+    lens: Intrinsics,
+    stamp: np.ndarray,
+    clean: np.ndarray,
+    kind: TruthKind,
 ) -> dict[str, np.ndarray]:
     if kind.pose:
         deviation = np.array(GROUND_TRUTH.pose)
@@ -247,7 +253,7 @@ def _believed(
     depth: np.ndarray,
     truth: Mapping[str, np.ndarray],
     lens: Intrinsics,
-    kind: Kind,
+    kind: TruthKind,
     rng: np.random.Generator,
 ) -> np.ndarray:
     # Clean depth with the planes at their measured positions, or fitted to depth.

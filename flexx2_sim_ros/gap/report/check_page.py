@@ -26,7 +26,7 @@ _MEASURES = {'loss': ('loss per recording', '', 1.0), **MEASURES}
 _OF_EACH = 'loss', 'wasserstein_mm', 'invalid_rate'  # shown for each recording
 
 
-class Line(NamedTuple):
+class CheckLine(NamedTuple):
     """
     One measure as text, for a table.
 
@@ -91,7 +91,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     return out + on_recordings(rows)
 
 
-def lines(table: dict[str, Any]) -> Iterator[Line]:
+def lines(table: dict[str, Any]) -> Iterator[CheckLine]:
     """Yield each measure as text, the loss first."""
     for key, (name, unit, factor) in _MEASURES.items():
         one = table['measures'][key]
@@ -99,7 +99,7 @@ def lines(table: dict[str, Any]) -> Iterator[Line]:
         before, after, null, moved = (
             _text(one, part, unit, factor) for part in ('before', 'after', 'null', 'change')
         )
-        yield Line(name, before, after, null, moved, change)
+        yield CheckLine(name, before, after, null, moved, change)
 
 
 def _text(one: dict[str, Any], part: str, unit: str, factor: float) -> str:

@@ -30,7 +30,7 @@ NOTHING_SEEN = 'No recording shows what it measures.'
 _LEAST_COLOUR = 0.02  # metres: smaller errors are drawn pale
 
 
-class Line(NamedTuple):
+class CostLine(NamedTuple):
     """
     One measure as text, for a table.
 
@@ -152,7 +152,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     return out + [f'Left out: {row["reason"]}.' for row in table['recordings'] if not row['used']]
 
 
-def lines(consumer: dict[str, Any]) -> Iterator[tuple[Line, bool]]:
+def lines(consumer: dict[str, Any]) -> Iterator[tuple[CostLine, bool]]:
     """Yield each measure of a consumer as text, and whether it differs significantly."""
     for one in consumer['measures']:
         unit = f', {one["unit"]}' if one['unit'] else ''
@@ -161,7 +161,7 @@ def lines(consumer: dict[str, Any]) -> Iterator[tuple[Line, bool]]:
         if one['significant']:
             first = f'{spaced(name)} {_percent(best)}' if best['share'] > 0 else 'no effect alone'
         yield (
-            Line(
+            CostLine(
                 f'{spaced(one["name"])}{unit}',
                 f'{one["real"]:.3g}',
                 f'{one["simulated"]:.3g}',

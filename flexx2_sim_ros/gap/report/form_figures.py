@@ -8,7 +8,7 @@ from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.effects.tables import Curve, PixelMap
 from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import covariate_of
-from flexx2_sim_ros.gap.forms.proposals import Proposal, Verdict
+from flexx2_sim_ros.gap.forms.proposals import FormProposal, FormVerdict
 from flexx2_sim_ros.gap.forms.work import Looked
 from flexx2_sim_ros.gap.report.text import spaced
 from flexx2_sim_ros.html_drawing import curves, picture
@@ -24,13 +24,15 @@ _UNITS = {
 }
 
 
-def figures(verdicts: Sequence[Verdict], looked: Sequence[Looked], names: tuple[str, str]) -> str:
+def figures(
+    verdicts: Sequence[FormVerdict], looked: Sequence[Looked], names: tuple[str, str]
+) -> str:
     """
     Return curves, maps and numbers of forms as HTML; the page needs `BAND_STYLE`.
 
     Parameters
     ----------
-    verdicts : sequence of Verdict
+    verdicts : sequence of FormVerdict
         The forms.
     looked : sequence of Looked
         The recordings.
@@ -41,7 +43,7 @@ def figures(verdicts: Sequence[Verdict], looked: Sequence[Looked], names: tuple[
     return ''.join(_figure(one.proposal, looked, names) for one in verdicts)
 
 
-def _figure(proposal: Proposal, looked: Sequence[Looked], names: tuple[str, str]) -> str:
+def _figure(proposal: FormProposal, looked: Sequence[Looked], names: tuple[str, str]) -> str:
     pattern = proposal.together.get('pattern')
     if isinstance(pattern, PixelMap):
         limit = 1000 * float(np.quantile(np.abs(pattern.values), 0.98)) or 1.0
@@ -73,7 +75,7 @@ def _figure(proposal: Proposal, looked: Sequence[Looked], names: tuple[str, str]
     )
 
 
-def _numbers(proposal: Proposal, title: str) -> str:
+def _numbers(proposal: FormProposal, title: str) -> str:
     # Each fitted parameter, with its standard error over recordings.
     rows = ''.join(
         f'<tr><td>{escape(name)}</td><td>{value:.4g}</td>'
@@ -95,7 +97,7 @@ def _error(each: np.ndarray) -> Any:
 
 
 def _typical(
-    proposal: Proposal, field: str, looked: Sequence[Looked]
+    proposal: FormProposal, field: str, looked: Sequence[Looked]
 ) -> tuple[np.ndarray, np.ndarray]:
     # Places along the covariate, and what the effect as diagnosed is there.
     if proposal.effect in dropout.KINDS:
