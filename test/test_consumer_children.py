@@ -55,13 +55,13 @@ class Hangs(Good):
 """
 COMMAND = """
 import sys
-from flexx2_sim_ros.consumers.loading import Source
+from flexx2_sim_ros.consumers.loading import ConsumerSource
 from flexx2_sim_ros.consumers.running import run
 from flexx2_sim_ros.signals import leave_on_signals
 
 if __name__ == '__main__':
     leave_on_signals()
-    run(Source('mine', sys.argv[1], 'Hangs', True), [], 1.0, lambda: None)
+    run(ConsumerSource('mine', sys.argv[1], 'Hangs', True), [], 1.0, lambda: None)
 """
 
 
