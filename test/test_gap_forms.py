@@ -273,5 +273,5 @@ def test_a_diagnosis_fits_all_forms_when_asked_for(tmp_path: Path) -> None:
     table = read_diagnosis(out).table
     forms = {row['name']: row['taken'] for row in table['calibration']['effects']}
     assert 'spatial_filter' in forms
-    with pytest.raises(InputError, match='forms: must be catalogue, quick, all, got slow'):
+    with pytest.raises(InputError, match='forms: must be catalogue, quick, all, got .slow.'):
         diagnose(recordings, forms='slow')

@@ -3,6 +3,9 @@
 import argparse
 
 from flexx2_sim_ros.cli import common
+from flexx2_sim_ros.errors import printable
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
 
 _COMPILING = 'compiling: takes a minute or two, once (flexx2 compile does it ahead) ...'
 
@@ -53,8 +56,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Diagnose with a progress bar, and print a short result."""
     from flexx2_sim_ros.camera.compiling import compiling_said
     from flexx2_sim_ros.gap import diagnose
+    from flexx2_sim_ros.gap.report.attribution import attribution, HEADS
     from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
-    from flexx2_sim_ros.gap.report.words import headline, remarks, sentences
+    from flexx2_sim_ros.gap.report.words import headline, MOST_SENTENCES, remarks, sentences
 
     console = common.messages()
     said = compiling_said(lambda: console.print(_COMPILING))
@@ -71,7 +75,12 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     console.print(headline(table), style='bold')
-    common.print_lines(console, sentences(table) + remarks(table))
+    if table['effects']:
+        shown = Table(*HEADS, box=SIMPLE_HEAD, pad_edge=False)
+        for row in attribution(table):
+            shown.add_row(*map(printable, row))
+        console.print(shown)
+    common.print_lines(console, sentences(table)[:MOST_SENTENCES] + remarks(table))
     if arguments.cost:
         common.print_lines(console, [cost_in_short(table['cost'])])
     console.print(

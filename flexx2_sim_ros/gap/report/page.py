@@ -8,6 +8,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, poses_hide
 from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.form_figures import BAND_STYLE, figures
@@ -22,6 +23,7 @@ from flexx2_sim_ros.gap.report.words import (
     headline,
     MEANINGS,
     MEASURES,
+    MOST_SENTENCES,
     not_considered,
     refusals,
     REFUSED,
@@ -68,8 +70,8 @@ def page(
         f'{escape(_VERDICTS[table["verdict"]])}</span> '
         f'<small>from {used} recording{"s" * (used != 1)}</small></p>',
         f'<h1>{escape(headline(table))}</h1>',
-        ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
         _effects(table),
+        _said(sentences(table)),
         _forms(calibrated),
         _shrinkage(table),
         section(table['cost']) if 'cost' in table else '',
@@ -94,43 +96,48 @@ def _numbers(*texts: str) -> str:
     return ''.join(f'<td class="number">{escape(text)}</td>' for text in texts)
 
 
-def _effects(table: dict[str, Any]) -> str:
-    if not table['effects']:
-        return ''
-    rows = []
-    forms = {row['name']: row['form'] for row in calibrations(table) if row['taken']}
-    found = [row['takes_off']['distance']['mean'] for row in table['effects'] if row['takes_off']]
-    most = max([0.0, *found])
-    for row in table['effects']:
-        values = forms.get(row['name']) or ', '.join(
-            f'{name} {value:.4g}' for name, value in row['parameters'].items()
-        )
-        off = row['takes_off']
-        rows.append(
-            f'<tr><td><b>{escape(spaced(row["name"]))}</b></td>'
-            f'<td class="number">{percent(row["confidence"])}</td>'
-            f'{_taken(off, "mm", "mm")}{_taken(off, "invalid_percent", "%")}'
-            f'<td>{"" if off is None else bar(max(off["distance"]["mean"], 0), None, most)}</td>'
-            f'<td class="values">{escape(values)}</td></tr>'
-        )
-    return (
-        '<h2>What causes the gap</h2><div class="scroll"><table><tr><th>effect</th>'
-        '<th>probability</th><th>takes off: depth</th><th>lost pixels</th><th>in all</th>'
-        f'<th>parameters</th></tr>{"".join(rows)}</table></div><p><small><b>Probability</b> that '
-        'the camera has the effect. <b>Takes off</b>: by how much recordings are farther from the '
-        'simulation when this effect is switched off and the others stay, mean over recordings '
-        'with its 90 % interval; in all: depth, lost pixels and noise in tolerances. '
-        '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
-        'effects; docs/effects.md explains their parameters.</small></p>'
+def _said(lines: Sequence[str]) -> str:
+    # The first sentences, and the others folded.
+    first, rest = (
+        ''.join(f'<p>{escape(line)}</p>' for line in some)
+        for some in (lines[:MOST_SENTENCES], lines[MOST_SENTENCES:])
+    )
+    return first + (
+        f'<details><summary>More about this result</summary>{rest}</details>' * bool(rest)
     )
 
 
-def _taken(off: dict[str, Any] | None, key: str, unit: str) -> str:
-    if off is None:
-        return '<td></td>'
-    ends = '' if off[key]['interval'] is None else '{:.2g} to {:.2g}'.format(*off[key]['interval'])
-    shown = f' <small>({ends})</small>' if ends else ''
-    return f'<td class="number">{off[key]["mean"]:.2g} {unit}{shown}</td>'
+def _effects(table: dict[str, Any]) -> str:
+    if not table['effects']:
+        return ''
+    forms = {row['name']: row['form'] for row in calibrations(table) if row['taken']}
+    found = [row['takes_off']['distance']['mean'] for row in table['effects'] if row['takes_off']]
+    most, rows = max([0.0, *found]), []
+    *named, (rest, *left) = attribution(table)
+    for row, (name, *cells) in zip(table['effects'], named, strict=True):
+        values = forms.get(row['name']) or ', '.join(
+            f'{key} {value:.4g}' for key, value in row['parameters'].items()
+        )
+        off = row['takes_off']
+        size = '' if off is None else bar(max(off['distance']['mean'], 0), None, most)
+        rows.append(
+            f'<tr><td><b>{escape(name)}</b></td>{_numbers(*cells)}<td>{size}</td>'
+            f'<td class="values">{escape(values)}</td></tr>'
+        )
+    rows.append(f'<tr class="dim"><td>{rest}</td>{_numbers(*left)}<td></td><td></td></tr>')
+    heads = ''.join(f'<th>{head}</th>' for head in (*HEADS, 'in all', 'parameters'))
+    return (
+        f'<div class="scroll"><table><tr>{heads}</tr>{"".join(rows)}</table></div>'
+        f'<p><small>{escape(poses_hide(table))}</small></p>'
+        '<details><summary>What the columns mean</summary><p><small><b>Probability</b> that '
+        'the camera has the effect. <b>Takes off</b>: by how much recordings are farther from the '
+        'simulation when this effect is switched off and the others stay, mean over recordings '
+        'with its 90 % interval; in all: depth, lost pixels and noise in tolerances. What '
+        'effects take off need not add up: some do the same. <b>Not explained</b>: what is left, '
+        'less what two runs of the simulator differ by. '
+        '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
+        'effects; docs/effects.md explains their parameters.</small></p></details>'
+    )
 
 
 def _forms(calibrated: Calibrated | None) -> str:

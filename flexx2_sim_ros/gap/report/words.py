@@ -43,6 +43,7 @@ REFUSED = {
     'hidden': 'an effect that the ground truth hides explains the gap about as well',
     'larger': 'the effects found make the gap larger when they are simulated',
 }
+MOST_SENTENCES = 3  # that a first screen has
 _SAME_NOISE = 0.02  # of sigma_z
 
 
@@ -175,16 +176,15 @@ def _changes(gap: dict[str, Any]) -> str:
 
 
 def sentences(table: dict[str, Any]) -> list[str]:
-    """Return the details below the headline, one line each."""
-    out = []
-    gap = table['gap']
+    """Return the details below the headline, one line each, those of a first screen first."""
+    gap, out = table['gap'], []
+    if table['where'] and table['verdict'] != 'none':
+        out.append(finding(table['where'][0]))
+    if table['verdict'] == 'unknown':
+        out = [*_unnamed(table), *out]
     if camera_effects(table):
-        out += [
-            *reduction(gap),
-            *imitation(table),
-            *_noise_level(gap['noise_factor']),
-            *_calibrated(table),
-        ]
+        out = [*imitation(table), *out, *reduction(gap)]
+        out += [*_noise_level(gap['noise_factor']), *_calibrated(table)]
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         out.append(
             'The gap is measured at the given poses: in other scenes they are as wrong, and no '
@@ -197,8 +197,6 @@ def sentences(table: dict[str, Any]) -> list[str]:
             + (f' instead of {listed(other["instead_of"])}.' if len(table['effects']) > 1 else '.')
             for other in table['alternatives']
         ]
-    if table['verdict'] == 'unknown':
-        out += _unnamed(table)
     if table['verdict'] in ('unknown', 'partly') and table['unexplained']:
         names = ', '.join(CHANNELS[row['structure']] for row in table['unexplained'][:4])
         rest = 'The gap' if table['verdict'] == 'unknown' else 'The remaining gap'
@@ -207,10 +205,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
         out += correction(table)
-    out += not_decidable(table) + ground_truth(table) + age_words(table['age'])
-    if table['where'] and table['verdict'] != 'none':
-        out.append(finding(table['where'][0]))
-    return out
+    return out + not_decidable(table) + ground_truth(table) + age_words(table['age'])
 
 
 def _calibrated(table: dict[str, Any]) -> list[str]:

@@ -1,0 +1,70 @@
+"""Which part of the gap each named effect takes off, as rows of a table."""
+
+from typing import Any
+
+from flexx2_sim_ros.gap.report.text import percent, short, spaced
+import numpy as np
+
+_PARTS = slice(0, 3), slice(3, 6)  # of a pose: metres, degrees
+HEADS = 'effect', 'probability', 'takes off: depth', 'lost pixels'
+REST = 'not explained'
+
+
+def attribution(table: dict[str, Any]) -> list[tuple[str, ...]]:
+    """
+    Return a row for each named effect, the largest first, and one for what is left of the gap.
+
+    Parameters
+    ----------
+    table : dict
+        What `flexx2_sim_ros.gap.diagnose` returns.
+
+    Returns
+    -------
+    list of tuple of str
+        Cells below `HEADS`; none without effects.
+
+    """
+    if not table['effects']:
+        return []
+    gap = table['gap']
+    depth, lost = (
+        max(gap[unit]['after'] - gap[unit]['null'], 0.0)
+        for unit in ('wasserstein_mm', 'invalid_rate')
+    )
+    rows = [
+        (spaced(row['name']), percent(row['confidence']), *_taken(row['takes_off']))
+        for row in table['effects']
+    ]
+    return [*rows, (REST, '', f'{_rounded(depth)} mm', f'{_rounded(100 * lost)} %')]
+
+
+def poses_hide(table: dict[str, Any]) -> str:
+    """Return how far the poses were corrected, which may hide an effect; empty if not at all."""
+    poses = np.array([row['pose'] for row in table['recordings'] if row['used']])
+    if not poses.size or not poses.any():
+        return ''
+    metres, degrees = (np.sqrt((poses[:, part] ** 2).sum(axis=1).mean()) for part in _PARTS)
+    return (
+        f'The given poses were corrected by {short(1000 * metres)} mm and {short(degrees)} deg '
+        '(root mean square), which may hide effects as large.'
+    )
+
+
+def _taken(off: dict[str, Any] | None) -> list[str]:
+    if off is None:
+        return ['', '']
+    return [_with_ends(off[key], unit) for key, unit in (('mm', 'mm'), ('invalid_percent', '%'))]
+
+
+def _with_ends(one: dict[str, Any], unit: str) -> str:
+    shown = f'{_rounded(one["mean"])} {unit}'
+    if one['interval'] is None:
+        return shown
+    low, high = map(_rounded, one['interval'])
+    return shown if low == high else f'{shown} ({low} to {high})'
+
+
+def _rounded(number: float) -> str:
+    # Tenths are as much as intervals allow.
+    return short(round(number, 1) + 0.0)
