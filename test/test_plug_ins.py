@@ -293,7 +293,7 @@ def test_a_plug_in_that_fails_later_is_reported_once_and_switched_off(
 
 
 def test_the_page_shows_the_example() -> None:
-    page = (ROOT / 'docs' / 'adding_an_effect.md').read_text()
+    page = (ROOT / 'CONTRIBUTING.md').read_text()
     blocks = re.findall(r'```(\w+)\n(.*?)```', page, re.S)
     assert ('python', (EXAMPLE / 'row_banding.py').read_text()) in blocks
     assert ('toml', (EXAMPLE / 'pyproject.toml').read_text()) in blocks
