@@ -21,6 +21,7 @@ pytestmark = pytest.mark.usefixtures('ros')
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / 'docs' / 'diagnose_your_flexx2.md').read_text(encoding='utf-8')
+PAGE = PAGE.split('\n## The plan\n')[0]
 
 
 def lines(language: str) -> list[str]:

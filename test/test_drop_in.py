@@ -289,7 +289,7 @@ def test_a_launch_without_rviz_starts_nothing(launch: Any) -> None:
 
 
 def test_the_launch_files_are_documented() -> None:
-    pages = (ROOT / 'docs' / 'driver.md').read_text() + (ROOT / 'docs' / 'nodes.md').read_text()
+    pages = (ROOT / 'docs' / 'nodes.md').read_text()
     for path in (ROOT / 'launch').glob('*.launch.py'):
         assert path.name in pages
         for argument in re.findall(r"^    '(\w+)': \(", path.read_text(), re.M):

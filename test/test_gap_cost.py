@@ -24,7 +24,7 @@ import numpy as np
 from plug_in_sites import on_path, write_metadata
 import pytest
 
-DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'cost.md'
+DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'robots.md'
 EFFECTS = {'low_signal_dropout': {}, 'offset': {'bias': 0.05}}
 SIZE: dict[str, Any] = {'seed': 104, 'recordings': 3, 'frames': 4, 'scale': 0.5, 'moving': 1}
 BAD = """

@@ -21,7 +21,7 @@ from simulators import assert_noise_is_sigma
 from streams import array_of, CameraInfo, Image, Listener, nanoseconds
 
 pytestmark = pytest.mark.usefixtures('ros')
-PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'simulators.md'
+PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'nodes.md'
 LENS, USECASE, RATE, COUNT = flexx2().intrinsics, 'Mode_5_30fps', 30, 8
 AGAIN_SECONDS = 0.3  # a new best-effort publisher loses its first messages
 

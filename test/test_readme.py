@@ -20,7 +20,6 @@ README = ''.join(
     for name in (
         'README.md',
         'docs/characterize.md',
-        'docs/command_line.md',
         'docs/diagnosis.md',
         'docs/diagnosis_evidence.md',
         'docs/install.md',

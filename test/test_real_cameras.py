@@ -11,7 +11,7 @@ from flexx2_sim_ros.cli.main import main
 import pytest
 from real_frames import DATA
 
-PAGE = Path(__file__).parent.parent / 'docs' / 'real_cameras.md'
+PAGE = Path(__file__).parent.parent / 'docs' / 'benchmark.md'
 
 
 def blocks(title: str, language: str) -> list[str]:

@@ -26,7 +26,7 @@ from real_frames import DATA
 K = np.array([[9.6, 0.0, 3.5], [0.0, 9.6, 3.5], [0.0, 0.0, 1.0]])
 SIZE = 8, 8
 FRAMES = 20
-_PAGE = Path(__file__).parent.parent / 'docs' / 'real_cameras.md'
+_PAGE = Path(__file__).parent.parent / 'docs' / 'benchmark.md'
 # The sensor's profile: the first YAML on the page.
 VL53L5CX = _PAGE.read_text(encoding='utf-8').split('```yaml\n')[1].split('```')[0]
 

@@ -23,7 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'says how often that names the right cause. Prints the suggestion and the ranking, and '
         f'writes {_FILE} and {_PAGE} with pictures of what each explanation would look like. For '
         'some causes no set-up of the plan is enough. How often a suggestion came true on a blind '
-        'camera is in docs/planning.md.'
+        'camera is in docs/diagnose_your_flexx2.md.'
     )
     parser.epilog = 'example: flexx2 gap next diagnosis/ campaign/ --truth tape'
     common.add_diagnosis(parser)

@@ -14,7 +14,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         'Write a checklist for one hour with a camera: what to set up, which command '
         'records it, and what ground truth it needs; and a table of how weak an effect may be and '
-        'still be found. See docs/planning.md.'
+        'still be found. See docs/diagnose_your_flexx2.md.'
     )
     parser.epilog = 'example: flexx2 gap plan --out plan/'
     parser.add_argument('--out', required=True, metavar='DIR', help=f'gets {CHECKLIST} and {PAGE}')

@@ -15,7 +15,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         'Write a PDF to print at 100 % on a sheet of the given size, and beside it a '
         '.yaml that describes it for flexx2 gap truth --board. Two rulers on the sheet show '
-        'whether the print is true to scale. See docs/truth_board.md.'
+        'whether the print is true to scale. See docs/truth.md.'
     )
     parser.epilog = 'example: flexx2 gap target --out target.pdf --size A3'
     parser.add_argument('--out', required=True, metavar='PDF', help='file to write')

@@ -15,7 +15,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'Let simulated robots walk over stairs, rubble and gaps with footholds chosen '
         'on the height grid that their cameras see: with perfect depth, with the noise model, and '
         'with the diagnosed effects added. Writes walk.json and the figure walk.png. Forces are '
-        'not simulated; docs/walking.md says when a walk fails. Needs pip install '
+        'not simulated; docs/robots.md says when a walk fails. Needs pip install '
         '"flexx2_sim_ros[batch]".'
     )
     parser.epilog = 'example: flexx2 gap walk diagnosis/ --out walk/'

@@ -3,7 +3,7 @@ What a real camera does and the noise model leaves out, as effects to switch on.
 
 One file an effect: a dataclass that says all that there is to say about it. The registry finds
 those in this package, and those of other packages through the entry point group
-``flexx2_sim_ros.effects``; see ``docs/adding_an_effect.md``.
+``flexx2_sim_ros.effects``; see ``CONTRIBUTING.md``.
 """
 
 from flexx2_sim_ros.effects.effect import Effect, Parameter

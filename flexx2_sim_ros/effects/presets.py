@@ -37,14 +37,9 @@ def _nature(kind: type[Effect]) -> str:
     words = [f'Form: {kind.family}.'] if kind.family else []
     if kind.nuisances:
         errors = [_NUISANCES[name] for name in kind.nuisances]
-        words.append(f'Errors that can hide it or look like it: {", ".join(errors)}.')
-    if kind.needs_modulation:
-        words.append('It works on the phases of modulated light.')
-    words.append(
-        'In a batch: on the CPU, one environment after the other.'
-        if kind.batched is None
-        else 'In a batch: in the kernels.'
-    )
+        words.append(f'Looks like: {", ".join(errors)}.')
+    if kind.batched is None:
+        words.append('In a batch: on the CPU, one environment after the other.')
     return ' '.join(words)
 
 
@@ -60,10 +55,7 @@ _NUISANCES = {
 def _form(name: str, table: Table) -> str:
     unit = f' {table.unit}' if table.unit else ''
     over = {'curve': f' over {table.over}', 'map': ' of the image, (H, W)'}.get(table.kind, '')
-    return (
-        f'`{name}` (a {table.kind}{over}; values {table.low:g} to {table.high:g}{unit}): '
-        f'{table.text}.'
-    )
+    return f'`{name}` ({table.kind}{over}, {table.low:g} to {table.high:g}{unit}): {table.text}.'
 
 
 def bounds(item: Parameter) -> str:
@@ -84,8 +76,8 @@ def markdown() -> str:
             'leaves out, in the order in which they act on the light. Each has a strength '
             'from 0 (off) to 4; 1 is typical. *Shows in* says what it changes in a static scene. '
             '● is in `config/effects/typical.yaml`; ↻ depends on earlier frames; ∿ needs '
-            'the modulation frequencies, which a profile may leave out. Values without a '
-            'public source are marked as assumed.',
+            'the modulation frequencies. *Looks like* names errors that can hide it. Values '
+            'without a public source are marked as assumed.',
             _WIDTH,
         ).splitlines(),
         '',

@@ -80,7 +80,7 @@ def cost(
     Returns
     -------
     dict
-        The table that ``docs/cost.md`` describes.
+        The table that ``docs/robots.md`` describes.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def measure_cost(
     Returns
     -------
     tuple
-        The table of ``docs/cost.md`` without ``seconds`` and ``version``, and what the consumers
+        The table of ``docs/robots.md`` without ``seconds`` and ``version``, and what the consumers
         made of the recordings.
 
     Raises
@@ -250,7 +250,7 @@ def compared(results: Sequence[Result], effects: Sequence[str]) -> dict[str, Any
     Returns
     -------
     dict
-        ``consumers``, ``faults`` and ``ranking``, as in ``docs/cost.md``.
+        ``consumers``, ``faults`` and ``ranking``, as in ``docs/robots.md``.
 
     """
     good = [one for one in results if not one.fault]

@@ -72,7 +72,7 @@ def walk(
     Returns
     -------
     dict
-        The table that ``docs/walking.md`` describes.
+        The table that ``docs/robots.md`` describes.
 
     Raises
     ------

@@ -92,7 +92,7 @@ class InputWatch:
                         f'than this node takes them ({lost} so far): start the publisher with '
                         "more shared memory (FASTRTPS_DEFAULT_PROFILES_FILE=this package's config/"
                         'fastdds.xml), let it publish reliably, or send smaller images '
-                        '(docs/simulators.md)',
+                        '(docs/nodes.md)',
                     )
                 )
         return remarks

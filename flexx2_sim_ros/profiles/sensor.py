@@ -19,7 +19,7 @@ MOST_CORNERS = 64
 @dataclass(frozen=True)
 class Sensor:
     """
-    What all modes of a camera have in common; ``docs/profiles.md`` explains every number.
+    What all modes of a camera have in common; ``docs/model.md`` explains every number.
 
     The defaults are those of the Flexx2 (``config/flexx2.yaml``). They hold for a profile that
     does not give the field.

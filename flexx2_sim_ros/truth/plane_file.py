@@ -111,7 +111,7 @@ def read_planes(path: Path) -> PlaneFile:
     Parameters
     ----------
     path : pathlib.Path
-        The file; docs/truth_planes.md has its keys.
+        The file; docs/truth.md has its keys.
 
     Raises
     ------

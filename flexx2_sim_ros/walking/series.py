@@ -85,7 +85,7 @@ def walk_quietly(point: Point, **options: Any) -> dict[str, np.ndarray]:
 
 
 def rows(failures: Failures) -> list[dict[str, Any]]:
-    """Return a row for each terrain, step height and camera, as `docs/walking.md` describes."""
+    """Return a row for each terrain, step height and camera, as `docs/robots.md` describes."""
     out = []
     for (terrain, step), cameras in failures.items():
         for name, failed in cameras.items():

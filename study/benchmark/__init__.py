@@ -3,7 +3,7 @@ The check on withheld effects: a diagnosis against a camera it knows nothing of.
 
 The only package that knows both sides. `design` says which cases there are, `sealing` commits to
 their labels, `runner` makes and diagnoses them one by one, `scoring` opens the labels, `report`
-prints. ``docs/blind_camera.md`` describes the camera.
+prints. ``docs/benchmark.md`` describes the camera.
 """
 
 from study.benchmark.design import make_design, Planned

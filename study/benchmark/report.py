@@ -76,7 +76,7 @@ def write_page(scores: Scores, path: Path, command: str, picture: str) -> None:
         '# Benchmark of the diagnosis',
         '',
         "The diagnosis was tested on a camera whose physics is separate from the simulator's "
-        '([blind_camera.md](blind_camera.md)). Brackets are 95 % Wilson intervals.',
+        '(docs/benchmark.md describes it). Brackets are 95 % Wilson intervals.',
         '',
         f'`{command}`, {facts["date"]}, {facts["seed_set"]} seeds, '
         f'version {facts["version"]}, {_cases(scores)}; {_seals(scores)}.',

@@ -128,7 +128,7 @@ def _ranking(table: Mapping[str, Any]) -> str:
         f'{"".join(cells)}</table></div><p><small>The fractions are those of simulated '
         'diagnoses of all recordings together, if the explanations are as likely as above. They '
         'do not know of causes that are not in that table, and have been tested on few '
-        'campaigns: see docs/planning.md. One recording tells so many bits; '
+        'campaigns: see docs/diagnose_your_flexx2.md. One recording tells so many bits; '
         f'{table["most_bits"]:.2f} bit would decide between all explanations.{more} Mean of '
         'repeats: of repeating a recording that was diagnosed. Mean of the plan: of a random '
         'recording of the plan.</small></p>'

@@ -61,7 +61,7 @@ class Suggestions:
     Attributes
     ----------
     table : dict
-        The table ``next.json`` of ``docs/planning.md``.
+        The table ``next.json`` of ``docs/diagnose_your_flexx2.md``.
     views : list of PredictedView
         The images of the first suggestions.
 

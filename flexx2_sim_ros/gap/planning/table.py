@@ -102,7 +102,7 @@ def to_yaml(table: Mapping[str, Any]) -> str:
     """Return a table as text."""
     return (
         '# The smallest strength of each effect that the plan finds, by kind of ground truth.\n'
-        '# docs/planning.md says how it is computed.\n'
+        '# docs/diagnose_your_flexx2.md says how it is computed.\n'
         + yaml.safe_dump(dict(table), sort_keys=False, width=100)
     )
 

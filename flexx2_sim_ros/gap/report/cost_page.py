@@ -210,7 +210,7 @@ def section(table: dict[str, Any]) -> str:
         f'{"".join(rows)}</table></div><p><small>Errors of what reads depth on a robot, against '
         'the true depth: on the recordings, and on their simulation. Only those that differ more '
         'than two simulations do. The last column is how much of the difference the best effect '
-        'alone takes away, with a 90 % interval. docs/cost.md says more.</small></p>'
+        'alone takes away, with a 90 % interval. docs/robots.md says more.</small></p>'
     )
     return (
         f'{title}<p><b>{escape(in_short(table))}</b></p>'
@@ -236,7 +236,7 @@ def page(table: dict[str, Any], results: Sequence[Result]) -> str:
         '(bootstrap over recordings). Bars: gray without effects, blue with the effect; the mark '
         'is the difference of two simulations.</small></p>',
         f'<p class="dim">Made by flexx2_sim_ros {escape(table["version"])} in '
-        f'{table["seconds"]:.0f} s. docs/cost.md says how each number is computed.</p>',
+        f'{table["seconds"]:.0f} s. docs/robots.md says how each number is computed.</p>',
     ]
     return html_page('What the gap costs', _STYLE, '\n'.join(body))
 
