@@ -26,6 +26,7 @@ from study.benchmark import DEVELOPMENT
 from study.benchmark.design import MODES, Planned
 from study.benchmark.realised import apart_of, FRESH, realised_gap
 from study.blind import BlindCamera, CATALOGUE, SceneSet
+from study.blind.scene_set import DEGREES_PER_MM
 
 _FIRST = 300_000  # of the seeds of these cameras, and of their scenes
 _STRENGTHS = 0.25, 2.0  # log-uniform
@@ -59,6 +60,7 @@ def main() -> None:
     parser.add_argument('--frames', type=int, default=12)
     parser.add_argument('--recordings', type=int, default=8)
     parser.add_argument('--pose', type=float, default=2.0, help='error of the poses, mm')
+    parser.add_argument('--stated', action='store_true', help='state this error to the diagnosis')
     parser.add_argument('--cache', type=Path, help='folder that keeps recordings and scenes')
     parser.add_argument('--out', type=Path, help='file for the rows as JSON')
     arguments = parser.parse_args()
@@ -123,7 +125,8 @@ def _row(arguments: argparse.Namespace, count: int, seed: int, cache: Path) -> d
         kept.write_text(json.dumps(_contributions(case, cache / 'scenes')))
     true = json.loads(kept.read_text())
     began = time.process_time()
-    table = diagnose(campaign)
+    prior = (arguments.pose / 1000, arguments.pose * DEGREES_PER_MM) if arguments.stated else None
+    table = diagnose(campaign, pose_prior=prior)
     seconds = time.process_time() - began
     named = [one['name'] for one in table['effects']]
     realised = None

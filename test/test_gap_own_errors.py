@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from bench.gap_campaigns import write_campaign
 from bench.planes import describe, record, VIEWS
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose
@@ -59,3 +60,16 @@ def test_depth_is_not_said_to_be_known_to_0_mm(sigma: float, said: str) -> None:
     planes = {'planes': 3, 'offset': 0.1, 'tilt': 5.0}
     nothing = dict.fromkeys(('unknown', 'pose', 'turn'))
     assert accuracy([{**nothing, **planes, 'sigma': sigma}]) == f'{said}planes to 100 mm and 5 deg'
+
+
+def test_poses_stay_as_near_as_is_stated(tmp_path: Path) -> None:
+    """Assert it of a bias that grows with the distance, which poses could take over."""
+    camera = {'intrinsics_error': {'focal': 0.01}}
+    write_campaign(tmp_path, seed=12, effects=camera, recordings=6, frames=6, scale=0.25, moving=0)
+    tables = [diagnose(tmp_path, pose_prior=prior) for prior in (None, (0.002, 0.125))]
+    free, held = (
+        np.sqrt(np.mean([np.square(row['pose'][:3]) for row in table['recordings']]))
+        for table in tables
+    )
+    assert held < min(free, 0.006)
+    assert tables[1]['settings']['pose_prior'] == [0.002, 0.125]

@@ -35,7 +35,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     common.add_simulation(parser)
     common.add_scheduler(parser)
-    common.add_pose_prior(parser, (0.010, 0.5), '0.01 0.5')
+    common.add_pose_prior(parser, None, 'as they seem to be')
     common.add_known(parser)
     parser.add_argument(
         '--forms',
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
             without=arguments.without,
             **common.simulation(arguments),
             out=arguments.out,
-            pose_prior=tuple(arguments.pose_prior),
+            pose_prior=arguments.pose_prior and tuple(arguments.pose_prior),
             known=common.read_known(arguments.known),
             cost=arguments.cost,
             forms=arguments.forms,

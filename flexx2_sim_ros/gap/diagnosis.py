@@ -57,6 +57,7 @@ from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 
 FORMS = 'catalogue', 'quick', 'all'
+_USUAL_POSE = 0.010, 0.5  # metres and degrees
 _BEFORE_COST = 0.6  # fraction of the work, on the progress bar
 _ROUNDS = 6  # jobs for each recording, on the progress bar
 
@@ -127,7 +128,7 @@ def diagnose(
     seed: int = 0,
     jobs: int = 1,
     out: str | Path | None = None,
-    pose_prior: tuple[float, float] = (0.010, 0.5),
+    pose_prior: tuple[float, float] | None = None,
     progress: Progress | None = None,
     scheduler: str | None = None,
     known: Table | None = None,
@@ -151,8 +152,9 @@ def diagnose(
         Number of processes.
     out : str or pathlib.Path, optional
         Folder to write ``diagnosis.json``, ``effects.yaml`` and ``report.html`` to.
-    pose_prior : tuple of float
-        Standard deviations of the pose error of a recording: metres and degrees.
+    pose_prior : tuple of float, optional
+        Standard deviations of the errors of the given poses, metres and degrees. They hold the
+        poses; left out, poses may be as wrong as they seem.
     progress : callable, optional
         Called with the name of the current step and the fraction of the work that is done.
     scheduler : str, optional
@@ -179,7 +181,8 @@ def diagnose(
 
     """
     began = time.monotonic()
-    _check(without, seed, jobs, pose_prior, forms)
+    usual = pose_prior or _USUAL_POSE
+    _check(without, seed, jobs, usual, forms)
     told = table_of(parse_effects(known or {}, 'known'))
     known = table_of(given_effects(known or {}))
     whole = progress or (lambda text, fraction: None)
@@ -191,7 +194,7 @@ def diagnose(
     if scheduler is not None:
         campaign_dir = Path(campaign_dir).absolute()  # Workers run in other folders.
     progress('looking for recordings', 0.0)
-    prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
+    prior = np.array([usual[0]] * 3 + [usual[1]] * 3)
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
         no_phases = why_no_phases(found[0].mode)
@@ -206,11 +209,13 @@ def diagnose(
         used, evidence, unusable = summarise_all(
             campaign_dir, found, left_out, simulations, mapped, step
         )
-        model = Model(evidence, columns, prior)
+        model = Model(evidence, columns, prior, held=pose_prior is not None)
         decision = _decide(model, candidates, hidden, progress)
         left_out = left_out + unusable
         step = stepper(progress, 'fitting effects together', 0.5, 0.3, _ROUNDS * len(used))
-        campaign = Campaign(str(campaign_dir), used, candidates, simulations, mapped, step)
+        campaign = Campaign(
+            str(campaign_dir), used, candidates, simulations, mapped, step, held=model.held
+        )
         chosen = explained(decision, model, campaign)
         simulator = Simulator(mapped, profile, known, seed, tuple(prior))
         named = _simulate_named(model, chosen, used, simulator, forms, progress)
@@ -221,7 +226,7 @@ def diagnose(
             named = _simulate_named(model, chosen, used, simulator, forms, still)
             table = named.table(model, used, left_out)
         effects, decision = named.effects, named.decision
-        table['settings'] = _settings(found[0], seed, pose_prior, told)
+        table['settings'] = _settings(found[0], seed, usual, told)
         posed = bool(model.own.posed.any())
         table['not_considered'] = _not_considered(without, known, no_phases, posed, hidden)
         if decision.verdict == 'unknown' and ResidualPatch.name not in known:

@@ -72,6 +72,8 @@ class Campaign:
         Called after each job of a recording.
     posed : sequence of Candidate
         A pose error that the recordings have in common, if there is one.
+    held : bool
+        As of `Model`.
 
     """
 
@@ -82,6 +84,7 @@ class Campaign:
     mapped: Map
     step: Callable[[], None] = lambda: None
     posed: Sequence[Candidate] = ()
+    held: bool = False
 
     def judged(self, some: Sequence[Proposal]) -> list[ExplainedSet]:
         """Simulate several proposals."""
@@ -107,7 +110,7 @@ class Campaign:
         _, evidence, _ = summarise_all(
             self.folder, found, [], here, self.mapped, self.step, motions=there
         )
-        model = Model(evidence, columns, np.array(one.prior))
+        model = Model(evidence, columns, np.array(one.prior), held=self.held)
         left = [c for c in self.candidates if c.effect not in now]
         some = proposals(model, best, members, left, Begin(posed=tuple(self.posed)))
         return [replace(p, sigma=(1 + best.sigma) * (1 + p.sigma) - 1) for p in some]

@@ -17,7 +17,7 @@ from study.blind.views import look, Optics, shared_optics, View
 
 # Change it whenever the same seed gives other scenes, so that old caches are not used.
 VERSION = 3
-_DEGREES_PER_MM = 0.125 / 2
+DEGREES_PER_MM = 0.125 / 2
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class SceneSet:
         self.scenes: tuple[Scene, ...] = tuple(
             make_scene(KINDS[i % len(KINDS)], mode.range_max, rng) for i in range(key.recordings)
         )
-        turn = math.radians(key.pose_mm * _DEGREES_PER_MM)
+        turn = math.radians(key.pose_mm * DEGREES_PER_MM)
         self.twists = rng.standard_normal((key.recordings, 6)) * (
             3 * [turn] + 3 * [key.pose_mm / 1000]
         )

@@ -43,6 +43,9 @@ class Model:
         (6,) standard deviations of pose errors, metres and degrees.
     constants : Loss
         Weights and priors.
+    held : bool
+        Whether the prior holds poses whose recordings say nothing of them. Otherwise they may
+        scatter as much as they do.
 
     Attributes
     ----------
@@ -59,9 +62,10 @@ class Model:
         columns: Sequence[Column],
         prior: np.ndarray,
         constants: Loss = LOSS,
+        held: bool = False,
     ) -> None:
         """Stack the summaries."""
-        self.constants = constants
+        self.constants, self.held = constants, held
         self.evidence = list(evidence)
         self._nodes: dict[tuple[Any, ...], tuple[np.ndarray, np.ndarray]] = {}
         self.index = {column.name: i for i, column in enumerate(columns)}
@@ -84,7 +88,9 @@ class Model:
             self.good, np.where(_STRUCTURED, constants.structure_weight, 1 / np.sqrt(_BINS)), 0.0
         )
         self._mismatch2 = np.where(_COUNTED, constants.mismatch**2, 0.0).astype(np.float32)
-        self.own = OwnErrors(evidence, [e.covariance for e in evidence], constants)
+        stated = np.diag(np.square(prior)) if held else None
+        known = [stated if e.covariance is None else e.covariance for e in evidence]
+        self.own = OwnErrors(evidence, known, constants)
         self._pose_columns = np.array([e.pose_columns for e in evidence])
         self._plane_columns = np.zeros((len(gap), self.own.count - COMMON, SIZE))
         for columns_of, e in zip(self._plane_columns, evidence, strict=True):
