@@ -219,7 +219,7 @@ def _needed(best: ExplainedSet, rises: Mapping[str, np.ndarray]) -> ExplainedSet
         rise, (gain, t) = rises[name][:, 0], proposal.gains.get(name, (0.0, 0.0))
         numbers = rise.mean(), surely(rise), gain, t
         _LOG.debug('%s: rise %.2f t %.1f, gain %.2f t %.1f', name, *numbers)
-        shown = rise.mean() >= least and surely(rise) >= ROUNDS.t
+        shown = surely(rise) >= (ROUNDS.t if rise.mean() >= least else ROUNDS.clear)
         if shown or (gain >= ROUNDS.surely and t >= ROUNDS.sure):
             kept.append(name)
     less = _without(proposal, set(rises) - set(kept))

@@ -176,6 +176,12 @@ class Rounds:
     each: float = constant(1.0, 'loss', 'that another effect is worth then', MANY)
     nearer: float = constant(0.02, 'of the distance', 'within which the loss decides at last')
     needed: float = constant(0.01, 'of the distance', 'that each effect must take off')
+    clear: float = constant(
+        5.0,
+        '',
+        'over recordings, of a smaller distance that each effect takes off: steps of 1 mm',
+        'test_real_cameras.py: 7.2 of the steps of a Kinect, -3 of a filter that it lacks',
+    )
     surely: float = constant(2.0, 'loss', 'that is enough where the distance shows nothing')
     sure: float = constant(1.5, '', 'over recordings, of such a loss')
     true: float = constant(0.8, '', 'probability that is given to effects that rounds add')
