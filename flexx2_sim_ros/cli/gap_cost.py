@@ -28,7 +28,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         '--diagnosis',
         required=True,
         metavar='DIR',
-        help='folder that flexx2 gap diagnose or calibrate has written',
+        help='folder that flexx2 gap diagnose has written',
     )
     common.add_out(parser)
     parser.add_argument(

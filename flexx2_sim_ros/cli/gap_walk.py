@@ -20,9 +20,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = 'example: flexx2 gap walk diagnosis/ --out walk/'
     parser.add_argument(
-        'diagnosis',
-        metavar='DIAGNOSIS',
-        help='folder that flexx2 gap diagnose or calibrate has written',
+        'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
     )
     common.add_out(parser)
     parser.add_argument(

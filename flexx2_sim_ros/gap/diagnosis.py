@@ -56,7 +56,7 @@ from flexx2_sim_ros.jobs import Map, workers
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 
-FORMS = 'catalogue', 'quick', 'all'
+_FORMS = 'catalogue', 'quick', 'all'
 _USUAL_POSE = 0.010, 0.5  # metres and degrees
 _BEFORE_COST = 0.6  # fraction of the work, on the progress bar
 _ROUNDS = 6  # jobs for each recording, on the progress bar
@@ -213,9 +213,8 @@ def diagnose(
         decision = _decide(model, candidates, hidden, progress)
         left_out = left_out + unusable
         step = stepper(progress, 'fitting effects together', 0.5, 0.3, _ROUNDS * len(used))
-        campaign = Campaign(
-            str(campaign_dir), used, candidates, simulations, mapped, step, held=model.held
-        )
+        recorded = str(campaign_dir), used, candidates
+        campaign = Campaign(*recorded, simulations, mapped, step, held=model.held)
         chosen = explained(decision, model, campaign)
         simulator = Simulator(mapped, profile, known, seed, tuple(prior))
         named = _simulate_named(model, chosen, used, simulator, forms, progress)
@@ -265,8 +264,8 @@ def _check(
         raise InputError(f'seed: must be a whole number from 0, got {seed!r}')
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise InputError(f'jobs: must be a whole number from 1, got {jobs!r}')
-    if forms not in FORMS:
-        raise InputError(f'forms: must be {", ".join(FORMS)}, got {shown(forms)}')
+    if forms not in _FORMS:
+        raise InputError(f'forms: must be {", ".join(_FORMS)}, got {shown(forms)}')
     if len(pose_prior) != 2 or not all(0 < value < 1e3 for value in pose_prior):
         raise InputError(f'pose_prior: must be metres and degrees above 0, got {pose_prior!r}')
 
