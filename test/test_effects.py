@@ -39,6 +39,7 @@ ORDER = [
     'amplitude_bias',
     'offset',
     'warm_up_drift',
+    'depth_scale',
     'excess_noise',
     'ambient_light',
     'heavy_tails',

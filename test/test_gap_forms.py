@@ -257,6 +257,14 @@ def test_a_recording_without_valid_pixels_stays_where_it_was_registered() -> Non
     assert fitted.together == pytest.approx([0.01], rel=1e-2)
 
 
+def test_a_curve_ends_at_the_bounds_of_its_effect() -> None:
+    form = forms_of('offset', flexx2().mode('Mode_9_30fps'))[1][0]
+    table = registry()['offset'].tables()['curve']
+    values = form.curve(np.array([3.0, -3.0])).values
+    assert table.low <= min(values) <= max(values) <= table.high
+    assert parse_effects({'offset': {'curve': form.curve(np.array([3.0, -3.0]))}})
+
+
 def test_a_curve_repeats_with_its_period() -> None:
     curve = Curve((0.0, 0.5), (0.0, 1.0), 1.0)
     assert curve.at([0.25, 1.25, 0.75]).tolist() == [0.5, 0.5, 0.5]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from flexx2_sim_ros.camera import Mode
+from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.forms.samples import Samples
@@ -58,8 +59,9 @@ class Form:
         return ridge
 
     def curve(self, coefficients: np.ndarray) -> Curve:
-        """Return the curve of some coefficients, to the hundredth of a millimetre."""
-        values = np.round(coefficients @ self.basis(self.knots), 5)
+        """Return the curve of some coefficients within its bounds, to the hundredth of a mm."""
+        table = registry()[self.effect].tables()['curve']
+        values = np.round(coefficients @ self.basis(self.knots), 5).clip(table.low, table.high)
         return Curve(
             tuple(float(x) for x in np.round(self.knots, 6)), tuple(float(y) for y in values)
         )
