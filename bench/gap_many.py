@@ -141,6 +141,7 @@ def _row(arguments: argparse.Namespace, count: int, seed: int, cache: Path) -> d
         'named': [[one['name'], one['confidence'], one['takes_off']] for one in table['effects']],
         'recall': sum(value for name, value in true.items() if name in named) / total,
         'wrong': [name for name in named if name not in true],
+        'disagree': table['disagree'] and table['disagree']['name'],
         'predicted': table['gap']['shrink'] if named else 0.0,
         'interval': table['gap']['interval'],
         'realised': realised,
@@ -181,6 +182,8 @@ def _line(row: dict[str, Any]) -> str:
         f'predicted {row["predicted"]:.2f} realised {gap["shrink"] or 0:.2f} '
         f'({gap["before_mm"]:.1f} to {gap["after_mm"]:.1f} mm) {row["seconds"]:.0f} s\n'
         f'      true:  {true}\n      named: {named}; wrong: {", ".join(row["wrong"]) or "none"}'
+        + f'; recordings disagree: {row["disagree"]}'
+        * bool(row['disagree'])
     )
 
 

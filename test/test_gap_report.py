@@ -297,10 +297,14 @@ def test_effects_that_close_less_than_four_fifths_of_the_gap_explain_it_partly(
     }
     effects = [{'name': name} for name in names]
     table = {'verdict': verdict, 'effects': effects, 'gap': gap, 'calibration': None}
+    table['disagree'] = None
     assert verdict_of(table) == said
     # One recording cannot tell what it shares with others.
     alone = verdict_of(table | {'gap': gap | {'held_out': False}})
     assert alone != 'identified' or names[0] == 'pose_error'
+    # Nor can recordings that disagree.
+    unlike = verdict_of(table | {'disagree': {'name': 'offset', 'has': ['a'], 'lacks': ['b']}})
+    assert unlike != 'identified' or names[0] == 'pose_error'
     # A form that is a constant is as good as any other cause that does the same.
     row = {'name': 'offset', 'taken': True, 'varies': 0.01}
     table['calibration'] = {'effects': [row]}
@@ -344,6 +348,7 @@ def test_an_unknown_cause_has_a_reason_and_its_nearest_explanations(
         'not_decidable': [],
         'unexplained': [],
         'where': [],
+        'disagree': None,
         'recordings': [],
         'age': {'latency': 0.0, 'delay': None},
     }
@@ -378,6 +383,7 @@ def _identified(*names: str, **gap: Any) -> dict[str, Any]:
         'unexplained': [],
         'not_decidable': [],
         'where': [],
+        'disagree': None,
         'recordings': [],
         'age': {'latency': 0.0, 'delay': None},
     }
@@ -445,6 +451,9 @@ def test_what_effects_take_off_is_a_table_with_what_is_left() -> None:
     ]
     assert shown_by_one(table) == ['saturation shows in 1.npz alone: record more scenes like it.']
     assert '5 mm and 0.5 deg' in poses_hide(table)
+    for row in table['recordings']:
+        row['pose'] = [2e-5, 0.0, 0.0, 0.0, 0.001, 0.0]  # hides nothing
+    assert poses_hide(table) == ''
     table['recordings'] = table['recordings'][:2]
     assert shown_by_one(table) == []
 

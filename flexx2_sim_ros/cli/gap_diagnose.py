@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.camera.compiling import compiling_said
     from flexx2_sim_ros.gap import diagnose
     from flexx2_sim_ros.gap.report.age import age_words
-    from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, shown_by_one
+    from flexx2_sim_ros.gap.report.attribution import attribution, disagreeing, HEADS, shown_by_one
     from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
     from flexx2_sim_ros.gap.report.words import headline, MOST_SENTENCES, remarks, sentences
 
@@ -82,7 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
             shown.add_row(*map(printable, row))
         console.print(shown)
         common.print_lines(console, shown_by_one(table))
-    first, age = sentences(table)[:MOST_SENTENCES], age_words(table['age'])
+    first = [*disagreeing(table), *sentences(table)][:MOST_SENTENCES]
+    age = age_words(table['age'])
     common.print_lines(console, dict.fromkeys([*first, *age, *remarks(table)]))
     if arguments.cost:
         common.print_lines(console, [cost_in_short(table['cost'])])

@@ -26,6 +26,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, rounds_of_named, Simulator
 from flexx2_sim_ros.gap.inference.decidable import decidable_candidates
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
+from flexx2_sim_ros.gap.inference.disagreement import disagreement
 from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
 from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
 from flexx2_sim_ros.gap.inference.model import Model
@@ -273,12 +274,12 @@ def _check(
 def _decide(
     model: Model, candidates: list[Candidate], hidden: list[Hidden], progress: Progress
 ) -> Decision:
-    candidates, absorbed = decidable_candidates(model, candidates, hidden)
-    step = stepper(progress, 'comparing explanations', 0.4, 0.1, 4 * len(candidates))
-    decision = decide(model, candidates, step, absorbed=absorbed)
+    some, absorbed = decidable_candidates(model, candidates, hidden)
+    step = stepper(progress, 'comparing explanations', 0.4, 0.1, 4 * len(some))
+    decision = decide(model, some, step, absorbed=absorbed)
     if not model.seen.any():
         return replace(decision, verdict='none')  # The table says `too_little`.
-    return decision
+    return replace(decision, unlike=disagreement(model, decision.accepted, candidates))
 
 
 def _simulate_named(
@@ -329,10 +330,10 @@ def _correction(
     model: Model, named: _Named, step: Callable[[], None]
 ) -> tuple[list[Effect], dict[str, Any]]:
     # The correction without a cause, or nothing if it does not help; and what it does.
-    decision, used = named.decision, named.used
-    patch = fit_patch(model, decision.base.residual(model))
+    used = named.used
+    patch = fit_patch(model, named.decision.base.residual(model))
     without = [of_camera([one]) for one in patch.without]
-    motions = model.own.found(decision.accepted.nuisances)
+    motions = model.own.found(named.decision.accepted.nuisances)
     jobs = [
         (file, tuple(motion), own, own, False, None)
         for file, motion, own in zip(used, motions, without, strict=True)
@@ -389,8 +390,7 @@ def _not_considered(
 
 
 def _costs(began: float, children: int) -> dict[str, Any]:
-    # What the diagnosis took. Only the largest child process is known; all need about the same
-    # memory.
+    # What it took. Only the largest child process is known; all need about the same memory.
     own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     return {

@@ -189,6 +189,25 @@ class Rounds:
 
 
 @dataclass(frozen=True)
+class Unlike:
+    """From when on recordings disagree: some have an effect that the others lack."""
+
+    gain: float = constant(
+        20.0,
+        'loss',
+        'a recording, that two sides take off beyond one',
+        'python -m bench.gap_many --count 4,8 --seeds 1-5: at most 11 where all have the effects; '
+        '38 to 63 of filters and lost pixels in half of them; 8 of multipath, which is missed',
+    )
+    each: float = constant(5.0, 'loss', 'by which each recording is on its side', MANY)
+    tried: int = constant(6, '', 'effects')
+    rounds: int = constant(4, '', 'in which recordings change sides')
+    factors: tuple[float, ...] = constant(
+        (1.0, 4.0, 16.0, -1.0, -4.0, -16.0), '', 'on a value that is alone, to begin with'
+    )
+
+
+@dataclass(frozen=True)
 class Where:
     """How differences are located."""
 
@@ -301,3 +320,4 @@ LOSS = Loss()
 THRESHOLDS = Thresholds()
 WHERE = Where()
 ROUNDS = Rounds()
+UNLIKE = Unlike()

@@ -7,6 +7,7 @@ from flexx2_sim_ros.gap.calibration.decisions import calibrated, Decisions
 from flexx2_sim_ros.gap.calibration.inference import ROUNDS, THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.decidable import decidable_part, Undecided, undecided
+from flexx2_sim_ros.gap.inference.disagreement import Disagreement
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED, judge, Judgement
@@ -81,6 +82,8 @@ class Decision:
         With ``unknown``, why the effects chosen are not named: ``improbable`` or ``little`` as in
         `Judgement`; ``hidden``, as an effect that the ground truth hides explains about as much;
         or ``larger``, as they make the gap larger when they are simulated. Otherwise empty.
+    unlike : Disagreement or None
+        An effect that some recordings have and the others lack; None if it was not looked for.
 
     """
 
@@ -96,6 +99,7 @@ class Decision:
     undecided: list[Undecided]
     support: Support
     why_refused: str = ''
+    unlike: Disagreement | None = None
 
     @property
     def explains_gap(self) -> bool:

@@ -176,6 +176,13 @@ def nuisances_of(model: Model, one: Fit) -> np.ndarray:
     return nuisances
 
 
+def losses_at(model: Model, one: Fit) -> np.ndarray:
+    """Return each recording's loss, (R,), at the values of a fit; nuisances are fitted again."""
+    problem = _problem(model, one.candidates)
+    now = _Estimate(one.values, one.sigma, one.nuisances)
+    return _refit_nuisances(problem, problem.tiled(one.values), now)[0]
+
+
 def _problem(model: Model, candidates: Sequence[Candidate]) -> _Problem:
     terms = [term for candidate in candidates for term in candidate.terms]
     roles = {candidate.kind.role for candidate in candidates}

@@ -299,6 +299,16 @@ class Model:
         other.null_loss = other._null_loss()
         return other
 
+    def only(self, candidate: Candidate, has: np.ndarray) -> 'Model':
+        """Return the model in which a candidate changes only the recordings that (R,) has it."""
+        other = copy(self)
+        names = [name for term in candidate.terms for _, name in term.nodes]
+        columns = [one if isinstance(one, str) else one.column for one in names]
+        other._columns, other._nodes = self._columns.copy(), {}
+        index = np.array([self.index[name] for name in columns])
+        other._columns[np.ix_(~has, index)] = 0
+        return other
+
     def with_gap(self, gap: np.ndarray) -> 'Model':
         """Return the model of the same recordings with another gap, (R, SIZE)."""
         other = copy(self)

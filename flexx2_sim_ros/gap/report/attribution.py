@@ -6,6 +6,8 @@ from flexx2_sim_ros.gap.report.text import percent, short, spaced
 import numpy as np
 
 _MOSTLY = 0.8  # of what an effect takes off
+_MOST_NAMES = 4
+_LITTLE_MM, _LITTLE_DEG = 0.5, 0.03  # ASSUMED: no effect that matters hides in less
 _PARTS = slice(0, 3), slice(3, 6)  # of a pose: metres, degrees
 HEADS = 'effect', 'probability', 'takes off: depth', 'lost pixels'
 REST = 'not explained'
@@ -41,15 +43,34 @@ def attribution(table: dict[str, Any]) -> list[tuple[str, ...]]:
 
 
 def poses_hide(table: dict[str, Any]) -> str:
-    """Return how far the poses were corrected, which may hide an effect; empty if not at all."""
+    """Return how far the poses were corrected, which may hide an effect; empty if hardly."""
     poses = np.array([row['pose'] for row in table['recordings'] if row['used']])
-    if not poses.size or not poses.any():
+    if not poses.size:
         return ''
     metres, degrees = (np.sqrt((poses[:, part] ** 2).sum(axis=1).mean()) for part in _PARTS)
+    if 1000 * metres < _LITTLE_MM and degrees < _LITTLE_DEG:
+        return ''
     return (
         f'The given poses were corrected by {short(1000 * metres)} mm and {short(degrees)} deg '
         '(root mean square), which may hide effects as large.'
     )
+
+
+def disagreeing(table: dict[str, Any]) -> list[str]:
+    """Return a sentence on an effect that some recordings have and the others lack."""
+    one = table['disagree']
+    if one is None:
+        return []
+    return [
+        f'The recordings disagree: {_some(one["has"])} show {spaced(one["name"])}; '
+        f'{_some(one["lacks"])} do not. Was a setting, the mode or the camera changed? '
+        'Diagnose them apart.'
+    ]
+
+
+def _some(names: list[str]) -> str:
+    more = len(names) - _MOST_NAMES
+    return ', '.join(names[:_MOST_NAMES]) + f' and {more} more' * (more > 0)
 
 
 def shown_by_one(table: dict[str, Any]) -> list[str]:

@@ -8,7 +8,13 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.named import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, poses_hide, shown_by_one
+from flexx2_sim_ros.gap.report.attribution import (
+    attribution,
+    disagreeing,
+    HEADS,
+    poses_hide,
+    shown_by_one,
+)
 from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.form_figures import BAND_STYLE, figures
@@ -71,7 +77,7 @@ def page(
         f'<small>from {used} recording{"s" * (used != 1)}</small></p>',
         f'<h1>{escape(headline(table))}</h1>',
         _effects(table),
-        _said(sentences(table)),
+        _said([*disagreeing(table), *sentences(table)]),
         _forms(calibrated),
         _shrinkage(table),
         section(table['cost']) if 'cost' in table else '',

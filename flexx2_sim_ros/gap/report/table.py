@@ -84,6 +84,7 @@ def diagnosis_table(
             {'name': one.effect, 'absorbed': one.absorbed, 'settled_by': one.settled_by}
             for one in decision.undecided
         ],
+        'disagree': decision.unlike and decision.unlike.table([one.path.name for one in used]),
         'unexplained': (
             unexplained(model, residual, model.null_loss.sum(axis=0)) if finds else []
         ),
@@ -101,14 +102,15 @@ def verdict_of(table: dict[str, Any]) -> str:
     Return the verdict of a diagnosis after its effects were simulated.
 
     Effects of the camera that close less than four fifths of the gap explain it partly, and so do
-    those of a single recording, and those whose form is a constant: other causes do the same. An
-    error of the poses is not simulated: what the others do beside it shows at the fitted poses.
+    those of a single recording, those whose form is a constant: other causes do the same, and
+    those of recordings that disagree. An error of the poses is not simulated: what the others do
+    beside it shows at the fitted poses.
     """
     verdict = str(table['verdict'])
     names = [row['name'] for row in table['effects']]
     simulated = names[:1] not in ([], [of_role('pose').name])
     closed = _closes(table) >= THRESHOLDS.identified and table['gap']['held_out']
-    sure = closed and not constants_of(table)
+    sure = closed and not constants_of(table) and not table['disagree']
     return 'partly' if verdict == 'identified' and simulated and not sure else verdict
 
 

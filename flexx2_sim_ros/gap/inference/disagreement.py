@@ -1,0 +1,142 @@
+"""
+Whether recordings are alike, or some of them have an effect that the others lack.
+
+That is so where a setting of the camera was changed midway, or where recordings are of two
+cameras. For each effect the recordings are put on two sides: those that it brings nearer, and
+those that it moves away, at the values that suit the first side.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from flexx2_sim_ros.gap.calibration.inference import UNLIKE
+from flexx2_sim_ros.gap.features.catalogue import Candidate
+from flexx2_sim_ros.gap.inference.fitting import Fit, fit, losses_at
+from flexx2_sim_ros.gap.inference.model import Model
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """
+    An effect that only some recordings have.
+
+    Attributes
+    ----------
+    effect : str
+    has : tuple of bool
+        For each recording, whether it has the effect.
+    gain : float
+        Loss a recording that this takes off, beyond the same for all recordings.
+
+    """
+
+    effect: str
+    has: tuple[bool, ...]
+    gain: float
+
+    def table(self, names: Sequence[str]) -> dict[str, Any]:
+        """Return it as plain values, with the names of the recordings."""
+        sides = list(zip(names, self.has, strict=True))
+        has, lacks = ([name for name, here in sides if here == side] for side in (True, False))
+        return {'name': self.effect, 'has': has, 'lacks': lacks, 'gain': round(self.gain, 1)}
+
+
+def disagreement(
+    model: Model, chosen: Fit, candidates: Sequence[Candidate]
+) -> Disagreement | None:
+    """
+    Return the effect by which recordings disagree most clearly, if they do.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    chosen : Fit
+        What explains them so far.
+    candidates : sequence of Candidate
+        The catalogue.
+
+    """
+    others: dict[str, Fit] = {}
+    begun = []
+    for candidate in candidates:
+        name = candidate.effect
+        if candidate.kind.role != 'pose':
+            if name not in others:
+                others[name] = _without(model, chosen, name)
+            begun.append(_begin(model, others[name], candidate))
+    sides = [_sides(model, *one) for one in _most_apart(begun)]
+    clear = [one for one in sides if one is not None and one.gain >= UNLIKE.gain]
+    return max(clear, key=lambda one: one.gain, default=None)
+
+
+_Begun = tuple[Fit, Candidate, np.ndarray, np.ndarray, float]
+
+
+def _most_apart(begun: Sequence[_Begun]) -> list[_Begun]:
+    # The best variant of those effects that move most recordings both ways.
+    best: dict[str, _Begun] = {}
+    for one in sorted(begun, key=lambda one: -one[-1]):
+        best.setdefault(one[1].effect, one)
+    return list(best.values())[: UNLIKE.tried]
+
+
+def _without(model: Model, chosen: Fit, name: str) -> Fit:
+    kept, values, i = [], [], 0
+    for candidate in chosen.candidates:
+        n = len(candidate.terms)
+        if candidate.effect != name:
+            kept.append(candidate)
+            values += [*chosen.values[i : i + n]]
+        i += n
+    return chosen if len(kept) == len(chosen.candidates) else fit(model, kept, np.array(values))
+
+
+def _begin(model: Model, base: Fit, candidate: Candidate) -> _Begun:
+    # The value that puts most on both sides, who has it, and how much is on the smaller side.
+    neutral = np.array([term.neutral for term in candidate.terms])
+    best = base, candidate, neutral, np.zeros(len(model.gap), bool), 0.0
+    for i, term in enumerate(candidate.terms):
+        steps = np.array([value for value, _ in term.nodes]) - term.neutral
+        if len(steps) == 1:
+            steps = steps * UNLIKE.factors
+        for value in np.clip(term.neutral + steps, term.low, term.high):
+            values = neutral.copy()
+            values[i] = value
+            gain = base.loss - losses_at(model, _with(base, candidate, values))
+            smaller = min(gain[gain > 0].sum(), -gain[gain < 0].sum())
+            if smaller > best[-1]:
+                best = base, candidate, values, gain > 0, float(smaller)
+    return best
+
+
+def _with(base: Fit, candidate: Candidate, values: np.ndarray) -> Fit:
+    parts = (*base.candidates, candidate)
+    return replace(base, candidates=parts, values=np.concatenate([base.values, values]))
+
+
+def _sides(
+    model: Model,
+    base: Fit,
+    candidate: Candidate,
+    values: np.ndarray,
+    has: np.ndarray,
+    smaller: float,
+) -> Disagreement | None:
+    parts, now = [*base.candidates, candidate], _with(base, candidate, values)
+    for _ in range(UNLIKE.rounds):
+        if not 2 <= has.sum() <= len(has) - 2:
+            return None
+        now = fit(model.only(candidate, has), parts, now.values)
+        gain = base.loss - np.where(has, now.loss, losses_at(model, now))
+        if ((gain > 0) == has).all():
+            break
+        has = gain > 0
+    if np.abs(gain).min() < UNLIKE.each or ((gain > 0) != has).any():
+        return None
+    alike = min(base.total, fit(model, parts, now.values).total)
+    return Disagreement(
+        candidate.effect, tuple(has.tolist()), (alike - now.total) / len(model.gap)
+    )
