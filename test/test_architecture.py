@@ -104,7 +104,7 @@ BUDGETS = {
     'physics': 16, 'profiles': 15, 'recording': 55, 'rendering': 12, 'robots': 19, 'truth': 87,
     'view': 13, 'walking': 12,
 }  # fmt: skip
-SMALL_FILES = 50
+SMALL_FILES = 45
 
 
 def test_the_house_stays_small() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.camera.camera import Camera
-from flexx2_sim_ros.characterize.conditions import Condition, LEAST_PERCENT
+from flexx2_sim_ros.characterize.plan import Condition, LEAST_PERCENT
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.npz_arrays import open_npz

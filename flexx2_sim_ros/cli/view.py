@@ -16,9 +16,8 @@ from typing import Any
 import webbrowser
 
 from flexx2_sim_ros.cli.argument_types import whole_number
-from flexx2_sim_ros.cli.children import camera_command, check, nodes
 from flexx2_sim_ros.cli.common import add_profile
-from flexx2_sim_ros.cli.ros import ros
+from flexx2_sim_ros.cli.ros import camera_command, check, nodes, ros
 from flexx2_sim_ros.errors import InputError, shown
 
 _CAMERAS = ('front_left', 'front_right')

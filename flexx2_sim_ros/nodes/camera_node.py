@@ -15,9 +15,8 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.camera_info import decode_camera_info, size_words
 from flexx2_sim_ros.messages.decoding import check_stamp, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs
+from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs, EventGroup
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
-from flexx2_sim_ros.nodes.event_group import EventGroup
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 from flexx2_sim_ros.nodes.late_frames import LateFrames
