@@ -9,7 +9,7 @@ from typing import Any
 from flexx2_sim_ros.atomic import checked_target
 from flexx2_sim_ros.cli.argument_types import SEEDS, whole_number
 from flexx2_sim_ros.cli.batch_picture import draw
-from flexx2_sim_ros.cli.common import add_profile
+from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import centred
 from flexx2_sim_ros.profiles.files import find_profile
@@ -20,48 +20,35 @@ from rich.table import Table
 
 _MOST_WALKS = 256  # Walking is not batched: if there are more robots, several have the same walk.
 _INTERVAL = 0.2  # seconds between the frames that go into the grid
+_OPTIONS = f"""
+Simulate Go1 robots that walk over stairs, each with two cameras. All images get their noise in one
+batch (flexx2_sim_ros.batch) and are projected to the height grid around each robot (x +-0.5 m, y
++-0.3 m, every 0.1 m). Prints and draws the errors of the grids with and without noise. Needs pip
+install "flexx2_sim_ros[batch]".
+
+--num-envs NUM_ENVS: number of robots (default %(default)s)
+--frames FRAMES: frames for each grid, {_INTERVAL} s apart (default %(default)s)
+--profile
+--usecase MODE: mode (default: the camera's usual one)
+--seed SEED: seed of the noise (default 0)
+--device DEVICE: cpu, cuda, cuda:1, ...; default: a GPU if there is one
+--renderer RENDERER: auto, mujoco-warp, egl, osmesa or ray (default %(default)s)
+--out OUT: picture to write (default %(default)s)
+
+examples: flexx2 batch; on a GPU with mujoco-warp: flexx2 batch --num-envs 4096 --device cuda
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Simulate Go1 robots that walk over stairs, each with two cameras. All images '
-        'get their noise in one batch (flexx2_sim_ros.batch) and are projected to the height '
-        'grid around each robot (x +-0.5 m, y +-0.3 m, every 0.1 m). Prints and draws the '
-        'errors of the grids with and without noise. Needs pip install "flexx2_sim_ros[batch]".'
-    )
-    parser.epilog = (
-        'examples: flexx2 batch; on a GPU with mujoco-warp: flexx2 batch --num-envs 4096 '
-        '--device cuda'
-    )
-    parser.add_argument(
-        '--num-envs',
-        type=whole_number(1, 1_000_000),
-        default=64,
-        help='number of robots (default %(default)s)',
-    )
-    parser.add_argument(
-        '--frames',
-        type=whole_number(1, 100_000),
-        default=8,
-        help=f'frames for each grid, {_INTERVAL} s apart (default %(default)s)',
-    )
-    add_profile(parser)
-    parser.add_argument('--usecase', metavar='MODE', help="mode (default: the camera's usual one)")
-    parser.add_argument(
-        '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
-    )
-    parser.add_argument('--device', help='cpu, cuda, cuda:1, ...; default: a GPU if there is one')
-    parser.add_argument(
-        '--renderer',
-        default='auto',
-        help='auto, mujoco-warp, egl, osmesa or ray (default %(default)s)',
-    )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        default=Path('height_grid.png'),
-        help='picture to write (default %(default)s)',
+    add_table(
+        parser,
+        _OPTIONS,
+        num_envs={'type': whole_number(1, 1_000_000), 'default': 64},
+        frames={'type': whole_number(1, 100_000), 'default': 8},
+        seed={'type': whole_number(*SEEDS), 'default': 0},
+        renderer='auto',
+        out={'type': Path, 'default': Path('height_grid.png')},
     )
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.cli.argument_types import number
-from flexx2_sim_ros.cli.common import add_profile, plain_table
+from flexx2_sim_ros.cli.common import plain_table
 from flexx2_sim_ros.cli.demo_picture import draw
+from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.cli.ros import camera_command, check, nodes, Processes, ros
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import find_profile
@@ -23,33 +24,29 @@ _CAMERAS = ['front_left', 'front_right']
 _START_SECONDS = 180.0
 # How long to wait for frames of a mode, and how many: sigma needs three.
 _FRAME_SECONDS, _FRAMES = 60.0, 3
+_OPTIONS = """
+Start go1_cameras and two flexx2_camera nodes as processes, switch through the measured modes (all
+modes, if none was measured) while they stream, print rates, latency and noise, and write a
+picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).
+
+--seconds SECONDS: how long to measure each mode (default %(default)s)
+--out OUT: folder for the picture and the nodes' logs (default %(default)s)
+--renderer RENDERER: auto, egl, osmesa or ray (default %(default)s)
+--profile
+
+example: flexx2 demo --seconds 5 --out demo_output
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Start go1_cameras and two flexx2_camera nodes as processes, switch through '
-        'the measured modes (all modes, if none was measured) while they stream, print rates, '
-        'latency and noise, and write a '
-        'picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).'
+    add_table(
+        parser,
+        _OPTIONS,
+        seconds={'type': number(0, 1e6, above=True), 'default': 4.0},
+        out={'type': Path, 'default': Path('demo_output')},
+        renderer='auto',
     )
-    parser.epilog = 'example: flexx2 demo --seconds 5 --out demo_output'
-    parser.add_argument(
-        '--seconds',
-        type=number(0, 1e6, above=True),
-        default=4.0,
-        help='how long to measure each mode (default %(default)s)',
-    )
-    parser.add_argument(
-        '--out',
-        type=Path,
-        default=Path('demo_output'),
-        help="folder for the picture and the nodes' logs (default %(default)s)",
-    )
-    parser.add_argument(
-        '--renderer', default='auto', help='auto, egl, osmesa or ray (default %(default)s)'
-    )
-    add_profile(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:
