@@ -20,20 +20,9 @@ LIMIT = 'FLEXX2_NPZ_LIMIT_MB'
 _LIMIT_MB = 512
 _BLOCK = 1 << 20
 _UNREADABLE = (
-    OSError,
-    EOFError,
-    ArithmeticError,
-    LookupError,
-    MemoryError,
-    RuntimeError,
-    SyntaxError,
-    TypeError,
-    ValueError,
-    TokenError,
-    struct.error,
-    zipfile.BadZipFile,
-    zlib.error,
-)
+    OSError, EOFError, ArithmeticError, LookupError, MemoryError, RuntimeError, SyntaxError,
+    TypeError, ValueError, TokenError, struct.error, zipfile.BadZipFile, zlib.error,
+)  # fmt: skip
 _PLAIN = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
 
 

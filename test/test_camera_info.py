@@ -134,14 +134,11 @@ def test_a_fisheye_without_coefficients_is_taken_with_a_note(model: str) -> None
 @pytest.mark.parametrize(
     ('topic', 'rectified'),
     [
-        ('/camera/depth/image_rect', True),
-        ('/image_rect', True),
-        ('/depth/image_rect/compressedDepth', True),
-        ('/camera/depth/image_rect_raw', False),
-        ('/camera/depth/image_rect_color', False),
-        ('/image_rect/image_raw', False),
+        ('/camera/depth/image_rect', True), ('/image_rect', True),
+        ('/depth/image_rect/compressedDepth', True), ('/camera/depth/image_rect_raw', False),
+        ('/camera/depth/image_rect_color', False), ('/image_rect/image_raw', False),
         ('/camera/depth/my_image_rect', False),
     ],
-)
+)  # fmt: skip
 def test_only_the_exact_name_says_that_an_image_is_rectified(topic: str, rectified: bool) -> None:
     assert is_rectified(topic) == rectified

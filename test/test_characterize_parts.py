@@ -343,13 +343,10 @@ def test_an_undetermined_n_is_reported() -> None:
 @pytest.mark.parametrize(
     ('distances', 'angles', 'held'),
     [
-        ((1.0,), (0.0,), 'bcdn'),
-        ((1.0, 2.0), (0.0,), 'cdn'),
-        ((1.0, 1.5, 2.0), (0.0,), 'dn'),
-        ((1.0,), ANGLES, 'bcn'),
-        ((1.0, 2.0), ANGLES, 'c'),
+        ((1.0,), (0.0,), 'bcdn'), ((1.0, 2.0), (0.0,), 'cdn'), ((1.0, 1.5, 2.0), (0.0,), 'dn'),
+        ((1.0,), ANGLES, 'bcn'), ((1.0, 2.0), ANGLES, 'c'),
     ],
-)
+)  # fmt: skip
 def test_undetermined_coefficients_stay_fixed_and_are_reported(
     distances: tuple[float, ...], angles: tuple[float, ...], held: str
 ) -> None:
@@ -417,12 +414,8 @@ def test_recordings_are_files_and_bags(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         (tmp_path / name / inside).touch()
     assert [path.name for path in find_recordings(tmp_path)] == [
-        'a.mcap',
-        'b.npz',
-        'bag',
-        'c.db3',
-        'cut',
-    ]
+        'a.mcap', 'b.npz', 'bag', 'c.db3', 'cut',
+    ]  # fmt: skip
     with pytest.raises(InputError, match='must be a folder'):
         find_recordings(tmp_path / 'b.npz')
 

@@ -249,17 +249,13 @@ LENSES = {
     **{
         f'OpenCV, {name}': f'K: [211, 0, 4.5, 0, 213, 3.5, 0, 0, 1]\n{name}: [0.1, 0, 0, 0, 0]\n'
         for name in (
-            'Distortion_Coefficients',
-            'distCoeffs',
-            'dist_coeffs',
-            'dist_coeff',
-            'distortion',
+            'Distortion_Coefficients', 'distCoeffs', 'dist_coeffs', 'dist_coeff', 'distortion',
         )
     },
     'text': '# fx 0 cx\n211 0 4.5\n0 213 3.5\n0 0 1\n',
     'four numbers': '211 213 4.5 3.5',
     'text of 4 x 4': '211 0 4.5 0\n0 213 3.5 0\n0 0 1 0\n0 0 0 1\n',
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize('program', LENSES)

@@ -24,21 +24,11 @@ def test_message_definitions_are_found() -> None:
 @pytest.mark.parametrize(
     'kind',
     [
-        'venv/__main__/X',
-        'this/msg/X',
-        'antigravity/msg/X',
-        'sensor_msgs/msg/_image',
-        'sensor_msgs/msg/Nothing',
-        'sensor_msgs/srv/SetCameraInfo',
-        'sensor_msgs/Image',
-        'sensor_msgs/msg/Image\n',
-        '../x/msg/X',
-        'a.b/msg/X',
-        '',
-        'x' * 100_000,
-        '\x1b[31m/msg/X',
+        'venv/__main__/X', 'this/msg/X', 'antigravity/msg/X', 'sensor_msgs/msg/_image',
+        'sensor_msgs/msg/Nothing', 'sensor_msgs/srv/SetCameraInfo', 'sensor_msgs/Image',
+        'sensor_msgs/msg/Image\n', '../x/msg/X', 'a.b/msg/X', '', 'x' * 100_000, '\x1b[31m/msg/X',
     ],
-)
+)  # fmt: skip
 def test_modules_that_are_no_messages_are_not_imported(kind: str) -> None:
     from flexx2_sim_ros.nodes.message_types import message_class
 
@@ -72,20 +62,15 @@ def test_replay_runs_nothing_that_a_bag_names(child_env: dict[str, str], tmp_pat
     env['PYTHONPATH'] += f':{tmp_path / "modules"}'
     done = subprocess.run(
         [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.cli.main',
-            'replay',
-            str(bag / 'bag.db3'),
-            '--wait',
-            '0',
+            sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'replay', str(bag / 'bag.db3'),
+            '--wait', '0',
         ],
         env=env,
         capture_output=True,
         text=True,
         timeout=60,
         check=False,
-    )
+    )  # fmt: skip
     assert not (tmp_path / 'ran').exists()
     assert done.returncode == 2, done.stderr
     assert 'Traceback' not in done.stderr

@@ -20,16 +20,12 @@ PAPER = {
 }
 # Rate, range, the mode whose noise it takes.
 MODES = {
-    'Mode_5_15fps': (15, 2.4, 'Mode_5_30fps'),
-    'Mode_5_30fps': (30, 2.4, 'Mode_5_30fps'),
-    'Mode_5_45fps': (45, 2.4, 'Mode_5_60fps'),
-    'Mode_5_60fps': (60, 2.4, 'Mode_5_60fps'),
-    'Mode_9_5fps': (5, 7.0, 'Mode_9_30fps'),
-    'Mode_9_10fps': (10, 7.0, 'Mode_9_30fps'),
-    'Mode_9_15fps': (15, 7.0, 'Mode_9_30fps'),
-    'Mode_9_20fps': (20, 7.0, 'Mode_9_30fps'),
+    'Mode_5_15fps': (15, 2.4, 'Mode_5_30fps'), 'Mode_5_30fps': (30, 2.4, 'Mode_5_30fps'),
+    'Mode_5_45fps': (45, 2.4, 'Mode_5_60fps'), 'Mode_5_60fps': (60, 2.4, 'Mode_5_60fps'),
+    'Mode_9_5fps': (5, 7.0, 'Mode_9_30fps'), 'Mode_9_10fps': (10, 7.0, 'Mode_9_30fps'),
+    'Mode_9_15fps': (15, 7.0, 'Mode_9_30fps'), 'Mode_9_20fps': (20, 7.0, 'Mode_9_30fps'),
     'Mode_9_30fps': (30, 7.0, 'Mode_9_30fps'),
-}
+}  # fmt: skip
 IMAGE = np.full((4, 5), 1.0)
 K = np.array([[210.6, 0.0, 111.5], [0.0, 212.9, 85.5], [0.0, 0.0, 1.0]])
 

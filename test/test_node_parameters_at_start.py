@@ -33,11 +33,7 @@ def test_no_file_gives_a_traceback_at_the_start(
     path.write_text('[' * 3000)
     done = subprocess.run(
         [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '-p',
+            sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-p',
             f'{name}:={path}',
         ],
         env=child_env,
@@ -45,7 +41,7 @@ def test_no_file_gives_a_traceback_at_the_start(
         text=True,
         timeout=60,
         check=False,
-    )
+    )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr.startswith(f'error: {name}: ')
     assert done.stderr.count('\n') == 1
@@ -89,20 +85,15 @@ def test_a_serial_of_digits_stays_as_typed(tmp_path: Path, child_env: dict[str, 
     processes = {
         space: subprocess.Popen(
             [
-                sys.executable,
-                '-m',
-                'flexx2_sim_ros.nodes.flexx2_camera',
-                '--ros-args',
-                '-r',
-                f'__ns:={space}',
-                *arguments,
+                sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
+                f'__ns:={space}', *arguments,
             ],
             env=child_env,
             stderr=subprocess.PIPE,
             text=True,
         )
         for space, (arguments, _) in cases.items()
-    }
+    }  # fmt: skip
     listener = Listener()
     try:
         for space, (_, serial) in cases.items():

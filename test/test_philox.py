@@ -148,20 +148,11 @@ def test_pixels_are_independent(lag: int) -> None:
 @pytest.mark.parametrize(
     'other',
     [
-        {'seed': 6},
-        {'seed': -5},
-        {'seed': 5 + 2**64},
-        {'name': 'right'},
-        {'name': ''},
-        {'stamp_ns': 1},
-        {'stamp_ns': -1},
-        {'stamp_ns': 2**32},
-        {'stamp_ns': 2**32 - 1},
-        {'stamp_ns': 33_333_333},
-        {'stream': STREAM_ROW_EDGES},
-        {'stream': STREAM_COLUMN_EDGES},
+        {'seed': 6}, {'seed': -5}, {'seed': 5 + 2**64}, {'name': 'right'}, {'name': ''},
+        {'stamp_ns': 1}, {'stamp_ns': -1}, {'stamp_ns': 2**32}, {'stamp_ns': 2**32 - 1},
+        {'stamp_ns': 33_333_333}, {'stream': STREAM_ROW_EDGES}, {'stream': STREAM_COLUMN_EDGES},
     ],
-)
+)  # fmt: skip
 def test_streams_of_random_numbers_are_independent(other: dict) -> None:
     one, two = normals(200_000), normals(200_000, **other)
     assert abs(np.mean(one * two)) < SIGMAS / math.sqrt(one.size)

@@ -60,14 +60,9 @@ class Node:
         self.namespace = f'/process_{next(_numbers)}'
         self._log = folder / f'{executable}{self.namespace.replace("/", "_")}.log'
         command = [
-            sys.executable,
-            '-m',
-            f'flexx2_sim_ros.nodes.{executable}',
-            '--ros-args',
-            '-r',
-            f'__ns:={self.namespace}',
-            *arguments,
-        ]
+            sys.executable, '-m', f'flexx2_sim_ros.nodes.{executable}', '--ros-args', '-r',
+            f'__ns:={self.namespace}', *arguments,
+        ]  # fmt: skip
         for parameter in parameters:
             command += ['-p', parameter]
         with self._log.open('wb') as log:

@@ -55,13 +55,8 @@ def test_a_profile_is_read_back_as_it_was_written(path: Path) -> None:
     assert content.profile.intrinsics == OTHER.intrinsics
     assert content.profile.modes == OTHER.modes
     assert content.standard_errors['Narrow'] == {
-        'a': 1e-5,
-        'b': None,
-        'c': None,
-        'd': None,
-        'n': 0.2,
-        'sigma_x': None,
-    }
+        'a': 1e-5, 'b': None, 'c': None, 'd': None, 'n': 0.2, 'sigma_x': None,
+    }  # fmt: skip
     assert content.measured['Narrow'] == {'frames': 300}
     assert content.provenance == WHOLE.provenance
     save_profile(path.parent / 'again.yaml', content)
@@ -371,18 +366,14 @@ def test_the_node_ends_with_the_reason_for_a_bad_profile(
     path.write_text(path.read_text().replace('rate_hz: 12.5', 'rate_hz: 0'))
     done = subprocess.run(
         [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '-p',
+            sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-p',
             f'profile:={path}',
         ],
         env=child_env,
         capture_output=True,
         text=True,
         timeout=60,
-    )
+    )  # fmt: skip
     assert done.returncode != 0
     assert 'modes.Narrow.rate_hz: must be' in done.stderr
     assert 'Traceback' not in done.stderr

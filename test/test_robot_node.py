@@ -370,11 +370,7 @@ def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
     path.write_text(TORSO)
     done = subprocess.run(
         [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.go1_cameras',
-            '--ros-args',
-            '-p',
+            sys.executable, '-m', 'flexx2_sim_ros.nodes.go1_cameras', '--ros-args', '-p',
             f'robot_model:={path}',
         ],
         env=child_env,
@@ -382,7 +378,7 @@ def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
         text=True,
         timeout=60,
         check=False,
-    )
+    )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr.startswith('error: robot_model: ')
     assert done.stderr.count('\n') == 1

@@ -339,21 +339,15 @@ def test_a_full_disk(tmp_path: Path) -> None:
     source = save(tmp_path)
     done = subprocess.run(
         [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.cli.main',
-            'simulate',
-            source,
-            str(tmp_path / 'out.npz'),
-            '--frames',
-            '200',
+            sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'simulate', source,
+            str(tmp_path / 'out.npz'), '--frames', '200',
         ],
         cwd=ROOT,
         capture_output=True,
         text=True,
         check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000)),
-    )
+    )  # fmt: skip
     assert done.returncode == 2, done.stderr
     assert 'out.npz: cannot be written' in done.stderr
     assert 'Traceback' not in done.stderr

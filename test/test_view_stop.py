@@ -168,24 +168,15 @@ def test_kill_9_of_the_viewer_leaves_the_robot_to_its_own_hold(
     with (tmp_path / 'go1.log').open('wb') as log:
         go1 = subprocess.Popen(
             [
-                sys.executable,
-                '-m',
-                'flexx2_sim_ros.nodes.go1_cameras',
-                '--ros-args',
-                '-r',
-                '__ns:=/view_killed',
-                '-p',
-                'motion:=cmd_vel',
-                '-p',
-                'scene:=board',
-                '-p',
+                sys.executable, '-m', 'flexx2_sim_ros.nodes.go1_cameras', '--ros-args', '-r',
+                '__ns:=/view_killed', '-p', 'motion:=cmd_vel', '-p', 'scene:=board', '-p',
                 'renderer:=ray',
             ],
             env=os.environ,
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=log,
-        )
+        )  # fmt: skip
     view = View(tmp_path, '--cmd-vel', '/view_killed/cmd_vel')
     try:
         seen = user.listen('/view_killed/odom', Odometry)

@@ -54,13 +54,10 @@ def test_a_page_from_elsewhere_is_refused(
 @pytest.mark.parametrize(
     'host',
     [
-        'localhost:{port}',
-        '127.0.0.1:{port}',
-        '[::1]:{port}',
-        'localhost:9000',
+        'localhost:{port}', '127.0.0.1:{port}', '[::1]:{port}', 'localhost:9000',
         '192.168.1.7:{port}',
     ],
-)
+)  # fmt: skip
 def test_requests_to_the_machines_own_addresses_are_accepted(
     served: tuple[Server, Source], host: str
 ) -> None:

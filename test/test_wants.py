@@ -16,23 +16,14 @@ def run_where_no_browser_is(**env: str) -> 'subprocess.CompletedProcess[str]':
     """Run tests that need a browser, spread over processes as `make test` does."""
     return subprocess.run(
         [
-            sys.executable,
-            '-m',
-            'pytest',
-            '-q',
-            '-n',
-            '2',
-            '-p',
-            'no:cacheprovider',
-            'test/test_view_web.py',
-            '-k',
-            'point_cloud_is_undistorted',
+            sys.executable, '-m', 'pytest', '-q', '-n', '2', '-p', 'no:cacheprovider',
+            'test/test_view_web.py', '-k', 'point_cloud_is_undistorted',
         ],
         cwd=ROOT,
         capture_output=True,
         text=True,
         env={**os.environ, 'PATH': '', **env},
-    )
+    )  # fmt: skip
 
 
 def test_skipped_tests_are_summed_up_with_how_to_get_what_they_want() -> None:

@@ -7,13 +7,6 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel, Profile
 
 __all__ = [
-    'Camera',
-    'Frame',
-    'Intrinsics',
-    'Mode',
-    'NoiseModel',
-    'Profile',
-    'depth_from_z_buffer',
-    'flexx2',
-    'ray_length',
-]
+    'Camera', 'Frame', 'Intrinsics', 'Mode', 'NoiseModel', 'Profile', 'depth_from_z_buffer',
+    'flexx2', 'ray_length',
+]  # fmt: skip

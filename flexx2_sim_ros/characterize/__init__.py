@@ -11,10 +11,6 @@ from flexx2_sim_ros.characterize.assumptions import check_assumptions, TestedAss
 from flexx2_sim_ros.characterize.export import to_profile
 
 __all__ = [
-    'Characterization',
-    'TestedAssumption',
-    'ModeResult',
-    'characterize',
-    'check_assumptions',
+    'Characterization', 'TestedAssumption', 'ModeResult', 'characterize', 'check_assumptions',
     'to_profile',
-]
+]  # fmt: skip

@@ -6,22 +6,9 @@ from flexx2_sim_ros.physics.compiled import loop
 import numpy as np
 
 _FIELDS = (
-    'count',
-    'sum1',
-    'sum2',
-    'sum3',
-    'sum4',
-    'lag_count',
-    'lag_sum',
-    'right_count',
-    'right_sum',
-    'right_own',
-    'right_other',
-    'down_count',
-    'down_sum',
-    'down_own',
-    'down_other',
-)
+    'count', 'sum1', 'sum2', 'sum3', 'sum4', 'lag_count', 'lag_sum', 'right_count', 'right_sum',
+    'right_own', 'right_other', 'down_count', 'down_sum', 'down_own', 'down_other',
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

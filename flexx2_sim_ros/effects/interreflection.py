@@ -74,18 +74,9 @@ def patch(
     irradiance = cosine / (reach * reach)
     radiosity = reflectivity * irradiance * area
     return (
-        rx * z,
-        ry * z,
-        z,
-        -nx / norm,
-        -ny / norm,
-        -nz / norm,
-        reach,
-        radiosity,
-        here,
-        area,
+        rx * z, ry * z, z, -nx / norm, -ny / norm, -nz / norm, reach, radiosity, here, area,
         irradiance,
-    )
+    )  # fmt: skip
 
 
 def light_from(

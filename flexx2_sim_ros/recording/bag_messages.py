@@ -20,16 +20,10 @@ BYTES = 'std_msgs/msg/UInt8MultiArray'
 # Types of cameras and robots that begin with a std_msgs/Header.
 STAMPED = frozenset(
     {
-        IMAGE,
-        COMPRESSED,
-        CAMERA_INFO,
-        POINT_CLOUD,
-        'sensor_msgs/msg/JointState',
-        'nav_msgs/msg/Odometry',
-        'sensor_msgs/msg/Imu',
-        'diagnostic_msgs/msg/DiagnosticArray',
+        IMAGE, COMPRESSED, CAMERA_INFO, POINT_CLOUD, 'sensor_msgs/msg/JointState',
+        'nav_msgs/msg/Odometry', 'sensor_msgs/msg/Imu', 'diagnostic_msgs/msg/DiagnosticArray',
     }
-)
+)  # fmt: skip
 
 _NANOSECONDS = 1_000_000_000
 _STRING_PARAMETER = 4

@@ -88,13 +88,8 @@ class BagRecording(RecordingReader):
         source = where.depth if where.depth in self._bag.topics else where.cloud
         self._source = source
         stamped = {
-            source,
-            where.clean,
-            where.clean_info,
-            where.reflectivity,
-            where.gray,
-            where.info,
-        }
+            source, where.clean, where.clean_info, where.reflectivity, where.gray, where.info,
+        }  # fmt: skip
         last_info = b''
         # Another program's topic may have this name.
         ours = self._bag.topics.get(where.carried) == messages.BYTES

@@ -22,13 +22,10 @@ _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
     int(kind)
     for kind in (
-        mujoco.mjtGeom.mjGEOM_SPHERE,
-        mujoco.mjtGeom.mjGEOM_CAPSULE,
-        mujoco.mjtGeom.mjGEOM_ELLIPSOID,
-        mujoco.mjtGeom.mjGEOM_CYLINDER,
-        mujoco.mjtGeom.mjGEOM_BOX,
+        mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE,
+        mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX,
     )
-)
+)  # fmt: skip
 _VISIBLE_GROUPS = 3  # MuJoCo's viewer shows groups 0, 1 and 2 by default
 
 

@@ -20,13 +20,9 @@ _SCENE_SETS = 16  # for each mode and pose error: what is rendered is shared
 _UNUSUAL_SCENE_SETS = 4
 _USUAL_POSE_MM = 2.0
 _QUICK_SINGLES = (
-    'temporal_filter',
-    'spatial_filter',
-    'excess_noise',
-    'low_signal_dropout',
-    'multipath',
+    'temporal_filter', 'spatial_filter', 'excess_noise', 'low_signal_dropout', 'multipath',
     'saturation',
-)
+)  # fmt: skip
 _QUICK_NOVEL = ('row_bands', 'block_compression')
 
 

@@ -55,12 +55,9 @@ def _yes(reached: bool | None) -> str:
 def reach(scores: Scores) -> Sheet:
     """Return the table of the goals, and which are reached."""
     goals = [
-        *_verdict_goals(scores),
-        *_place_goals(scores),
-        *_reduction_goals(scores),
-        *_confidence_goals(scores),
-        *_cost_goals(scores.answers),
-    ]
+        *_verdict_goals(scores), *_place_goals(scores), *_reduction_goals(scores),
+        *_confidence_goals(scores), *_cost_goals(scores.answers),
+    ]  # fmt: skip
     return Sheet('Goals', ('what', 'goal', 'result', 'reached'), [goal.row() for goal in goals])
 
 

@@ -21,16 +21,10 @@ _BY_EFFECT = 'single', 'novel', 'left_out'
 def sheets(scores: Scores) -> list[Sheet]:
     """Return the tables of a run that have rows."""
     all_sheets = [
-        reach(scores),
-        _groups(scores),
-        _places(scores),
-        _effects(scores),
-        reduction_summary(scores),
-        reductions(scores),
-        first_places(scores),
-        reliability(scores),
+        reach(scores), _groups(scores), _places(scores), _effects(scores),
+        reduction_summary(scores), reductions(scores), first_places(scores), reliability(scores),
         _baselines(scores),
-    ]
+    ]  # fmt: skip
     return [sheet for sheet in all_sheets if sheet.rows]
 
 

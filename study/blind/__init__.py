@@ -12,12 +12,5 @@ from study.blind.internals import Internals, VARIED
 from study.blind.scene_set import SceneKey, SceneSet
 
 __all__ = [
-    'CATALOGUE',
-    'NOVEL',
-    'BlindCamera',
-    'VARIED',
-    'Case',
-    'Internals',
-    'SceneKey',
-    'SceneSet',
-]
+    'CATALOGUE', 'NOVEL', 'BlindCamera', 'VARIED', 'Case', 'Internals', 'SceneKey', 'SceneSet',
+]  # fmt: skip

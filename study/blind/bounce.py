@@ -94,12 +94,8 @@ def _points(view: View, step: int) -> tuple[np.ndarray, ...]:
     points = view.origin + depth[:, None] * (toward @ view.R.T)
     slant = np.sqrt((toward**2).sum(-1))
     return (
-        points,
-        normal.astype(np.float64),
-        reflectivity.astype(np.float64),
-        depth * slant,
-        slant,
-    )
+        points, normal.astype(np.float64), reflectivity.astype(np.float64), depth * slant, slant,
+    )  # fmt: skip
 
 
 @loop()
