@@ -7,7 +7,9 @@ import math
 from boards import board, K
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
 from flexx2_sim_ros.camera import camera as pipeline
+from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.geometry import pixel_rays, points
 from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
 import numpy as np
 import pytest
@@ -198,23 +200,10 @@ def test_sigma_stays_constant_near_90_degrees() -> None:
 @pytest.mark.parametrize(
     'nothing',
     [
-        math.nan,
-        math.inf,
-        -math.inf,
-        0.0,
-        -0.0,
-        -1.0,
-        1e-45,
-        1e-38,
-        1e-9,
-        1e10,
-        1e20,
-        1e30,
-        float(np.finfo(np.float32).max),
-        1e39,
-        1e300,
+        math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 1e-9, 1e10, 1e20, 1e30,
+        float(np.finfo(np.float32).max), 1e39, 1e300,
     ],
-)
+)  # fmt: skip
 def test_depth_that_is_not_a_distance_is_invalid(nothing: float) -> None:
     clean = np.full(SHAPE, 1.0)
     clean[12, 16] = clean[3:5, 3:5] = nothing
@@ -314,16 +303,8 @@ GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.on
         *(
             ('clean_depth', bad)
             for bad in (
-                3.0,
-                [1.0, 2.0],
-                np.ones((0, 5)),
-                np.ones((5, 0)),
-                np.ones(SHAPE, complex),
-                'near',
-                None,
-                np.ones(SHAPE, bool),
-                np.ones(SHAPE, object),
-                np.full(SHAPE, '1'),
+                3.0, [1.0, 2.0], np.ones((0, 5)), np.ones((5, 0)), np.ones(SHAPE, complex), 'near',
+                None, np.ones(SHAPE, bool), np.ones(SHAPE, object), np.full(SHAPE, '1'),
                 [[1.0, 2.0], [3.0]],
             )
         ),
@@ -349,20 +330,9 @@ GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.on
                 *(
                     matrix_with(*change)
                     for change in (
-                        (0, 0, 0),
-                        (1, 1, 0),
-                        (0, 0, -210),
-                        (0, 0, math.nan),
-                        (1, 1, math.inf),
-                        (0, 2, math.nan),
-                        (1, 2, -math.inf),
-                        (0, 1, 0.1),
-                        (0, 1, math.nan),
-                        (2, 2, 0),
-                        (2, 2, math.nan),
-                        (0, 0, 1e-60),
-                        (0, 0, 1e60),
-                        (1, 2, 1e60),
+                        (0, 0, 0), (1, 1, 0), (0, 0, -210), (0, 0, math.nan), (1, 1, math.inf),
+                        (0, 2, math.nan), (1, 2, -math.inf), (0, 1, 0.1), (0, 1, math.nan),
+                        (2, 2, 0), (2, 2, math.nan), (0, 0, 1e-60), (0, 0, 1e60), (1, 2, 1e60),
                     )
                 ),
             )
@@ -373,7 +343,7 @@ GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.on
         ),
         ('leading', np.ones((2, *SHAPE))),
     ],
-)
+)  # fmt: skip
 def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
     given = {**GOOD, field: value}
     if field == 'leading':
@@ -385,19 +355,43 @@ def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
 @pytest.mark.parametrize(
     ('field', 'value'),
     [
-        ('usecase', 'Mode_7'),
-        ('seed', 'one'),
-        ('seed', None),
-        ('seed', 1.5),
-        ('seed', math.nan),
-        ('name', None),
-        ('name', 5),
+        ('usecase', 'Mode_7'), ('seed', 'one'), ('seed', None), ('seed', 1.5), ('seed', math.nan),
+        ('seed', 2**63), ('seed', -(2**63) - 1), ('name', None), ('name', 5),
         ('effects', ['blur']),
     ],
-)
+)  # fmt: skip
 def test_an_impossible_camera_is_refused(field: str, value: object) -> None:
     with pytest.raises(InputError, match=f'^{field}'):
         Camera(**{field: value})
+
+
+@pytest.mark.parametrize('seed', [-(2**63), 2**63 - 1, np.int64(5)])
+def test_any_seed_of_64_bits_is_taken(seed: int) -> None:
+    assert Camera(seed=seed).seed == seed
+
+
+def test_the_gray_image_is_the_root_of_the_amplitude() -> None:
+    amplitude = np.linspace(0.0, 4.0, 400, dtype=np.float32).reshape(20, 20)
+    assert gray_image(np.zeros((4, 4), np.float32), None, 2.0).max() == 0
+    whole = gray_image(amplitude, 1.0, 4.0)
+    assert whole[0, 0] == 0
+    assert whole[-1, -1] == 255
+    assert int(whole[5, 0]) == pytest.approx(255 * math.sqrt(amplitude[5, 0] / 4.0), abs=0.51)
+    # Automatic: as long as is allowed, but at most one pixel in a hundred is white for good.
+    assert np.array_equal(gray_image(amplitude, None, 8.0), gray_image(amplitude, 1.0, 8.0))
+    automatic = gray_image(amplitude, None, 1.0)
+    assert 1 <= (automatic == 255).sum() <= 8
+    assert automatic.ravel()[-8] < 255
+
+
+def test_points_lie_on_the_rays_of_their_pixels() -> None:
+    lens = Intrinsics.from_matrix(K, 224, 172)
+    depth = np.full((172, 224), 2.0, np.float32)
+    depth[3, 4] = np.nan
+    found = points(depth, pixel_rays(lens))
+    assert np.isnan(found[3, 4]).all()
+    x, y = 2.0 * (200 - K[0, 2]) / K[0, 0], 2.0 * (20 - K[1, 2]) / K[1, 1]
+    assert found[20, 200] == pytest.approx([x, y, 2.0], rel=1e-5)
 
 
 @pytest.mark.parametrize(
