@@ -3,9 +3,9 @@
 import ast
 from pathlib import Path
 import subprocess
-import sys
 
 from bench import mutants
+from programs import run_python
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -17,15 +17,7 @@ SHORT += 'nodes', 'start', 'torture_kill'
 
 def run(words: list[str], folder: Path, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
     """Run Python in a folder, where it leaves its files."""
-    return subprocess.run(
-        [sys.executable, '-m', *words],
-        cwd=folder,
-        env=env,
-        text=True,
-        capture_output=True,
-        timeout=300,
-        check=False,
-    )
+    return run_python('-m', *words, cwd=folder, env=env)
 
 
 def test_measurements_run_for_a_moment(child_env: dict[str, str], tmp_path: Path) -> None:

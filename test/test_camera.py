@@ -160,12 +160,9 @@ def test_arguments_broadcast() -> None:
 def test_stamps_in_nanoseconds_and_in_seconds() -> None:
     camera = Camera(seed=1)
     for seconds, nanoseconds in (
-        (1.5, 1_500_000_000),
-        (-0.25, -250_000_000),
-        (1e-9, 1),
-        (np.float32(2.0), np.uint64(2 * 10**9)),
-        (3.0, np.int16(0)),
-    ):
+        (1.5, 1_500_000_000), (-0.25, -250_000_000), (1e-9, 1),
+        (np.float32(2.0), np.uint64(2 * 10**9)), (3.0, np.int16(0)),
+    ):  # fmt: skip
         equal = int(nanoseconds) == round(float(seconds) * 1e9)
         one, other = (camera.capture(scene(), K, stamp) for stamp in (seconds, nanoseconds))
         assert np.array_equal(one.depth, other.depth, equal_nan=True) == equal

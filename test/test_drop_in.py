@@ -12,6 +12,7 @@ from typing import Any
 from flexx2_sim_ros.nodes.transforms import optical_transform
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
+from programs import run_flexx2
 import pytest
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import PointCloud2
@@ -136,20 +137,14 @@ def test_the_parameter_file_makes_the_node_the_driver(child_env: dict[str, str])
     assert given['parent_frame'] == f'{DRIVER[1:]}_link'
     with subprocess.Popen(
         [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '--params-file',
-            path,
-            '-r',
-            f'__node:={DRIVER[1:]}',
+            sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args',
+            '--params-file', path, '-r', f'__node:={DRIVER[1:]}',
         ],
         env=child_env,
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-    ) as process:
+    ) as process:  # fmt: skip
         _check_driver(process)
 
 
@@ -300,17 +295,13 @@ def logged(env: dict[str, str], cache: Path, until: str) -> str:
     """Return what a camera node logs up to a text, with a cache of its own."""
     with subprocess.Popen(
         [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '-r',
+            sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
             '__ns:=/fresh',
         ],
         env={**env, 'NUMBA_CACHE_DIR': str(cache)},
         text=True,
         stderr=subprocess.PIPE,
-    ) as process:
+    ) as process:  # fmt: skip
         assert process.stderr is not None
         said = ''
         for line in process.stderr:
@@ -331,11 +322,10 @@ def test_compiled_ahead_of_time_it_starts_at_once(
     child_env: dict[str, str], tmp_path: Path
 ) -> None:
     def compile_command() -> str:
-        return subprocess.run(
-            [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'compile', '--no-effects'],
+        return run_flexx2(
+            'compile',
+            '--no-effects',
             env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)},
-            capture_output=True,
-            text=True,
             check=True,
             cwd=ROOT,
         ).stdout

@@ -66,18 +66,12 @@ def test_a_clock_before_zero_does_not_end_a_node(child_env: dict[str, str]) -> N
     listener = Listener()
     with subprocess.Popen(
         [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '-r',
-            '__ns:=/clocked',
-            '-p',
-            'use_sim_time:=true',
+            sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
+            '__ns:=/clocked', '-p', 'use_sim_time:=true',
         ],
         env=child_env,
         stderr=subprocess.DEVNULL,
-    ) as process:
+    ) as process:  # fmt: skip
         try:
             clock = listener.node.create_publisher(Clock, '/clock', 10)
             listener.spin_until(clock.get_subscription_count, 'the node')

@@ -10,6 +10,7 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.robot_node import RobotCameras
 from hostile_files import hostile_texts
+from programs import run_python
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters
@@ -31,17 +32,15 @@ def test_no_file_gives_a_traceback_at_the_start(
     """Assert one sentence and exit code 1."""
     path = tmp_path / 'deep.yaml'
     path.write_text('[' * 3000)
-    done = subprocess.run(
-        [
-            sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-p',
-            f'{name}:={path}',
-        ],
+    done = run_python(
+        '-m',
+        'flexx2_sim_ros.nodes.flexx2_camera',
+        '--ros-args',
+        '-p',
+        f'{name}:={path}',
         env=child_env,
-        capture_output=True,
-        text=True,
         timeout=60,
-        check=False,
-    )  # fmt: skip
+    )
     assert done.returncode == 1
     assert done.stderr.startswith(f'error: {name}: ')
     assert done.stderr.count('\n') == 1

@@ -11,6 +11,7 @@ from flexx2_sim_ros.robots.kinematics import feet, rotation
 from flexx2_sim_ros.robots.robot import load_mounts, load_robot, robot_path
 import mujoco
 import numpy as np
+from programs import run_python
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from robots import (
@@ -368,17 +369,15 @@ def test_a_robots_file_may_have_whole_numbers(position, tmp_path):
 def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
     path = tmp_path / 'robot.xml'
     path.write_text(TORSO)
-    done = subprocess.run(
-        [
-            sys.executable, '-m', 'flexx2_sim_ros.nodes.go1_cameras', '--ros-args', '-p',
-            f'robot_model:={path}',
-        ],
+    done = run_python(
+        '-m',
+        'flexx2_sim_ros.nodes.go1_cameras',
+        '--ros-args',
+        '-p',
+        f'robot_model:={path}',
         env=child_env,
-        capture_output=True,
-        text=True,
         timeout=60,
-        check=False,
-    )  # fmt: skip
+    )
     assert done.returncode == 1
     assert done.stderr.startswith('error: robot_model: ')
     assert done.stderr.count('\n') == 1
@@ -389,19 +388,13 @@ def test_a_second_node_of_the_same_name_is_reported(child_env):
         seen.hear('odom', Odometry)
         with subprocess.Popen(
             [
-                sys.executable,
-                '-m',
-                'flexx2_sim_ros.nodes.go1_cameras',
-                '--ros-args',
-                '-r',
-                f'__ns:={seen.space}',
-                '-p',
-                'renderer:=ray',
+                sys.executable, '-m', 'flexx2_sim_ros.nodes.go1_cameras', '--ros-args', '-r',
+                f'__ns:={seen.space}', '-p', 'renderer:=ray',
             ],
             env=child_env,
             stderr=subprocess.PIPE,
             text=True,
-        ) as second:
+        ) as second:  # fmt: skip
             unique = 'node name: must be unique'
             # Either it finds the first in time and ends, or both say so and go on.
             seen.spin_until(lambda: second.poll() is not None or seen.logged(unique))

@@ -3,8 +3,6 @@
 from pathlib import Path
 import re
 import resource
-import subprocess
-import sys
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera
@@ -13,6 +11,7 @@ from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
+from programs import run_flexx2
 import pytest
 import yaml
 
@@ -135,12 +134,9 @@ def test_uptime_of_the_scene_or_as_given(tmp_path: Path) -> None:
     effects.write_text('schema: 1\neffects: {warm_up_drift: {bias: 0.05, tau: 100}}\n')
     options = ('--frames', '5', '--effects', str(effects))
     for uptime, more, expected in (
-        (None, (), 0.0),
-        (100.0, (), 100.0),
-        (np.full(5, 50.0), (), 50.0),
-        (100.0, ('--uptime', '200'), 200),
-        (None, ('--uptime', '30'), 30.0),
-    ):
+        (None, (), 0.0), (100.0, (), 100.0), (np.full(5, 50.0), (), 50.0),
+        (100.0, ('--uptime', '200'), 200), (None, ('--uptime', '30'), 30.0),
+    ):  # fmt: skip
         source = save(tmp_path, clean_depth=np.full((43, 56), 1.0), uptime=uptime)
         out = simulate(source, tmp_path, *options, *more)
         assert np.mean(out['depth']) - 1 == pytest.approx(0.05 * np.exp(-expected / 100), abs=1e-3)
@@ -337,17 +333,15 @@ def test_files_that_cannot_be_read_or_written(
 def test_a_full_disk(tmp_path: Path) -> None:
     """Assert a message and no half-written file where the file may not grow any further."""
     source = save(tmp_path)
-    done = subprocess.run(
-        [
-            sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'simulate', source,
-            str(tmp_path / 'out.npz'), '--frames', '200',
-        ],
+    done = run_flexx2(
+        'simulate',
+        source,
+        str(tmp_path / 'out.npz'),
+        '--frames',
+        '200',
         cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000)),
-    )  # fmt: skip
+    )
     assert done.returncode == 2, done.stderr
     assert 'out.npz: cannot be written' in done.stderr
     assert 'Traceback' not in done.stderr

@@ -81,20 +81,9 @@ def status_of(port: int, path: str, **headers: str) -> tuple[int, Any]:
 def test_the_page_loads_nothing_from_elsewhere(served: tuple[Server, Source]) -> None:
     server, _ = served
     for path in (
-        '/',
-        '/view.js',
-        '/live.js',
-        '/panel.js',
-        '/playback.js',
-        '/recorded.js',
-        '/draw.js',
-        '/cloud.js',
-        '/rays.js',
-        '/drive.js',
-        '/colours.js',
-        '/style.css',
-        '/icon.svg',
-    ):
+        '/', '/view.js', '/live.js', '/panel.js', '/playback.js', '/recorded.js', '/draw.js',
+        '/cloud.js', '/rays.js', '/drive.js', '/colours.js', '/style.css', '/icon.svg',
+    ):  # fmt: skip
         code, headers = status_of(server.port, path)
         assert code == 200
         assert "default-src 'none'" in headers['Content-Security-Policy']
