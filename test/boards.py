@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.characterize.lateral import edge_sigma
+from flexx2_sim_ros.characterize.edge_jitter import edge_sigma
 from flexx2_sim_ros.characterize.tiles import gaussian_kl
 import numpy as np
 

@@ -12,7 +12,7 @@ try:
 except ImportError as error:
     raise unittest.SkipTest('ROS 2 is not installed: rclpy cannot be imported') from error
 
-from flexx2_sim_ros.nodes import robot_messages, transforms
+from flexx2_sim_ros.nodes import robot_messages, tf_frames
 from flexx2_sim_ros.nodes.robot_node import RobotCameras
 from flexx2_sim_ros.robots.robot import load_robot
 from geometry_msgs.msg import Twist
@@ -25,7 +25,7 @@ from streams import CameraInfo, Clock, Image, Listener, Parameter
 
 __all__ = [
     'CameraInfo', 'Clock', 'Image', 'JOINTS', 'JointState', 'Odometry', 'RATE', 'RobotUnderTest',
-    'Twist', 'exact', 'joints', 'odometry', 'place', 'robot_messages', 'robot_node', 'transforms',
+    'Twist', 'exact', 'joints', 'odometry', 'place', 'robot_messages', 'robot_node', 'tf_frames',
     'twist',
 ]  # fmt: skip
 

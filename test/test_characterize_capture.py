@@ -7,7 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics
 from flexx2_sim_ros.characterize import characterize
-from flexx2_sim_ros.characterize.campaign import capture, conditions
+from flexx2_sim_ros.characterize.capture import capture, conditions
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import pixel_rays

@@ -6,17 +6,17 @@ import warnings
 
 from boards import board, K, mean_kl
 from flexx2_sim_ros.characterize.amplitude import count_invalid, EDGES, sigma_against
-from flexx2_sim_ros.characterize.axial import EXPONENTS, fit_axial, NAMES
-from flexx2_sim_ros.characterize.board import find_board
-from flexx2_sim_ros.characterize.histogram import bin_edges, storage_step
-from flexx2_sim_ros.characterize.lateral import (
+from flexx2_sim_ros.characterize.axial_fit import EXPONENTS, fit_axial, NAMES
+from flexx2_sim_ros.characterize.board_finding import find_board
+from flexx2_sim_ros.characterize.conditions import Condition, parse_name
+from flexx2_sim_ros.characterize.edge_jitter import (
     edge_positions,
     edge_sigma,
     find_edges,
     measure_edge,
 )
+from flexx2_sim_ros.characterize.histogram import bin_edges, storage_step
 from flexx2_sim_ros.characterize.moments import Accumulator
-from flexx2_sim_ros.characterize.plan import Condition, parse_name
 from flexx2_sim_ros.characterize.plane import fit_plane, ransac_plane
 from flexx2_sim_ros.characterize.tiles import gaussian_kl, kl_floor, spatial_tiles, Tiles
 from flexx2_sim_ros.errors import InputError

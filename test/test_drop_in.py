@@ -9,7 +9,7 @@ import subprocess
 import sys
 from typing import Any
 
-from flexx2_sim_ros.nodes.transforms import optical_transform
+from flexx2_sim_ros.nodes.tf_frames import optical_transform
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
 from programs import run_flexx2

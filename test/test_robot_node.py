@@ -26,7 +26,7 @@ from robots import (
     RATE,
     robot_node,
     RobotUnderTest,
-    transforms,
+    tf_frames,
     Twist,
     twist,
 )
@@ -246,7 +246,7 @@ def test_frames_follow_the_conventions_of_ros():
     left, right = load_mounts()
     found = {
         message.child_frame_id: message
-        for message in transforms.camera_transforms('base', (left, right))
+        for message in tf_frames.camera_transforms('base', (left, right))
     }
     assert set(found) == {
         'front_left_link',
@@ -291,8 +291,8 @@ def test_frames_are_published_where_their_message_is_there(monkeypatch):
     module.TFMessage = TFMessage
     monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
-    frames = transforms.FramePublisher(Node())
-    fixed = transforms.camera_transforms('base', load_mounts())
+    frames = tf_frames.FramePublisher(Node())
+    fixed = tf_frames.camera_transforms('base', load_mounts())
     frames.fixed(fixed)
     frames.moving(fixed[:1])
     assert [(topic, message.transforms) for topic, message in sent] == [
@@ -440,5 +440,5 @@ def test_every_frame_has_the_prefix():
         assert [message.child_frame_id for message in frames] == [
             f'left/{name.removesuffix("_joint")}' for name in JOINTS
         ]
-        mounts = transforms.camera_transforms('left/base', load_mounts(), 'left/')
+        mounts = tf_frames.camera_transforms('left/base', load_mounts(), 'left/')
         assert all(message.child_frame_id.startswith('left/') for message in mounts)

@@ -5,9 +5,9 @@ import math
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.modes import flexx2
-from flexx2_sim_ros.rendering.cameras import board_model
 from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.rendering.materials import load_materials
+from flexx2_sim_ros.rendering.pinholes import board_model
 from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.rendering.scenes import place_board, SCENES
 from flexx2_sim_ros.rendering.visibility import unseen_geoms

@@ -9,7 +9,7 @@ from functools import cache
 import math
 from typing import Any, NamedTuple
 
-from flexx2_sim_ros.characterize.board import Board
+from flexx2_sim_ros.characterize.board_finding import Board
 from flexx2_sim_ros.characterize.moments import Moments
 import numpy as np
 from scipy.special import digamma

@@ -141,8 +141,8 @@ def _progress(console: Console) -> Progress:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from flexx2_sim_ros.characterize.campaign import conditions
-    from flexx2_sim_ros.characterize.plan import checklist
+    from flexx2_sim_ros.characterize.capture import conditions
+    from flexx2_sim_ros.characterize.conditions import checklist
 
     profile = _profile(arguments)
     wanted = conditions(
@@ -153,7 +153,7 @@ def _plan(arguments: argparse.Namespace) -> int:
 
 
 def _capture(arguments: argparse.Namespace) -> int:
-    from flexx2_sim_ros.characterize.campaign import capture, conditions
+    from flexx2_sim_ros.characterize.capture import capture, conditions
 
     profile = _profile(arguments)
     wanted = conditions(
@@ -186,8 +186,8 @@ def _capture(arguments: argparse.Namespace) -> int:
 def _fit(arguments: argparse.Namespace) -> int:
     # Imported here: SciPy and scikit-learn take a second, which other commands should not wait.
     from flexx2_sim_ros.characterize.analysis import characterize
-    from flexx2_sim_ros.characterize.export import to_profile
-    from flexx2_sim_ros.characterize.report import write_report
+    from flexx2_sim_ros.characterize.new_profile import to_profile
+    from flexx2_sim_ros.characterize.noise_report import write_report
     from flexx2_sim_ros.cli.characterize_table import print_result
 
     out = arguments.out or arguments.folder / _OUT

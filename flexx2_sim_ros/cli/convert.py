@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Convert with a progress bar, and print what was converted."""
     from flexx2_sim_ros.profiles.files import find_profile
     from flexx2_sim_ros.recording.convert import convert
-    from flexx2_sim_ros.recording.given import Given
+    from flexx2_sim_ros.recording.corrections import Given
 
     given = Given(
         arguments.usecase,

@@ -17,7 +17,7 @@ from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError, printable, shown_path
 from flexx2_sim_ros.export import ExportTarget, MapperNoise, measure_noise, Parameters, TARGETS
-from flexx2_sim_ros.export.noise import ANGLES
+from flexx2_sim_ros.export.mapper_noise import ANGLES
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import Profile
 from rich import box

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from flexx2_sim_ros.export import mappers, simulators
-from flexx2_sim_ros.export.noise import MapperNoise, measure_noise
-from flexx2_sim_ros.export.target import ExportTarget, Parameters
+from flexx2_sim_ros.export.export_target import ExportTarget, Parameters
+from flexx2_sim_ros.export.mapper_noise import MapperNoise, measure_noise
 
 __all__ = ['TARGETS', 'MapperNoise', 'Parameters', 'ExportTarget', 'measure_noise']
 TARGETS: Mapping[str, ExportTarget] = MappingProxyType(

@@ -2,9 +2,15 @@
 
 import math
 
+from flexx2_sim_ros.export.export_target import (
+    common_losses,
+    ExportTarget,
+    header,
+    Parameters,
+    reach,
+)
 from flexx2_sim_ros.export.fits import fit_constant, fit_power, fit_structured_light, within
-from flexx2_sim_ros.export.noise import MapperNoise
-from flexx2_sim_ros.export.target import common_losses, ExportTarget, header, Parameters, reach
+from flexx2_sim_ros.export.mapper_noise import MapperNoise
 import numpy as np
 
 _SOURCE = 'ANYbotics/elevation_mapping, November 2024: config/sensor_processors/*.yaml'

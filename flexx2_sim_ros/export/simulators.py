@@ -3,15 +3,15 @@
 import math
 import re
 
-from flexx2_sim_ros.export.fits import fit_constant, fit_power
-from flexx2_sim_ros.export.noise import MapperNoise
-from flexx2_sim_ros.export.target import (
+from flexx2_sim_ros.export.export_target import (
     common_losses,
     ExportTarget,
     header,
     identifier,
     Parameters,
 )
+from flexx2_sim_ros.export.fits import fit_constant, fit_power
+from flexx2_sim_ros.export.mapper_noise import MapperNoise
 
 _UNIFORM = math.sqrt(3.0)  # half-width of a uniform distribution with a sigma of 1
 

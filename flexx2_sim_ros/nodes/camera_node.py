@@ -17,17 +17,17 @@ from flexx2_sim_ros.messages.decoding import check_stamp, decode_image, stamp_na
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs, EventGroup
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
+from flexx2_sim_ros.nodes.diagnostics import Statistics
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 from flexx2_sim_ros.nodes.late_frames import LateFrames
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
 from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.nodes.plausibility import ReflectivityUnit
-from flexx2_sim_ros.nodes.report import Statistics
 from flexx2_sim_ros.nodes.runtime import Throttle
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.subscriptions import Input
-from flexx2_sim_ros.nodes.transforms import FramePublisher, optical_transform
+from flexx2_sim_ros.nodes.tf_frames import FramePublisher, optical_transform
 from flexx2_sim_ros.nodes.twins import claim_name
 from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP

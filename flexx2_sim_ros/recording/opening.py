@@ -7,7 +7,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording.calibration import Calibration
-from flexx2_sim_ros.recording.given import in_metres
+from flexx2_sim_ros.recording.corrections import in_metres
 from flexx2_sim_ros.recording.reader import Content, Layout, Recording, RecordingReader, STACKS
 from flexx2_sim_ros.recording.tidying import tidy
 import numpy as np

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.camera.camera import Camera
-from flexx2_sim_ros.characterize.plan import Condition, LEAST_PERCENT
+from flexx2_sim_ros.characterize.conditions import Condition, LEAST_PERCENT
 from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.npz_arrays import open_npz
@@ -207,7 +207,7 @@ def _render(
     setups: Sequence[tuple[float, float]], camera: Intrinsics, renderer: str
 ) -> dict[tuple[float, float], np.ndarray]:
     # Imported here: planning and fitting need no MuJoCo.
-    from flexx2_sim_ros.rendering.cameras import board_model
+    from flexx2_sim_ros.rendering.pinholes import board_model
     from flexx2_sim_ros.rendering.renderer import open_renderer
     from flexx2_sim_ros.rendering.scenes import BOARD_DISTANCES, place_board
     import mujoco

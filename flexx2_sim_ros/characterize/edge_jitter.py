@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.characterize.board import Board, MARGIN_SHARE, SMALLEST_MARGIN
+from flexx2_sim_ros.characterize.board_finding import Board, MARGIN_SHARE, SMALLEST_MARGIN
 from flexx2_sim_ros.characterize.plane import straighten
 from flexx2_sim_ros.characterize.tiles import kl_floor
 from flexx2_sim_ros.physics.compiled import loop
