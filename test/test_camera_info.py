@@ -29,13 +29,9 @@ def fields(**changes: Any) -> CameraFields:
 
 
 @given(
-    st.integers(1, 4),
-    st.integers(1, 4),
-    st.integers(0, 60),
-    st.integers(0, 60),
-    st.floats(-10, 10),
-    st.floats(-10, 10),
-)
+    st.integers(1, 4), st.integers(1, 4), st.integers(0, 60), st.integers(0, 60),
+    st.floats(-10, 10), st.floats(-10, 10),
+)  # fmt: skip
 def test_a_point_of_the_sensor_is_where_binning_and_region_move_it(
     across: int, down: int, left: int, top: int, off_x: float, off_y: float
 ) -> None:

@@ -277,18 +277,10 @@ def synthetic(
             variance = sigma**2 * generator.chisquare(freedom) / freedom
             tiles.append(
                 Tiles(
-                    z,
-                    theta,
-                    np.full(60, 16.0),
-                    freedom,
-                    variance,
-                    np.log(variance),
-                    0 * z,
-                    0 * z,
-                    np.full(60, math.nan),
-                    np.full(60, math.nan),
+                    z, theta, np.full(60, 16.0), freedom, variance, np.log(variance), 0 * z, 0 * z,
+                    np.full(60, math.nan), np.full(60, math.nan),
                 )
-            )
+            )  # fmt: skip
     return tiles
 
 

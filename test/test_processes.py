@@ -138,14 +138,9 @@ def test_a_signal_while_starting_ends_the_process(
 def test_the_camera_node(start: Any, number: signal.Signals) -> None:
     """Assert frames over the wire are the library's, and a quiet end amid a burst of images."""
     node = start(
-        CAMERA,
-        'usecase:=mode_5_60fps',
-        'seed:=9',
-        'camera_name:=left',
-        'serial:=0042',
-        'invalid_value:=nan',
-        'cx:=111.5',
-    )
+        CAMERA, 'usecase:=mode_5_60fps', 'seed:=9', 'camera_name:=left', 'serial:=0042',
+        'invalid_value:=nan', 'cx:=111.5',
+    )  # fmt: skip
     with listening() as user:
         image, info = (
             user.node.create_publisher(kind, f'{node.namespace}/clean/{topic}', 10)

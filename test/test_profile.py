@@ -18,17 +18,9 @@ import yaml
 NOISE = NoiseModel(0.004, -0.001, 0.002, 0.0005, 1.5, 0.7)
 NARROW = Mode('Narrow', 12.5, 0.3, 4.0, (), 0, (1, 80000), NOISE, 'Narrow', 'profile')
 WIDE = Mode(
-    'Wide.1+',
-    25.0,
-    0.2,
-    6.0,
-    (100e6, 20e6),
-    9,
-    (5, 400),
-    replace(NOISE, a=0.006),
-    'Wide.1+',
+    'Wide.1+', 25.0, 0.2, 6.0, (100e6, 20e6), 9, (5, 400), replace(NOISE, a=0.006), 'Wide.1+',
     'profile',
-)
+)  # fmt: skip
 OTHER = Profile(
     'Kamera Ü',
     Intrinsics(64, 48, 60.0, 61.0, 30.5, 24.25, (0.1, 0.0, 0.0, 0.0, 0.0)),

@@ -43,17 +43,9 @@ def test_simulate_writes_the_librarys_frames(
 ) -> None:
     """Assert keys, shapes, dtypes, the stamps, and every frame to the last bit."""
     out = simulate(
-        save(tmp_path),
-        tmp_path,
-        '--usecase',
-        'mode_5_45FPS',
-        '--frames',
-        '70',
-        '--seed',
-        '7',
-        '--name',
-        'left',
-    )
+        save(tmp_path), tmp_path, '--usecase', 'mode_5_45FPS', '--frames', '70', '--seed', '7',
+        '--name', 'left',
+    )  # fmt: skip
     said = ' '.join(capsys.readouterr().err.split())
     assert '70 frames of 56 x 43, Flexx2, Mode_5_45fps, ' in said
     assert {'depth', 'clean_depth', 'K', 'stamp', 'usecase'} <= set(out)

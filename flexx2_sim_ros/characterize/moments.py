@@ -95,16 +95,10 @@ class Accumulator:
                 for name in ('right', 'down')
             )
         return Moments(
-            self._frames,
-            count.astype(np.int64),
-            self._reference + mean,
-            np.maximum(variance, 0.0),
-            third,
-            fourth,
-            np.where(s['lag_count'] > 0, lag, np.nan),
-            right,
-            down,
-        )
+            self._frames, count.astype(np.int64), self._reference + mean,
+            np.maximum(variance, 0.0), third, fourth, np.where(s['lag_count'] > 0, lag, np.nan),
+            right, down,
+        )  # fmt: skip
 
 
 def _covariance(

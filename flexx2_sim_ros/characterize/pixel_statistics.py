@@ -121,18 +121,9 @@ def pixel_statistics(
         )
         unknown = math.nan
         return Pixels(
-            count,
-            invalid,
-            unknown,
-            right,
-            down,
-            unknown,
-            unknown,
-            unknown,
-            unknown,
-            float(np.sqrt(np.nanmean(square))),
-            unknown,
-        )
+            count, invalid, unknown, right, down, unknown, unknown, unknown, unknown,
+            float(np.sqrt(np.nanmean(square))), unknown,
+        )  # fmt: skip
     variance = np.where(here, moments.variance, np.nan)
     lag = _correlation(moments.lag, variance, variance)
     right = _correlation(moments.right, variance, _next(variance, 1))

@@ -280,20 +280,9 @@ def _gather(senders, receivers, turns, out):
             continue
         for i in range(s.shape[1]):
             light[i], path[i] = _light_from(
-                s[0, i] - x,
-                s[1, i] - y,
-                s[2, i] - z,
-                s[3, i],
-                s[4, i],
-                s[5, i],
-                s[7, i],
-                s[9, i],
-                s[6, i],
-                nx,
-                ny,
-                nz,
-                reach,
-            )
+                s[0, i] - x, s[1, i] - y, s[2, i] - z, s[3, i], s[4, i], s[5, i], s[7, i], s[9, i],
+                s[6, i], nx, ny, nz, reach,
+            )  # fmt: skip
         for f in range(turns.size):
             real = _ZERO
             imaginary = _ZERO

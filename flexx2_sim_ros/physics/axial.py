@@ -69,13 +69,9 @@ def scale_by_surface(p, cosine, reflectivity, coefficients, sigma):
     for y in range(sigma.shape[0]):
         for x in range(sigma.shape[1]):
             sigma[y, x] *= _surface_factor(
-                reflectivity[y, x],
-                cosine[y, x],
-                p[y + PAD, x + PAD],
-                white,
-                constant_share,
+                reflectivity[y, x], cosine[y, x], p[y + PAD, x + PAD], white, constant_share,
                 read_share,
-            )
+            )  # fmt: skip
 
 
 def sigma_image(

@@ -117,16 +117,10 @@ def encode_image(stamp: int, frame_id: str, pixels: np.ndarray) -> bytes:
     return encode(
         IMAGE,
         _make(
-            IMAGE,
-            _header(stamp, frame_id),
-            height,
-            width,
-            _PIXELS[kind],
-            0,
-            width * rows.itemsize,
-            rows.view(np.uint8).reshape(-1),
+            IMAGE, _header(stamp, frame_id), height, width, _PIXELS[kind], 0,
+            width * rows.itemsize, rows.view(np.uint8).reshape(-1),
         ),
-    )
+    )  # fmt: skip
 
 
 def encode_camera_info(
@@ -138,36 +132,18 @@ def encode_camera_info(
     return encode(
         CAMERA_INFO,
         _make(
-            CAMERA_INFO,
-            _header(stamp, frame_id),
-            *size,
-            DISTORTION_MODELS[len(distortion)],
-            distortion,
-            matrix.ravel(),
-            np.eye(3).ravel(),
-            projection.ravel(),
-            0,
-            0,
-            no_region,
+            CAMERA_INFO, _header(stamp, frame_id), *size, DISTORTION_MODELS[len(distortion)],
+            distortion, matrix.ravel(), np.eye(3).ravel(), projection.ravel(), 0, 0, no_region,
         ),
-    )
+    )  # fmt: skip
 
 
 def encode_text_parameter(stamp: int, node: str, name: str, text: str) -> bytes:
     """Return the ``rcl_interfaces/ParameterEvent`` of a node that starts with a text."""
     value = _make(
-        'rcl_interfaces/msg/ParameterValue',
-        _STRING_PARAMETER,
-        False,
-        0,
-        0.0,
-        text,
-        np.zeros(0, np.uint8),
-        np.zeros(0, bool),
-        np.zeros(0, np.int64),
-        np.zeros(0),
-        [],
-    )
+        'rcl_interfaces/msg/ParameterValue', _STRING_PARAMETER, False, 0, 0.0, text,
+        np.zeros(0, np.uint8), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(0), [],
+    )  # fmt: skip
     parameter = _make('rcl_interfaces/msg/Parameter', name, value)
     return encode(PARAMETER_EVENT, _make(PARAMETER_EVENT, _time(stamp), node, [parameter], [], []))
 

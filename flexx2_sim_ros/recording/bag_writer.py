@@ -35,16 +35,9 @@ _JAZZY: Literal[9] = 9  # version of metadata.yaml
 # The QoS of the driver and `flexx2_camera`, for topics whose QoS is not known.
 _FOREVER = QosTime(9223372036, 854775807)
 _OFFER = Qos(
-    QosHistory.KEEP_LAST,
-    10,
-    QosReliability.RELIABLE,
-    QosDurability.VOLATILE,
-    _FOREVER,
-    _FOREVER,
-    QosLiveliness.AUTOMATIC,
-    _FOREVER,
-    False,
-)
+    QosHistory.KEEP_LAST, 10, QosReliability.RELIABLE, QosDurability.VOLATILE, _FOREVER, _FOREVER,
+    QosLiveliness.AUTOMATIC, _FOREVER, False,
+)  # fmt: skip
 _LATEST = (1 << 31) * 1_000_000_000
 _NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
 # Types that images carry exactly; stacks of other types are stored as arrays.

@@ -376,12 +376,9 @@ class BagRecording(RecordingReader):
                 f'got it at {field.offset}'
             )
         z: np.ndarray = np.ndarray(
-            (height, width),
-            dtype,
-            cloud.data,
-            field.offset,
+            (height, width), dtype, cloud.data, field.offset,
             (width * cloud.point_step, cloud.point_step),
-        )
+        )  # fmt: skip
         return self._valid(z.astype(np.float32))
 
     def _valid(self, depth: np.ndarray) -> np.ndarray:

@@ -112,16 +112,9 @@ def start(
     heights = np.where(np.isnan(heights), top - legs.standing_height + legs.foot_radius, heights)
     landed = np.column_stack([places, heights])
     return GaitState(
-        np.array(position, float),
-        float(yaw),
-        np.zeros(3),
-        0.0,
-        landed,
-        landed,
-        heights,
-        places,
+        np.array(position, float), float(yaw), np.zeros(3), 0.0, landed, landed, heights, places,
         np.ones(4, bool),
-    )
+    )  # fmt: skip
 
 
 def step(

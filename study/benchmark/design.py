@@ -86,18 +86,13 @@ class Planned:
         """Return the case of the blind camera."""
         return Case(
             SceneKey(
-                self.usecase,
-                self.scene_seed,
-                self.pose_mm,
-                self.width,
-                self.height,
-                self.recordings,
-                self.frames,
+                self.usecase, self.scene_seed, self.pose_mm, self.width, self.height,
+                self.recordings, self.frames,
             ),
             self.effects,
             self.seed,
             internals=Internals(**self.internals),
-        )
+        )  # fmt: skip
 
     @property
     def key(self) -> str:
