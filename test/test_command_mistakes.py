@@ -8,7 +8,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-from flexx2_sim_ros.cli import commands, gap
+from flexx2_sim_ros.cli import commands
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import load_scene
 import numpy as np
@@ -262,7 +262,7 @@ def test_help_loads_no_command_and_lists_all(words: str) -> None:
     )
     done = run_python('-c', program, *words.split(), check=True)
     said = ' '.join(done.stdout.split())
-    of_group = commands.COMMANDS if words != 'gap --help' else gap.COMMANDS
+    of_group = commands.COMMANDS if words != 'gap --help' else commands.GAP_COMMANDS
     assert all(name in said for name in of_group), said
 
 
