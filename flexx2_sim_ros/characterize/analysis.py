@@ -12,8 +12,8 @@ from flexx2_sim_ros.characterize.edge_jitter import Edge
 from flexx2_sim_ros.characterize.measurement import measure, Measurement
 from flexx2_sim_ros.characterize.surface_fit import FEWEST_BOARDS, fit_surfaces, SurfaceFit
 from flexx2_sim_ros.characterize.tiles import gaussian_kl, whole_noise
-from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.processes import in_processes
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2, Profile
 from flexx2_sim_ros.recording.folders import find_recordings
