@@ -221,14 +221,12 @@ def test_inputs_of_any_number_type_are_read_and_not_changed() -> None:
             clean,
             [clean.astype(kind) for kind in ('f2', '>f4', 'f8', '>f8', 'g')]
             + [
-                np.asfortranarray(clean),
-                clean.repeat(2, 1)[:, ::2],
-                clean[::-1].copy()[::-1],
+                np.asfortranarray(clean), clean.repeat(2, 1)[:, ::2], clean[::-1].copy()[::-1],
                 clean.tolist(),
             ],
         ),
         (whole, [whole.astype(kind) for kind in ('u1', 'i2', '>u2', 'u4', 'i8')]),
-    ):
+    ):  # fmt: skip
         wanted = Camera(seed=1).capture(values.astype(np.float32), K, 0, shade.astype('f4'))
         for copy in copies:
             if isinstance(copy, np.ndarray):

@@ -195,12 +195,10 @@ def test_edges_are_found_and_measured(background: float) -> None:
 @pytest.mark.parametrize(
     ('angle', 'limits', 'masked'),
     [
-        (45, (0.0, 2.3), False),
-        (60, (0.0, 2.3), False),
-        (45, (1.7, 9.0), False),
+        (45, (0.0, 2.3), False), (60, (0.0, 2.3), False), (45, (1.7, 9.0), False),
         (10, (0.0, 9.0), True),
     ],
-)
+)  # fmt: skip
 def test_where_range_or_mask_end_is_no_edge(
     angle: float, limits: tuple[float, float], masked: bool
 ) -> None:

@@ -253,11 +253,8 @@ def test_the_registry() -> None:
     for kind in registry().values():
         strength, *others = kind.parameters()
         assert (strength.name, strength.default, strength.low, strength.high) == (
-            'strength',
-            1.0,
-            0.0,
-            4.0,
-        )
+            'strength', 1.0, 0.0, 4.0,
+        )  # fmt: skip
         assert all(p.low <= p.default <= p.high and p.low < p.high and p.text for p in others)
         assert kind.title
         assert kind.source

@@ -141,9 +141,7 @@ def test_a_valid_configuration_is_used(config: Path) -> None:
         ('flexx2.yaml', 'width: 224', 'width: -1', 'width'),
         ('flexx2.yaml', 'height: 172', 'height: .inf', 'height'),
         (
-            'flexx2.yaml',
-            'field_of_view_deg: [56, 44]',
-            'field_of_view_deg: [wide, 44]',
+            'flexx2.yaml', 'field_of_view_deg: [56, 44]', 'field_of_view_deg: [wide, 44]',
             'field_of_view_deg',
         ),
         ('flexx2.yaml', 'incidence_cap_deg: 85.0', 'incidence_cap_deg: 90', 'incidence_cap_deg'),
@@ -155,7 +153,7 @@ def test_a_valid_configuration_is_used(config: Path) -> None:
         ('flexx2.yaml', 'neighbourhood_px: 8', 'neighbour: 8', 'neighbourhood_px'),
         ('flexx2.yaml', 'zero_at_sigma_m: 0.07', '', 'zero_at_sigma_m'),
     ],
-)
+)  # fmt: skip
 def test_a_malformed_configuration_is_named(
     config: Path, file: str, old: str, new: str, named: str
 ) -> None:

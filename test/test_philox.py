@@ -42,11 +42,9 @@ def reference_philox(counter: list[np.ndarray], key: tuple[int, int]) -> list[np
     for _ in range(10):
         low, high = np.uint64(0xD2511F53) * c0, np.uint64(0xCD9E8D57) * c2
         c0, c1, c2, c3 = (
-            (high >> half) ^ c1 ^ np.uint64(k0),
-            high & word,
-            (low >> half) ^ c3 ^ np.uint64(k1),
+            (high >> half) ^ c1 ^ np.uint64(k0), high & word, (low >> half) ^ c3 ^ np.uint64(k1),
             low & word,
-        )
+        )  # fmt: skip
         k0, k1 = (k0 + 0x9E3779B9) & 0xFFFFFFFF, (k1 + 0xBB67AE85) & 0xFFFFFFFF
     return [c0, c1, c2, c3]
 

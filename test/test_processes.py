@@ -193,15 +193,13 @@ ONE_BOARD = """
             signal.SIGTERM,
             30,
             [
-                'rate:=30.0',
-                'renderer:=ray',
-                'scene:={folder}/board.xml',
+                'rate:=30.0', 'renderer:=ray', 'scene:={folder}/board.xml',
                 'front_left.rpy_deg:=[0.0, 0.0, 0.0]',
             ],
         ),
     ],
     ids=['lab', 'own scene'],
-)
+)  # fmt: skip
 def test_the_robot_node(
     start: Any, tmp_path: Path, number: signal.Signals, rate: int, parameters: list[str]
 ) -> None:

@@ -172,11 +172,9 @@ def _see(inverse, cosine, spread, rho, normal, limits):
     share = _confidence(spread, zero_confidence)
     light = _returned_light(_usable_reflectivity(rho), cosine, inverse)
     return (
-        value if valid else _NAN,
-        spread if valid else _NAN,
-        light if valid else _ZERO,
+        value if valid else _NAN, spread if valid else _NAN, light if valid else _ZERO,
         share if valid else _ZERO,
-    )
+    )  # fmt: skip
 
 
 @loop()

@@ -270,13 +270,11 @@ def _messages(
     images = {
         topic: _images(reader, key)
         for topic, key in (
-            (where.clean, 'clean_depth'),
-            (where.reflectivity, 'reflectivity'),
-            (where.depth, 'depth'),
-            (where.gray, 'amplitude'),
+            (where.clean, 'clean_depth'), (where.reflectivity, 'reflectivity'),
+            (where.depth, 'depth'), (where.gray, 'amplitude'),
         )
         if key in reader.layouts or key in reader.arrays
-    }
+    }  # fmt: skip
     infos = [where.info, *([where.clean_info] if where.clean in images else [])]
     for stamp, time in zip(reader.stamp_ns.tolist(), times, strict=True):
         info = messages.encode_camera_info(

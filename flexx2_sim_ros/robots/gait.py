@@ -281,11 +281,8 @@ def _replan(
 ) -> _Swing:
     """Adapt the foothold of a foot in the air to a changed velocity."""
     foot, landed, apex, wanted = (
-        state.lifted[leg],
-        state.landed[leg],
-        float(state.apex[leg]),
-        state.wanted[leg],
-    )
+        state.lifted[leg], state.landed[leg], float(state.apex[leg]), state.wanted[leg],
+    )  # fmt: skip
     place, _ = _place(state, leg, seconds, gait, legs)
     if math.hypot(*(place - wanted)) > _WORTH_A_CHANGE:
         point, top = landed[:2] + place - wanted, apex + gait.lift
