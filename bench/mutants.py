@@ -22,11 +22,10 @@ import tempfile
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'flexx2_sim_ros'
-# Each room gets the same number of changes.
 ROOMS = ('camera',), ('physics',), ('nodes',), ('gap/inference', 'gap/features'), ('truth',)
 # Test files of a change that run: that of its module, then those that name its function.
 FILES = 5
-UNNAMED = 'test', '__init__'
+UNNAMED = 'test', '__init__'  # in the name by which a file is imported
 FLIPPED: dict[type, type] = {
     ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq,
     ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
@@ -38,9 +37,9 @@ FLIPPED: dict[type, type] = {
 def places(node: ast.AST) -> list[ast.expr]:
     """Return what can be changed in a tree, without annotations and the texts of errors."""
     found = []
-    left_out = ast.Raise, ast.JoinedStr, ast.arg
     for child in ast.iter_child_nodes(node):
-        if not isinstance(child, left_out) and child is not getattr(node, 'annotation', node):
+        left_out = isinstance(child, ast.Raise | ast.JoinedStr | ast.arg)
+        if not left_out and child is not getattr(node, 'annotation', node):
             found += places(child)
     sign = node.ops[0] if isinstance(node, ast.Compare) else getattr(node, 'op', None)
     number = isinstance(node, ast.Constant) and type(node.value) in (int, float)
@@ -74,31 +73,34 @@ def tests_of(path: Path, name: str, imports: dict[Path, set[str]]) -> list[str]:
     """Return the test files that import a module, or else those of its nearest users."""
 
     def users(files: set[Path]) -> set[Path]:
-        # A file of test/ is imported without its folder.
         parts = [one.relative_to(ROOT).with_suffix('').parts for one in files]
         names = {'.'.join(part for part in one if part not in UNNAMED) for one in parts}
         return {one for one, uses in imports.items() if uses & names}
 
     seen, level, tests = {path}, {path}, list[Path]()
     while level and not tests:
-        # What a room offers belongs to the module.
-        level |= users(level) & {path.parent / '__init__.py'}
+        level |= users(level) & {path.parent / '__init__.py'}  # offers it
         level = users(level) - seen
+        level |= users({one for one in level if ROOT / 'test' in one.parents})  # of a helper
         seen |= level
         tests = [one for one in level if one.name.startswith('test_')]
-    own = f'test_{path.stem}'
-    tests.sort(key=lambda one: (one.stem != own, name not in one.read_text(), one.stat().st_size))
+    words = set(path.stem.split('_'))
+    tests.sort(key=lambda one: one.stat().st_size)
+    tests.sort(key=lambda one: (name not in one.read_text(), -len(words & {*one.stem.split('_')})))
+    tests.sort(key=lambda one: one.stem != f'test_{path.stem}')
     return [str(one.relative_to(ROOT)) for one in tests[:FILES]]
 
 
 def run(copy: Path, tests: list[str], seconds: float) -> tuple[str, str]:
     """Return what the tests did, and the first that failed."""
-    words = [sys.executable, '-m', 'pytest', '-xq', '-p', 'no:cacheprovider', '--tb=no', '-rfE']
-    env = {**os.environ, 'PYTHONPATH': str(copy)}
+    words = [
+        sys.executable,
+        *['-m', 'pytest', '-xq', '-p', 'no:cacheprovider', '--tb=no', '-rfE'],
+        *tests,
+    ]
+    usual = {'cwd': copy, 'env': {**os.environ, 'PYTHONPATH': str(copy)}, 'text': True}
     try:
-        done = subprocess.run(
-            [*words, *tests], cwd=copy, env=env, capture_output=True, text=True, timeout=seconds
-        )
+        done = subprocess.run(words, capture_output=True, timeout=seconds, **usual)
     except subprocess.TimeoutExpired:
         return 'too slow', ''
     failed = re.search(r'^(?:FAILED|ERROR) (\S+)', done.stdout, re.M)
@@ -106,7 +108,7 @@ def run(copy: Path, tests: list[str], seconds: float) -> tuple[str, str]:
 
 
 def draw(count: int, seed: int) -> list[tuple[Path, str, int]]:
-    """Return files, their texts and the number of a place in each."""
+    """Return files, their texts and the number of a place in each: as many from each room."""
     chosen, draws = [], random.Random(seed)
     for room in ROOMS:
         files = sorted(path for part in room for path in (ROOT / PACKAGE / part).glob('*.py'))
@@ -128,18 +130,16 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / ROOT.name
         shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns('.git', '.venv', 'build'))
-        if (ROOT.parent / 'shared').is_dir():
-            (Path(folder) / 'shared').symlink_to(ROOT.parent / 'shared')
+        (Path(folder) / 'shared').symlink_to(ROOT.parent / 'shared')  # if it is there
         for path, text, index in draw(given.count, given.seed):
             tree = ast.parse(text)
             node = places(tree)[index]
             where, what = f'{path.relative_to(ROOT)}:{node.lineno}', change(node)
-            inside = [one for one in tree.body if one.lineno <= node.lineno <= one.end_lineno]
-            files = tests_of(path, getattr(inside[0], 'name', path.stem), imports)
             if given.only and where not in given.only:
                 continue
-            target = copy / path.relative_to(ROOT)
-            target.write_text(ast.unparse(tree))
+            (inside,) = [one for one in tree.body if one.lineno <= node.lineno <= one.end_lineno]
+            files = tests_of(path, getattr(inside, 'name', path.stem), imports)
+            (target := copy / path.relative_to(ROOT)).write_text(ast.unparse(tree))
             answer, test = run(copy, files, given.seconds)
             target.write_text(text)
             if answer == 'noticed' and test and run(copy, [test], given.seconds)[0] == answer:
