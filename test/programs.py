@@ -23,6 +23,16 @@ def run_flexx2(*words: Any, **more: Any) -> subprocess.CompletedProcess[str]:
     return run_python('-m', 'flexx2_sim_ros.cli.main', *words, **more)
 
 
+def node_words(name: str, *words: Any) -> list[str]:
+    """Return the command that runs a node with these arguments of ROS."""
+    return [sys.executable, '-m', f'flexx2_sim_ros.nodes.{name}', '--ros-args', *map(str, words)]
+
+
+def run_node(name: str, *words: Any, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Run a node that ends by itself, and return what it said."""
+    return run_python(*node_words(name, *words)[1:], **more)
+
+
 def measured(call: str, env: Mapping[str, str]) -> Any:
     """Return what a measurement of `bench` returns; `call` is Python: 'bench.soak.run()'."""
     module = call.partition('(')[0].rpartition('.')[0]

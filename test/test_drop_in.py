@@ -12,7 +12,7 @@ from typing import Any
 from flexx2_sim_ros.nodes.tf_frames import optical_transform
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
-from programs import run_flexx2
+from programs import node_words, run_flexx2
 import pytest
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import PointCloud2
@@ -136,15 +136,12 @@ def test_the_parameter_file_makes_the_node_the_driver(child_env: dict[str, str])
     given = yaml.safe_load(path.read_text())['/**']['ros__parameters']
     assert given['parent_frame'] == f'{DRIVER[1:]}_link'
     with subprocess.Popen(
-        [
-            sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args',
-            '--params-file', path, '-r', f'__node:={DRIVER[1:]}',
-        ],
+        node_words('flexx2_camera', '--params-file', path, '-r', f'__node:={DRIVER[1:]}'),
         env=child_env,
         text=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
-    ) as process:  # fmt: skip
+    ) as process:
         _check_driver(process)
 
 
@@ -292,14 +289,11 @@ def test_the_launch_files_are_documented() -> None:
 def logged(env: dict[str, str], cache: Path, until: str) -> str:
     """Return what a camera node logs up to a text, with a cache of its own."""
     with subprocess.Popen(
-        [
-            sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
-            '__ns:=/fresh',
-        ],
+        node_words('flexx2_camera', '-r', '__ns:=/fresh'),
         env={**env, 'NUMBA_CACHE_DIR': str(cache)},
         text=True,
         stderr=subprocess.PIPE,
-    ) as process:  # fmt: skip
+    ) as process:
         assert process.stderr is not None
         said = ''
         for line in process.stderr:

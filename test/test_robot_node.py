@@ -11,7 +11,7 @@ from flexx2_sim_ros.robots.kinematics import feet, rotation
 from flexx2_sim_ros.robots.robot import load_mounts, load_robot, robot_path
 import mujoco
 import numpy as np
-from programs import run_python
+from programs import node_words, run_node
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from robots import (
@@ -367,15 +367,7 @@ def test_a_robots_file_may_have_whole_numbers(position, tmp_path):
 def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
     path = tmp_path / 'robot.xml'
     path.write_text(TORSO)
-    done = run_python(
-        '-m',
-        'flexx2_sim_ros.nodes.go1_cameras',
-        '--ros-args',
-        '-p',
-        f'robot_model:={path}',
-        env=child_env,
-        timeout=60,
-    )
+    done = run_node('go1_cameras', '-p', f'robot_model:={path}', env=child_env, timeout=60)
     assert done.returncode == 1
     assert done.stderr.startswith('error: robot_model: ')
     assert done.stderr.count('\n') == 1
@@ -385,14 +377,11 @@ def test_a_second_node_of_the_same_name_is_reported(child_env):
     with robot_node() as seen:
         seen.hear('odom', Odometry)
         with subprocess.Popen(
-            [
-                sys.executable, '-m', 'flexx2_sim_ros.nodes.go1_cameras', '--ros-args', '-r',
-                f'__ns:={seen.space}', '-p', 'renderer:=ray',
-            ],
+            node_words('go1_cameras', '-r', f'__ns:={seen.space}', '-p', 'renderer:=ray'),
             env=child_env,
             stderr=subprocess.PIPE,
             text=True,
-        ) as second:  # fmt: skip
+        ) as second:
             unique = 'node name: must be unique'
             # Either it finds the first in time and ends, or both say so and go on.
             seen.spin_until(lambda: second.poll() is not None or seen.logged(unique))
