@@ -7,9 +7,8 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import checked_target
-from flexx2_sim_ros.cli.argument_types import SEEDS, whole_number
 from flexx2_sim_ros.cli.batch_picture import draw
-from flexx2_sim_ros.cli.options import add_table
+from flexx2_sim_ros.cli.options import add_table, SEEDS, whole_number
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import centred
 from flexx2_sim_ros.profiles.files import find_profile

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder, output_folder
-from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, number, SEEDS, whole_number
 from flexx2_sim_ros.cli.common import messages
-from flexx2_sim_ros.cli.options import add_table
+from flexx2_sim_ros.cli.options import add_table, MOST_FRAMES, number, SEEDS, whole_number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import find_profile, save_profile
 from flexx2_sim_ros.profiles.modes import Profile

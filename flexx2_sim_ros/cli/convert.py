@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
-from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.common import messages, progress_bar
-from flexx2_sim_ros.cli.options import add_table
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.errors import InputError, printable, shown
 
 _DESCRIPTION = """\

@@ -7,10 +7,9 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import output_folder
-from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.common import plain_table
 from flexx2_sim_ros.cli.demo_picture import draw
-from flexx2_sim_ros.cli.options import add_table
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.cli.ros import camera_command, check, nodes, Processes, ros
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import find_profile

@@ -11,9 +11,8 @@ from flexx2_sim_ros.atomic import (
     whole_files,
     write_text,
 )
-from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.common import messages, progress_bar
-from flexx2_sim_ros.cli.options import add_table
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError, printable, shown_path
 from flexx2_sim_ros.export import ExportTarget, MapperNoise, measure_noise, Parameters, TARGETS

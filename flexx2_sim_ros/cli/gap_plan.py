@@ -5,8 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.argument_types import whole_number
-from flexx2_sim_ros.cli.options import add_table
+from flexx2_sim_ros.cli.options import add_table, whole_number
 
 CHECKLIST, PAGE, TABLE = 'checklist.md', 'plan.html', 'table.yaml'
 _OPTIONS = f"""

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.argument_types import number
-from flexx2_sim_ros.cli.options import add_table
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.errors import each_once, InputError, printable, shown
 from flexx2_sim_ros.profiles.files import find_profile
 

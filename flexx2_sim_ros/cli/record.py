@@ -9,9 +9,8 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder
-from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.common import messages
-from flexx2_sim_ros.cli.options import add_table
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError, printable
 from rich import box

@@ -8,9 +8,8 @@ import zlib
 
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
-from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
 from flexx2_sim_ros.cli.common import messages
-from flexx2_sim_ros.cli.options import add_table, MOST_SEED
+from flexx2_sim_ros.cli.options import add_table, MOST_FRAMES, MOST_SEED, SEEDS, whole_number
 from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.effects.time_offset import time_offset_of

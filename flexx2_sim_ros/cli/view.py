@@ -15,8 +15,7 @@ import tempfile
 from typing import Any
 import webbrowser
 
-from flexx2_sim_ros.cli.argument_types import whole_number
-from flexx2_sim_ros.cli.options import add_table
+from flexx2_sim_ros.cli.options import add_table, whole_number
 from flexx2_sim_ros.cli.ros import camera_command, check, nodes, ros
 from flexx2_sim_ros.errors import InputError, shown
 
