@@ -103,7 +103,7 @@ def run(copy: Path, tests: list[str], seconds: float) -> tuple[str, str]:
         done = subprocess.run(words, capture_output=True, timeout=seconds, **usual)
     except subprocess.TimeoutExpired:
         return 'too slow', ''
-    failed = re.search(r'^(?:FAILED|ERROR) (\S+)', done.stdout, re.M)
+    failed = re.search(r'^(?:FAILED|ERROR) (.+?)(?: - |$)', done.stdout, re.M)
     return ('survived', 'noticed')[done.returncode not in (0, 5)], failed[1] if failed else ''
 
 
