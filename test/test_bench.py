@@ -10,8 +10,10 @@ from programs import measured, run_python
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-# `soak` and `torture_node` have tests of their own; `batch` and `gap` take half a minute each.
-SHORT = 'model', 'effects', 'exposure', 'agreement', 'rendering', 'bags', 'nodes', 'start'
+# `soak` and `torture_node` have tests of their own; `batch` and `gap` take half a minute
+# each.
+SHORT = 'model', 'effects', 'exposure', 'agreement', 'rendering', 'bags'
+SHORT += 'nodes', 'start', 'torture_kill'
 
 
 def run(words: list[str], folder: Path, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
@@ -28,6 +30,7 @@ def test_measurements_run_for_a_moment(child_env: dict[str, str], tmp_path: Path
     assert [part.partition('\n')[0] for part in parts] == list(SHORT)
     for part in parts:
         assert any(sign.isdigit() for sign in part.partition('\n')[2]), part
+    assert (tmp_path / 'build' / 'torture' / 'kills.jsonl').is_file()
 
 
 def test_what_ground_truth_hides_is_measured(child_env: dict[str, str], tmp_path: Path) -> None:
