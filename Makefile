@@ -66,7 +66,7 @@ release: $(STAMP)
 	@! grep -q 'FILL IN' package.xml || \
 		echo 'Before you upload these: fill in the maintainer and the repository in package.xml.'
 
-# One and a half hours: hostile messages, kills, a soak. See CONTRIBUTING.md.
+# Two hours: hostile messages and files, kills, a soak. See CONTRIBUTING.md.
 torture: $(STAMP)
 	$(BIN)/python -m bench torture
 

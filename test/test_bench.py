@@ -10,10 +10,10 @@ from programs import measured, run_python
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-# `soak` and `torture_node` have tests of their own; `batch` and `gap` take half a minute
-# each.
+# `soak` and `torture_node` have tests of their own; `batch`, `gap` and `torture_files` take half a
+# minute each.
 SHORT = 'model', 'effects', 'exposure', 'agreement', 'rendering', 'bags'
-SHORT += 'nodes', 'start', 'torture_kill'
+SHORT += 'nodes', 'start', 'torture_kill', 'torture_record'
 
 
 def run(words: list[str], folder: Path, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
