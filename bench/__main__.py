@@ -13,16 +13,26 @@ from typing import Any
 
 # The modules, and what the short form passes to their function `run`.
 _ALL: dict[str, dict[str, Any]] = {
-    'model': {'rounds': 2}, 'effects': {'rounds': 2}, 'exposure': {}, 'batch': {'rounds': 1},
-    'agreement': {'repeats': 1}, 'gap': {'sizes': ((3, 3),)}, 'rendering': {'rounds': 2},
-    'nodes': {'seconds': 1}, 'start': {'starts': 1}, 'bags': {'frames': 4, 'rounds': 1},
+    'model': {'rounds': 2},
+    'effects': {'rounds': 2},
+    'exposure': {},
+    'batch': {'rounds': 1},
+    'agreement': {'repeats': 1},
+    'gap': {'sizes': ((3, 3),)},
+    'rendering': {'rounds': 2},
+    'nodes': {'seconds': 1},
+    'start': {'starts': 1},
+    'bags': {'frames': 4, 'rounds': 1},
     'batch_gpu': {},
-}  # fmt: skip
+}
 # These take two hours together.
 _LONG: dict[str, dict[str, Any]] = {
-    'torture_node': {'messages': 300}, 'torture_files': {'files': 5}, 'torture_kill': {'kills': 1},
-    'torture_record': {'kills': 1}, 'soak': {'minutes': 0.1},
-}  # fmt: skip
+    'torture_node': {'messages': 300},
+    'torture_files': {'files': 5},
+    'torture_kill': {'kills': 1},
+    'torture_record': {'kills': 1},
+    'soak': {'minutes': 0.1},
+}
 
 
 def main() -> int:

@@ -172,9 +172,13 @@ def _lines(arguments: argparse.Namespace) -> list[dict[str, Any]]:
     )
     inside = {name: sorted(fields) for name, fields in INSIDE.items()}
     settings = {
-        'design': design, 'strengths': list(STRENGTHS), 'inside': inside, 'large': large,
-        'large_strengths': list(LARGE_STRENGTHS), 'small': arguments.small,
-    }  # fmt: skip
+        'design': design,
+        'strengths': list(STRENGTHS),
+        'inside': inside,
+        'large': large,
+        'large_strengths': list(LARGE_STRENGTHS),
+        'small': arguments.small,
+    }
     wanted = [i for i in range(arguments.campaigns) if i < arguments.small or i >= SMALL]
     journal = Journal(arguments.lines, **settings)
     ends = time.monotonic() + 60 * arguments.minutes

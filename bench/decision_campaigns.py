@@ -184,8 +184,14 @@ def run(index: int) -> dict[str, Any]:
         if table['effects'] and more['camera'] == 'blind' and case.effects:
             realised = realised_gap(case, table, folder / 'cache', measure)
     kept = (
-        'verdict', 'effects', 'alternatives', 'not_decidable', 'gap', 'calibration', 'evidence',
-    )  # fmt: skip
+        'verdict',
+        'effects',
+        'alternatives',
+        'not_decidable',
+        'gap',
+        'calibration',
+        'evidence',
+    )
     return {
         'index': index,
         'planned': case.to_json(),

@@ -10,10 +10,16 @@ import numpy as np
 
 # Longest exposures of another vendor's module with the same imager and mode names, microseconds.
 EXPOSURE_US = {
-    'Mode_5_15fps': 1430.0, 'Mode_5_30fps': 710.0, 'Mode_5_45fps': 470.0, 'Mode_5_60fps': 350.0,
-    'Mode_9_5fps': 1880.0, 'Mode_9_10fps': 1070.0, 'Mode_9_15fps': 710.0, 'Mode_9_20fps': 530.0,
+    'Mode_5_15fps': 1430.0,
+    'Mode_5_30fps': 710.0,
+    'Mode_5_45fps': 470.0,
+    'Mode_5_60fps': 350.0,
+    'Mode_9_5fps': 1880.0,
+    'Mode_9_10fps': 1070.0,
+    'Mode_9_15fps': 710.0,
+    'Mode_9_20fps': 530.0,
     'Mode_9_30fps': 350.0,
-}  # fmt: skip
+}
 _PAIR = 'Mode_5_30fps', 'Mode_5_60fps'
 _NEAREST = 0.3  # metres; a, b and c are fitted to larger distances
 _POINTS = 200

@@ -35,11 +35,20 @@ _SHOWN = 3  # frames of each recording that say what an effect contributes
 # What differs inside: each field of `Internals` with probability 0.5, between two values or one of
 # several.
 _INSIDE: dict[str, tuple[Any, ...]] = {
-    'mhz': (25.0, 105.0), 'wave_m': (0.25, 2.0), 'footprint': ('round', 'gauss'),
-    'footprint_px': (1.2, 3.0), 'scatter': ('gauss', 'even'), 'scatter_px': (3.0, 12.0),
-    'window': ('box', 'gauss'), 'window_px': (3, 5, 7, 9), 'memory': ('second', 'mean'),
-    'light_scale': (0.3, 4.0), 'knee': (0.03, 1.0), 'latency_s': (0.02, 0.2), 'lost': (0.03, 0.3),
-}  # fmt: skip
+    'mhz': (25.0, 105.0),
+    'wave_m': (0.25, 2.0),
+    'footprint': ('round', 'gauss'),
+    'footprint_px': (1.2, 3.0),
+    'scatter': ('gauss', 'even'),
+    'scatter_px': (3.0, 12.0),
+    'window': ('box', 'gauss'),
+    'window_px': (3, 5, 7, 9),
+    'memory': ('second', 'mean'),
+    'light_scale': (0.3, 4.0),
+    'knee': (0.03, 1.0),
+    'latency_s': (0.02, 0.2),
+    'lost': (0.03, 0.3),
+}
 
 
 def main() -> None:

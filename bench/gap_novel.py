@@ -64,10 +64,17 @@ def _dead_patch(depth: np.ndarray, table: dict[str, Any]) -> np.ndarray:
 
 
 NOVEL: dict[str, Novel] = {
-    'row_noise': _row_noise, 'flicker': _flicker, 'column_bands': _column_bands,
-    'lost_rows': _lost_rows, 'slant_bias': _slant_bias, 'vignette_noise': _vignette_noise,
-    'ring': _ring, 'blobs': _blobs, 'stutter': _stutter, 'dead_patch': _dead_patch,
-}  # fmt: skip
+    'row_noise': _row_noise,
+    'flicker': _flicker,
+    'column_bands': _column_bands,
+    'lost_rows': _lost_rows,
+    'slant_bias': _slant_bias,
+    'vignette_noise': _vignette_noise,
+    'ring': _ring,
+    'blobs': _blobs,
+    'stutter': _stutter,
+    'dead_patch': _dead_patch,
+}
 # Of these, what is a special form of an effect of the catalogue: the answer may name that effect.
 # Bands are the same in every scene and differ from one pixel to the next: the map of a fixed
 # pattern holds them. A ring is the same in every scene, too, but smooth: no such map holds it.

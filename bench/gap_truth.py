@@ -48,9 +48,12 @@ def exact(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
 # measure and a set square constrain. `fitted`: planes fitted to the recorded frames, given as
 # loose, or as exact.
 TRUTHS: dict[str, Callable[[dict[str, np.ndarray], int], dict[str, np.ndarray]]] = {
-    'exact': exact, 'masked': hide, 'constrained': constrain, 'fitted': fit_planes,
+    'exact': exact,
+    'masked': hide,
+    'constrained': constrain,
+    'fitted': fit_planes,
     'fitted as exact': fit_as_exact,
-}  # fmt: skip
+}
 
 
 def _as_planes(

@@ -19,12 +19,20 @@ def run(seconds: int = 20) -> None:
     processes = {
         name: subprocess.Popen(
             [
-                sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
-                f'__ns:=/{name}', '-p', 'usecase:=Mode_5_60fps', '--log-level', 'warn',
+                sys.executable,
+                '-m',
+                'flexx2_sim_ros.nodes.flexx2_camera',
+                '--ros-args',
+                '-r',
+                f'__ns:=/{name}',
+                '-p',
+                'usecase:=Mode_5_60fps',
+                '--log-level',
+                'warn',
             ]
         )
         for name in _CAMERAS
-    }  # fmt: skip
+    }
     try:
         _measure(processes, seconds)
     finally:

@@ -25,10 +25,12 @@ RAYS = np.stack([U, V, np.ones_like(U)], axis=-1) @ np.linalg.inv(K).T
 # Where the camera stands and looks: turn, tilt and roll in degrees; distances of left wall, right
 # wall and floor in metres.
 VIEWS = (
-    ((5, -22, 2), (0.9, 1.0, 0.6)), ((-6, -30, -4), (1.1, 1.2, 0.7)),
-    ((12, -26, 5), (1.2, 1.5, 0.9)), ((0, -35, 0), (1.6, 1.4, 1.0)),
+    ((5, -22, 2), (0.9, 1.0, 0.6)),
+    ((-6, -30, -4), (1.1, 1.2, 0.7)),
+    ((12, -26, 5), (1.2, 1.5, 0.9)),
+    ((0, -35, 0), (1.6, 1.4, 1.0)),
     ((-8, -24, 8), (0.7, 0.9, 0.5)),
-)  # fmt: skip
+)
 NAMES = 'left', 'right', 'floor'
 LASER, TAPE = 0.001, 0.003  # metres
 

@@ -44,13 +44,28 @@ _FRAMES = 4
 _PROCESSES = 4
 _SAID = ('damaged', 'cut off', 'not whole')
 _HOSTILE_SHAPES = (
-    '(18446744073709551616, 1)', '(True, 43, 56)', '(-1, 43, 56)', '(12, 43, 56, 1)',
-    '(4294967296, 43, 56)', '()', '(12, 0, 56)', '(12,)' * 500, '(' * 300, '(1e9, 43, 56)',
-)  # fmt: skip
+    '(18446744073709551616, 1)',
+    '(True, 43, 56)',
+    '(-1, 43, 56)',
+    '(12, 43, 56, 1)',
+    '(4294967296, 43, 56)',
+    '()',
+    '(12, 0, 56)',
+    '(12,)' * 500,
+    '(' * 300,
+    '(1e9, 43, 56)',
+)
 _HOSTILE_KEYS = (
-    'depth', 'usecase', '\x1b[31mkey', '../../key', 'k' * 60_000, '', 'seed', 'clean_depth',
+    'depth',
+    'usecase',
+    '\x1b[31mkey',
+    '../../key',
+    'k' * 60_000,
+    '',
+    'seed',
+    'clean_depth',
     'stamp',
-)  # fmt: skip
+)
 _HOSTILE_TYPES = ('<f4', '|O', '<U1000000000', '<M8[ns]', '|V2147483647', '>c16', '')
 
 
@@ -88,8 +103,13 @@ def _noise(data: bytearray, rng: np.random.Generator) -> None:
 
 
 _DAMAGES: tuple[Callable[[bytearray, np.random.Generator], None], ...] = (
-    _flip, _flip_structure, _cut, _zero, _swap, _noise,
-)  # fmt: skip
+    _flip,
+    _flip_structure,
+    _cut,
+    _zero,
+    _swap,
+    _noise,
+)
 
 
 def _hostile(path: Path, whole: Path, rng: np.random.Generator) -> None:
@@ -293,9 +313,13 @@ def _summary(entries: list[dict[str, Any]], seed: int) -> dict[str, Any]:
     for text in bad:
         print(text)
     return {
-        **counts, 'commands': dict(commands), 'details': bad, 'seconds': longest,
-        'computing': computing, 'megabytes': memory,
-    }  # fmt: skip
+        **counts,
+        'commands': dict(commands),
+        'details': bad,
+        'seconds': longest,
+        'computing': computing,
+        'megabytes': memory,
+    }
 
 
 if __name__ == '__main__':

@@ -31,10 +31,28 @@ _ENCODINGS = ('32FC1', '64FC1', '16UC1', 'mono8', 'rgb8', '', 'x' * 300, '\x1b[3
 _SIZES = (0, 1, 2, 7, 172, 224, 4096, 2**16, 2**31, 2**32 - 1)
 _NUMBERS = (0.0, 1.0, -1.0, 1e-300, 1e300, float('nan'), float('inf'), -float('inf'), 111.5, 210.6)
 _TEXTS = (
-    '', 'x', 'typical', 'typical*', '*', 'nan', 'zero', 'radial', 'Mode_9_5fps', 'Mode_5_60fps',
-    'x' * 300, 'x' * 20_000, '\x1b[31m', '~', '/dev/zero', '/dev/tty', '.', '{date}', '{deep}',
-    '{aliases}', '{pipe}',
-)  # fmt: skip
+    '',
+    'x',
+    'typical',
+    'typical*',
+    '*',
+    'nan',
+    'zero',
+    'radial',
+    'Mode_9_5fps',
+    'Mode_5_60fps',
+    'x' * 300,
+    'x' * 20_000,
+    '\x1b[31m',
+    '~',
+    '/dev/zero',
+    '/dev/tty',
+    '.',
+    '{date}',
+    '{deep}',
+    '{aliases}',
+    '{pipe}',
+)
 _FILES = {
     'date': 'schema: 1\na: 2024-13-45',
     'deep': '[' * 3000,
@@ -77,14 +95,18 @@ def _node(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
     with log.open('wb') as file:
         process = subprocess.Popen(
             [
-                sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '--ros-args', '-r',
+                sys.executable,
+                '-m',
+                'flexx2_sim_ros.nodes.flexx2_camera',
+                '--ros-args',
+                '-r',
                 '__ns:=/torture',
             ],
             env=watched_environment(),
             stdin=subprocess.PIPE,
             stdout=file,
             stderr=subprocess.STDOUT,
-        )  # fmt: skip
+        )
     try:
         yield process, log
     finally:
@@ -249,11 +271,24 @@ def _name(rng: random.Random) -> str:
     effect = f'effect.{rng.choice(list(registry()))}.strength'
     return rng.choice(
         (
-            'usecase', 'effects', 'auto_exposure_0', 'exposure_time_0', 'frame_id',
-            'invalid_value', 'input_depth', 'use_sim_time', 'serial', 'seed', effect, '', '.',
-            'usecas', '\x1b[31m', 'x' * 5000,
+            'usecase',
+            'effects',
+            'auto_exposure_0',
+            'exposure_time_0',
+            'frame_id',
+            'invalid_value',
+            'input_depth',
+            'use_sim_time',
+            'serial',
+            'seed',
+            effect,
+            '',
+            '.',
+            'usecas',
+            '\x1b[31m',
+            'x' * 5000,
         )
-    )  # fmt: skip
+    )
 
 
 def _parameter(rng: random.Random, folder: str) -> Any:

@@ -14,10 +14,21 @@ import numpy as np
 PROFILES = 'flexx2', 'azure_kinect_nfov', 'kinect_v2', 'realsense_d435'
 # A wall that does not move has no edges, no corners and no motion: it does not show the others.
 SHOWN = (
-    'amplitude_bias', 'excess_noise', 'fixed_pattern', 'heavy_tails', 'intrinsics_error',
-    'low_signal_dropout', 'offset', 'quantisation', 'range_wrap', 'saturation', 'spatial_filter',
-    'temporal_filter', 'warm_up_drift', 'wiggling',
-)  # fmt: skip
+    'amplitude_bias',
+    'excess_noise',
+    'fixed_pattern',
+    'heavy_tails',
+    'intrinsics_error',
+    'low_signal_dropout',
+    'offset',
+    'quantisation',
+    'range_wrap',
+    'saturation',
+    'spatial_filter',
+    'temporal_filter',
+    'warm_up_drift',
+    'wiggling',
+)
 _DISTANCES = 0.5, 2.8  # metres, log-uniform
 _LARGEST_ANGLE = 50.0  # degrees about the vertical, uniform
 _UPTIMES = 5.0, 60.0, 300.0, 900.0, 2400.0  # seconds

@@ -9,10 +9,17 @@ from typing import Any
 _LONGEST_NAME = 100  # that is compared with others
 # Import name: what pip installs. Not every command and node needs these.
 _OPTIONAL = {
-    'cv2': 'opencv-python-headless', 'embreex': 'embreex', 'matplotlib': 'matplotlib',
-    'mujoco': '"mujoco>=3.5"', 'PIL': 'pillow', 'rosbags': '"rosbags>=0.11"', 'scipy': 'scipy',
-    'sklearn': 'scikit-learn', 'trimesh': 'trimesh', 'warp': 'warp-lang',
-}  # fmt: skip
+    'cv2': 'opencv-python-headless',
+    'embreex': 'embreex',
+    'matplotlib': 'matplotlib',
+    'mujoco': '"mujoco>=3.5"',
+    'PIL': 'pillow',
+    'rosbags': '"rosbags>=0.11"',
+    'scipy': 'scipy',
+    'sklearn': 'scikit-learn',
+    'trimesh': 'trimesh',
+    'warp': 'warp-lang',
+}
 
 
 class InputError(ValueError):

@@ -20,9 +20,20 @@ LIMIT = 'FLEXX2_NPZ_LIMIT_MB'
 _LIMIT_MB = 512
 _BLOCK = 1 << 20
 _UNREADABLE = (
-    OSError, EOFError, ArithmeticError, LookupError, MemoryError, RuntimeError, SyntaxError,
-    TypeError, ValueError, TokenError, struct.error, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
+    OSError,
+    EOFError,
+    ArithmeticError,
+    LookupError,
+    MemoryError,
+    RuntimeError,
+    SyntaxError,
+    TypeError,
+    ValueError,
+    TokenError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 _PLAIN = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
 
 

@@ -19,11 +19,18 @@ _NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable
 _PATIENCE = 60.0
 # No GPU, no sandbox (there is none as root), nothing of its own that asks the network.
 _OPTIONS = (
-    '--headless=new', '--no-sandbox', '--disable-gpu', '--remote-debugging-port=0',
-    '--no-first-run', '--disable-background-networking', '--disable-component-update',
-    '--disable-sync', '--disable-default-apps', '--disable-dev-shm-usage',
+    '--headless=new',
+    '--no-sandbox',
+    '--disable-gpu',
+    '--remote-debugging-port=0',
+    '--no-first-run',
+    '--disable-background-networking',
+    '--disable-component-update',
+    '--disable-sync',
+    '--disable-default-apps',
+    '--disable-dev-shm-usage',
     '--window-size=1280,800',
-)  # fmt: skip
+)
 
 
 class Browser:

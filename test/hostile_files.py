@@ -38,6 +38,16 @@ def hostile_texts(tmp_path: Path) -> Iterator[str]:
     pipe = tmp_path / 'pipe'
     os.mkfifo(pipe)
     yield from (
-        str(pipe), '/dev/zero', '/dev/tty', str(tmp_path), 'x' * 300, 'x/' * 3000, 'a\x1b[31mb',
-        '~', '.', '..', '*', 'x' * 100_000,
-    )  # fmt: skip
+        str(pipe),
+        '/dev/zero',
+        '/dev/tty',
+        str(tmp_path),
+        'x' * 300,
+        'x/' * 3000,
+        'a\x1b[31mb',
+        '~',
+        '.',
+        '..',
+        '*',
+        'x' * 100_000,
+    )

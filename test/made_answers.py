@@ -15,11 +15,15 @@ def said(
     def listed(names: tuple[str, ...]) -> list[dict[str, Any]]:
         return [
             {
-                'name': name, 'parameters': {'bias': 0.012}, 'share': 0.5, 'interval': [0.4, 0.6],
-                'takes_off': None, 'confidence': 0.9,
+                'name': name,
+                'parameters': {'bias': 0.012},
+                'share': 0.5,
+                'interval': [0.4, 0.6],
+                'takes_off': None,
+                'confidence': 0.9,
             }
             for name in names
-        ]  # fmt: skip
+        ]
 
     return {
         'schema': 1,
@@ -30,8 +34,14 @@ def said(
         'recordings': [],
         'where': [
             {
-                'covariate': 'distance', 'low': 0.0, 'high': 9.0, 'unit': 'm', 'channel': 'bias',
-                'size': 1.0, 'unit_size': 'mm', 'q_value': 0.01,
+                'covariate': 'distance',
+                'low': 0.0,
+                'high': 9.0,
+                'unit': 'm',
+                'channel': 'bias',
+                'size': 1.0,
+                'unit_size': 'mm',
+                'q_value': 0.01,
             }
         ],
         'gap': {'before': 10.0, 'after': 4.0, 'null': 1.0, 'shrink': 0.6, 'interval': [0.4, 0.8]},
@@ -39,7 +49,7 @@ def said(
         'peak_mb': 123.0,
         'version': '0',
         **more,
-    }  # fmt: skip
+    }
 
 
 def small(group: str, effects: dict[str, float], seed: int, **options: Any) -> Planned:

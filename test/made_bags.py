@@ -78,10 +78,19 @@ def info(
         INFO,
         stamp,
         make(
-            INFO, header(stamp), *size, 'plumb_bob', distortion, matrix.ravel(), np.eye(3).ravel(),
-            projection, 0, 0, region,
+            INFO,
+            header(stamp),
+            *size,
+            'plumb_bob',
+            distortion,
+            matrix.ravel(),
+            np.eye(3).ravel(),
+            projection,
+            0,
+            0,
+            region,
         ),
-    )  # fmt: skip
+    )
 
 
 def driver_cloud(topic: str, stamp: int, z: np.ndarray) -> Entry:
@@ -98,10 +107,18 @@ def driver_cloud(topic: str, stamp: int, z: np.ndarray) -> Entry:
         CLOUD,
         stamp,
         make(
-            CLOUD, header(stamp), width, height, fields, False, 16, 16 * width,
-            np.frombuffer(points.tobytes(), np.uint8), False,
+            CLOUD,
+            header(stamp),
+            width,
+            height,
+            fields,
+            False,
+            16,
+            16 * width,
+            np.frombuffer(points.tobytes(), np.uint8),
+            False,
         ),
-    )  # fmt: skip
+    )
 
 
 def usecase(
@@ -109,9 +126,18 @@ def usecase(
 ) -> Entry:
     """Return the event of a node's mode, or of another text parameter."""
     content = make(
-        'rcl_interfaces/msg/ParameterValue', 4, False, 0, 0.0, value, np.zeros(0, np.uint8),
-        np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(0), [],
-    )  # fmt: skip
+        'rcl_interfaces/msg/ParameterValue',
+        4,
+        False,
+        0,
+        0.0,
+        value,
+        np.zeros(0, np.uint8),
+        np.zeros(0, bool),
+        np.zeros(0, np.int64),
+        np.zeros(0),
+        [],
+    )
     parameters = [make('rcl_interfaces/msg/Parameter', name, content)]
     time = make('builtin_interfaces/msg/Time', *divmod(received, SECOND))
     return (

@@ -23,6 +23,11 @@ def fitted_forms(
         found, _ = find(recordings, None, mapped)
         motions = [register(read(one, None), np.array(PRIOR))[0] for one in found]
         return calibrate_named(
-            found, motions, effects, [effects] * len(found), Simulator(mapped, None, {}, 0, PRIOR),
-            lambda: None, quick,
-        )  # fmt: skip
+            found,
+            motions,
+            effects,
+            [effects] * len(found),
+            Simulator(mapped, None, {}, 0, PRIOR),
+            lambda: None,
+            quick,
+        )

@@ -24,10 +24,24 @@ from std_srvs.srv import Trigger
 from streams import CameraInfo, Clock, Image, Listener, Parameter
 
 __all__ = [
-    'CameraInfo', 'Clock', 'Image', 'JOINTS', 'JointState', 'Odometry', 'RATE', 'RobotUnderTest',
-    'Twist', 'exact', 'joints', 'odometry', 'place', 'robot_messages', 'robot_node', 'tf_frames',
+    'CameraInfo',
+    'Clock',
+    'Image',
+    'JOINTS',
+    'JointState',
+    'Odometry',
+    'RATE',
+    'RobotUnderTest',
+    'Twist',
+    'exact',
+    'joints',
+    'odometry',
+    'place',
+    'robot_messages',
+    'robot_node',
+    'tf_frames',
     'twist',
-]  # fmt: skip
+]
 
 # The scene with the least to draw, and rays: fast, and free of OpenGL.
 USUAL = {'scene': 'corner', 'renderer': 'ray'}

@@ -24,9 +24,15 @@ DISPLAY: Kind = {'Class': str, 'Name': str, 'Enabled': bool, 'Value': bool}
 
 DISPLAYS: dict[str, Kind] = {
     'rviz_default_plugins/Grid': {
-        'Reference Frame': str, 'Plane Cell Count': int, 'Normal Cell Count': int,
-        'Cell Size': float, 'Line Style': ('Lines', 'Billboards'), 'Color': str, 'Alpha': float,
-        'Plane': ('XY', 'XZ', 'YZ'), 'Offset': VECTOR,
+        'Reference Frame': str,
+        'Plane Cell Count': int,
+        'Normal Cell Count': int,
+        'Cell Size': float,
+        'Line Style': ('Lines', 'Billboards'),
+        'Color': str,
+        'Alpha': float,
+        'Plane': ('XY', 'XZ', 'YZ'),
+        'Offset': VECTOR,
     },
     'rviz_default_plugins/TF': {
         'Show Names': bool,
@@ -38,9 +44,14 @@ DISPLAYS: dict[str, Kind] = {
         'Frames': {'All Enabled': bool, ...: {'Value': bool}},
     },
     'rviz_default_plugins/RobotModel': {
-        'Visual Enabled': bool, 'Collision Enabled': bool, 'Update Interval': float,
-        'Alpha': float, 'Description Source': ('Topic', 'File'), 'Description File': str,
-        'Description Topic': TOPIC, 'TF Prefix': str,
+        'Visual Enabled': bool,
+        'Collision Enabled': bool,
+        'Update Interval': float,
+        'Alpha': float,
+        'Description Source': ('Topic', 'File'),
+        'Description File': str,
+        'Description Topic': TOPIC,
+        'TF Prefix': str,
     },
     'rviz_default_plugins/Odometry': {
         'Topic': TOPIC,
@@ -65,20 +76,29 @@ DISPLAYS: dict[str, Kind] = {
         'Use Fixed Frame': bool,
     },
     'rviz_default_plugins/Image': {
-        'Topic': TOPIC, 'Normalize Range': bool, 'Min Value': float, 'Max Value': float,
+        'Topic': TOPIC,
+        'Normalize Range': bool,
+        'Min Value': float,
+        'Max Value': float,
         'Median window': int,
     },
-}  # fmt: skip
+}
 TOOLS = {
     f'rviz_default_plugins/{name}'
     for name in ('MoveCamera', 'Select', 'Measure', 'FocusCamera', 'Interact', 'PublishPoint')
 }
 VIEWS: dict[str, Kind] = {
     'rviz_default_plugins/Orbit': {
-        'Class': str, 'Name': str, 'Target Frame': str, 'Near Clip Distance': float,
-        'Distance': float, 'Yaw': float, 'Pitch': float, 'Focal Point': VECTOR,
+        'Class': str,
+        'Name': str,
+        'Target Frame': str,
+        'Near Clip Distance': float,
+        'Distance': float,
+        'Yaw': float,
+        'Pitch': float,
+        'Focal Point': VECTOR,
     }
-}  # fmt: skip
+}
 PANELS: dict[str, Kind] = {
     'rviz_common/Displays': {'Property Tree Widget': {'Splitter Ratio': float}},
     'rviz_common/Time': {'SyncMode': int, 'SyncSource': str},

@@ -175,11 +175,13 @@ def test_one_lens_is_not_that_of_two_cameras(
 @pytest.mark.parametrize(
     ('topic', 'options', 'rectified'),
     [
-        ('/d/image_rect', [], True), ('/d/image_rect', ['--no-rectified'], False),
-        ('/d/image_rect_raw', [], False), ('/d/image_raw', [], False),
+        ('/d/image_rect', [], True),
+        ('/d/image_rect', ['--no-rectified'], False),
+        ('/d/image_rect_raw', [], False),
+        ('/d/image_raw', [], False),
         ('/d/image_raw', ['--rectified'], True),
     ],
-)  # fmt: skip
+)
 def test_a_rectified_image_has_the_projection_matrix(
     topic: str, options: list[str], rectified: bool, tmp_path: Path
 ) -> None:

@@ -71,11 +71,15 @@ def contents(count: int = 5, height: int = 9, width: int = 7) -> dict[str, dict[
         'unsteady': base | {'stamp': np.array([3.0, 1.0, 1.0, 2.0, 0.0])[:count]},
         'extra': base
         | {
-            'sigma': depth, 'names': np.array(['left', 'r\xe9ight']), 'empty': np.zeros((0, 3)),
-            'pose': np.eye(4, dtype='>f8'), 'distortion': DISTORTION, 'camera': 'chin',
+            'sigma': depth,
+            'names': np.array(['left', 'r\xe9ight']),
+            'empty': np.zeros((0, 3)),
+            'pose': np.eye(4, dtype='>f8'),
+            'distortion': DISTORTION,
+            'camera': 'chin',
             'frame_id': 'lens',
         },
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize(
@@ -176,8 +180,12 @@ def test_a_converted_bag_is_what_a_camera_publishes(tmp_path: Path) -> None:
     ]
     assert [message.encoding for message in messages] == ['32FC1'] * 5
     assert [message.header.stamp.nanosec for message in messages] == [
-        0, 33333333, 66666667, 100000000, 133333333,
-    ]  # fmt: skip
+        0,
+        33333333,
+        66666667,
+        100000000,
+        133333333,
+    ]
     assert {message.header.frame_id for message in messages} == {'lens'}
     for message, frame in zip(messages, given['depth'], strict=True):
         assert message.data.tobytes() == frame.tobytes()

@@ -61,9 +61,12 @@ def f(x: Literal[3], y=2):
     found = {mutants.change(mutants.places(tree)[i]) for i, tree in enumerate(trees)}
     both = "x < 2 and g(f'{x:.3f}', x - 1.5)"
     assert found == {
-        '2 -> 3', 'x < 2 -> x >= 2', '1.5 -> 2.5', 'x - 1.5 -> x + 1.5',
+        '2 -> 3',
+        'x < 2 -> x >= 2',
+        '1.5 -> 2.5',
+        'x - 1.5 -> x + 1.5',
         f'{both} -> {both.replace("and", "or")}',
-    }  # fmt: skip
+    }
     assert len(mutants.draw(10, 0)) == 10
 
 

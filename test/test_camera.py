@@ -160,9 +160,12 @@ def test_arguments_broadcast() -> None:
 def test_stamps_in_nanoseconds_and_in_seconds() -> None:
     camera = Camera(seed=1)
     for seconds, nanoseconds in (
-        (1.5, 1_500_000_000), (-0.25, -250_000_000), (1e-9, 1),
-        (np.float32(2.0), np.uint64(2 * 10**9)), (3.0, np.int16(0)),
-    ):  # fmt: skip
+        (1.5, 1_500_000_000),
+        (-0.25, -250_000_000),
+        (1e-9, 1),
+        (np.float32(2.0), np.uint64(2 * 10**9)),
+        (3.0, np.int16(0)),
+    ):
         equal = int(nanoseconds) == round(float(seconds) * 1e9)
         one, other = (camera.capture(scene(), K, stamp) for stamp in (seconds, nanoseconds))
         assert np.array_equal(one.depth, other.depth, equal_nan=True) == equal
@@ -197,10 +200,23 @@ def test_sigma_stays_constant_near_90_degrees() -> None:
 @pytest.mark.parametrize(
     'nothing',
     [
-        math.nan, math.inf, -math.inf, 0.0, -0.0, -1.0, 1e-45, 1e-38, 1e-9, 1e10, 1e20, 1e30,
-        float(np.finfo(np.float32).max), 1e39, 1e300,
+        math.nan,
+        math.inf,
+        -math.inf,
+        0.0,
+        -0.0,
+        -1.0,
+        1e-45,
+        1e-38,
+        1e-9,
+        1e10,
+        1e20,
+        1e30,
+        float(np.finfo(np.float32).max),
+        1e39,
+        1e300,
     ],
-)  # fmt: skip
+)
 def test_depth_that_is_not_a_distance_is_invalid(nothing: float) -> None:
     clean = np.full(SHAPE, 1.0)
     clean[12, 16] = clean[3:5, 3:5] = nothing
@@ -221,12 +237,14 @@ def test_inputs_of_any_number_type_are_read_and_not_changed() -> None:
             clean,
             [clean.astype(kind) for kind in ('f2', '>f4', 'f8', '>f8', 'g')]
             + [
-                np.asfortranarray(clean), clean.repeat(2, 1)[:, ::2], clean[::-1].copy()[::-1],
+                np.asfortranarray(clean),
+                clean.repeat(2, 1)[:, ::2],
+                clean[::-1].copy()[::-1],
                 clean.tolist(),
             ],
         ),
         (whole, [whole.astype(kind) for kind in ('u1', 'i2', '>u2', 'u4', 'i8')]),
-    ):  # fmt: skip
+    ):
         wanted = Camera(seed=1).capture(values.astype(np.float32), K, 0, shade.astype('f4'))
         for copy in copies:
             if isinstance(copy, np.ndarray):
@@ -298,8 +316,16 @@ GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.on
         *(
             ('clean_depth', bad)
             for bad in (
-                3.0, [1.0, 2.0], np.ones((0, 5)), np.ones((5, 0)), np.ones(SHAPE, complex), 'near',
-                None, np.ones(SHAPE, bool), np.ones(SHAPE, object), np.full(SHAPE, '1'),
+                3.0,
+                [1.0, 2.0],
+                np.ones((0, 5)),
+                np.ones((5, 0)),
+                np.ones(SHAPE, complex),
+                'near',
+                None,
+                np.ones(SHAPE, bool),
+                np.ones(SHAPE, object),
+                np.full(SHAPE, '1'),
                 [[1.0, 2.0], [3.0]],
             )
         ),
@@ -325,9 +351,20 @@ GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.on
                 *(
                     matrix_with(*change)
                     for change in (
-                        (0, 0, 0), (1, 1, 0), (0, 0, -210), (0, 0, math.nan), (1, 1, math.inf),
-                        (0, 2, math.nan), (1, 2, -math.inf), (0, 1, 0.1), (0, 1, math.nan),
-                        (2, 2, 0), (2, 2, math.nan), (0, 0, 1e-60), (0, 0, 1e60), (1, 2, 1e60),
+                        (0, 0, 0),
+                        (1, 1, 0),
+                        (0, 0, -210),
+                        (0, 0, math.nan),
+                        (1, 1, math.inf),
+                        (0, 2, math.nan),
+                        (1, 2, -math.inf),
+                        (0, 1, 0.1),
+                        (0, 1, math.nan),
+                        (2, 2, 0),
+                        (2, 2, math.nan),
+                        (0, 0, 1e-60),
+                        (0, 0, 1e60),
+                        (1, 2, 1e60),
                     )
                 ),
             )
@@ -338,7 +375,7 @@ GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.on
         ),
         ('leading', np.ones((2, *SHAPE))),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
     given = {**GOOD, field: value}
     if field == 'leading':
@@ -350,11 +387,18 @@ def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
 @pytest.mark.parametrize(
     ('field', 'value'),
     [
-        ('usecase', 'Mode_7'), ('seed', 'one'), ('seed', None), ('seed', 1.5), ('seed', math.nan),
-        ('seed', 2**63), ('seed', -(2**63) - 1), ('name', None), ('name', 5),
+        ('usecase', 'Mode_7'),
+        ('seed', 'one'),
+        ('seed', None),
+        ('seed', 1.5),
+        ('seed', math.nan),
+        ('seed', 2**63),
+        ('seed', -(2**63) - 1),
+        ('name', None),
+        ('name', 5),
         ('effects', ['blur']),
     ],
-)  # fmt: skip
+)
 def test_an_impossible_camera_is_refused(field: str, value: object) -> None:
     with pytest.raises(InputError, match=f'^{field}'):
         Camera(**{field: value})

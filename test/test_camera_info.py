@@ -29,9 +29,13 @@ def fields(**changes: Any) -> CameraFields:
 
 
 @given(
-    st.integers(1, 4), st.integers(1, 4), st.integers(0, 60), st.integers(0, 60),
-    st.floats(-10, 10), st.floats(-10, 10),
-)  # fmt: skip
+    st.integers(1, 4),
+    st.integers(1, 4),
+    st.integers(0, 60),
+    st.integers(0, 60),
+    st.floats(-10, 10),
+    st.floats(-10, 10),
+)
 def test_a_point_of_the_sensor_is_where_binning_and_region_move_it(
     across: int, down: int, left: int, top: int, off_x: float, off_y: float
 ) -> None:
@@ -130,11 +134,14 @@ def test_a_fisheye_without_coefficients_is_taken_with_a_note(model: str) -> None
 @pytest.mark.parametrize(
     ('topic', 'rectified'),
     [
-        ('/camera/depth/image_rect', True), ('/image_rect', True),
-        ('/depth/image_rect/compressedDepth', True), ('/camera/depth/image_rect_raw', False),
-        ('/camera/depth/image_rect_color', False), ('/image_rect/image_raw', False),
+        ('/camera/depth/image_rect', True),
+        ('/image_rect', True),
+        ('/depth/image_rect/compressedDepth', True),
+        ('/camera/depth/image_rect_raw', False),
+        ('/camera/depth/image_rect_color', False),
+        ('/image_rect/image_raw', False),
         ('/camera/depth/my_image_rect', False),
     ],
-)  # fmt: skip
+)
 def test_only_the_exact_name_says_that_an_image_is_rectified(topic: str, rectified: bool) -> None:
     assert is_rectified(topic) == rectified

@@ -181,8 +181,11 @@ def test_the_node_publishes_the_librarys_frames_bit_for_bit() -> None:
 
         cloud = seen.messages(CLOUD)[0]
         assert (cloud.width, cloud.height, cloud.point_step, cloud.row_step) == (
-            224, 172, 16, 3584,
-        )  # fmt: skip
+            224,
+            172,
+            16,
+            3584,
+        )
         assert not cloud.is_bigendian
         assert not cloud.is_dense
         assert [(f.name, f.offset, f.datatype, f.count) for f in cloud.fields] == [
@@ -377,8 +380,11 @@ def test_parameters_of_the_driver() -> None:
         assert seen.get('usecase') == 'Mode_9_30fps'
         assert seen.get('model') == 'Flexx2'
         for name, value in (
-            ('model', 'x'), ('serial', 'x'), ('available_usecases', ['x']), ('seed', 4),
-        ):  # fmt: skip
+            ('model', 'x'),
+            ('serial', 'x'),
+            ('available_usecases', ['x']),
+            ('seed', 4),
+        ):
             assert not seen.set(**{name: value}).successful
         assert not seen.set(usecase=3).successful
         assert not seen.logged('was not measured')

@@ -243,9 +243,11 @@ def test_a_bad_value_is_rejected_and_the_stream_goes_on(bad_file: Path) -> None:
         assert seen.set(**{'effect.offset.bias': 0}).successful  # a whole number will do
         assert seen.get('effect.offset.bias') == 0.0
     for given in (
-        {'effects': str(bad_file)}, {'effect.offset.bias': 0.5}, {'effect.offset.bias': 'much'},
+        {'effects': str(bad_file)},
+        {'effect.offset.bias': 0.5},
+        {'effect.offset.bias': 'much'},
         {'effects': 'typica'},
-    ):  # fmt: skip
+    ):
         with pytest.raises(InputError, match=r'offset\.bias|typica'):
             Flexx2Camera(
                 parameter_overrides=[

@@ -289,7 +289,10 @@ def test_stamps_that_repeat_or_go_back() -> None:
         assert not seen.show(boards(), 5 + SECOND // 100)
         assert seen.show(boards(), 5 + SECOND // 30)
         assert [nanoseconds(message) for message in seen.messages(DEPTH)] == [
-            START, START + SECOND, 5, 5 + SECOND // 30,
-        ]  # fmt: skip
+            START,
+            START + SECOND,
+            5,
+            5 + SECOND // 30,
+        ]
         assert len(seen.logged('header.stamp', str(START), 'must be new for every image')) == 1
         assert len(seen.logged('header.stamp went back to 5 ns')) == 1

@@ -167,9 +167,11 @@ def test_depth_in_millimetres_is_reported_within_a_second(fed: Fed, publish: Any
     report = fed.next_diagnostics()
     assert report.level == DiagnosticStatus.WARN
     for part in (
-        '0.1 to', 'values of about 1500', 'looks like millimetres',
+        '0.1 to',
+        'values of about 1500',
+        'looks like millimetres',
         '32FC1 must be metres (REP 118)',
-    ):  # fmt: skip
+    ):
         assert part in report.message
     fed.spin_until(lambda: fed.logged('clean/depth_image', 'looks like millimetres'))
 

@@ -98,11 +98,19 @@ GAUSSIAN, UNBIASED, PATTERN = (
 DROPOUT = 'there are no invalid pixels'
 # What is made, what has to be found, and what comes along with it by itself.
 CASES = [
-    (ideal, '', ()), (slow, TIME, (WHOLE,)), (blurred, NEIGHBOURS, (WHOLE,)), (shaking, WHOLE, ()),
-    (drifting, WHOLE, ()), (heavy, GAUSSIAN, ()), (skewed, GAUSSIAN, ()), (biased, UNBIASED, ()),
-    (patterned, PATTERN, ()), (dropping, DROPOUT, ()), (glaring, ZERO, (FORM,)),
+    (ideal, '', ()),
+    (slow, TIME, (WHOLE,)),
+    (blurred, NEIGHBOURS, (WHOLE,)),
+    (shaking, WHOLE, ()),
+    (drifting, WHOLE, ()),
+    (heavy, GAUSSIAN, ()),
+    (skewed, GAUSSIAN, ()),
+    (biased, UNBIASED, ()),
+    (patterned, PATTERN, ()),
+    (dropping, DROPOUT, ()),
+    (glaring, ZERO, (FORM,)),
     (crooked, FORM, (ZERO,)),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(('made', 'found', 'along'), CASES)

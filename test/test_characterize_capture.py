@@ -35,24 +35,44 @@ def test_from_a_capture_to_a_running_camera(
     assert (
         main(
             [
-                'characterize', 'capture', 'campaign', '--usecase', 'Mode_5_30fps', '--distances',
-                '0.4', '0.7', '1.0', '--angles', '0', '45', '--frames', '20', '--profile',
-                'small.yaml', '--jobs', '1',
+                'characterize',
+                'capture',
+                'campaign',
+                '--usecase',
+                'Mode_5_30fps',
+                '--distances',
+                '0.4',
+                '0.7',
+                '1.0',
+                '--angles',
+                '0',
+                '45',
+                '--frames',
+                '20',
+                '--profile',
+                'small.yaml',
+                '--jobs',
+                '1',
             ]
         )
         == 0
-    )  # fmt: skip
+    )
     assert main(['characterize', 'fit', 'campaign', '--out', 'result', '--jobs', '1']) == 0
     np.savez('scene.npz', clean_depth=np.full((60, 80), 1.0), K=camera.intrinsics.matrix)
     assert (
         main(
             [
-                'simulate', 'scene.npz', 'out.npz', '--profile', 'result/profile.yaml', '--frames',
+                'simulate',
+                'scene.npz',
+                'out.npz',
+                '--profile',
+                'result/profile.yaml',
+                '--frames',
                 '100',
             ]
         )
         == 0
-    )  # fmt: skip
+    )
     with np.load('out.npz', allow_pickle=False) as recording:
         assert recording['usecase'] == 'Mode_5_30fps'
         sigma = recording['depth'][:, 20:40, 30:50].astype(float).std(axis=0, ddof=1).mean()
@@ -250,12 +270,21 @@ def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -
     assert (
         main(
             [
-                'characterize', 'plan', '--usecase', 'mode_9_5fps', '--distances', '1', '2',
-                '--angles', '0', '--frames', '10',
+                'characterize',
+                'plan',
+                '--usecase',
+                'mode_9_5fps',
+                '--distances',
+                '1',
+                '2',
+                '--angles',
+                '0',
+                '--frames',
+                '10',
             ]
         )
         == 0
-    )  # fmt: skip
+    )
     printed = capsys.readouterr().out
     assert re.findall(r'- \[ \] `(\S+)`', printed) == [
         'Mode_9_5fps_1.00m_0deg',

@@ -217,12 +217,19 @@ def test_the_command_writes_a_page_figures_and_a_profile(
     assert (
         main(
             [
-                'characterize', 'fit', str(tmp_path), '--out', str(out), '--jobs', '1', '--model',
+                'characterize',
+                'fit',
+                str(tmp_path),
+                '--out',
+                str(out),
+                '--jobs',
+                '1',
+                '--model',
                 'Cam',
             ]
         )
         == 0
-    )  # fmt: skip
+    )
     printed = capsys.readouterr()
     assert 'left out' in printed.err
     assert str(hostile) in printed.err

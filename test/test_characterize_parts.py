@@ -195,10 +195,12 @@ def test_edges_are_found_and_measured(background: float) -> None:
 @pytest.mark.parametrize(
     ('angle', 'limits', 'masked'),
     [
-        (45, (0.0, 2.3), False), (60, (0.0, 2.3), False), (45, (1.7, 9.0), False),
+        (45, (0.0, 2.3), False),
+        (60, (0.0, 2.3), False),
+        (45, (1.7, 9.0), False),
         (10, (0.0, 9.0), True),
     ],
-)  # fmt: skip
+)
 def test_where_range_or_mask_end_is_no_edge(
     angle: float, limits: tuple[float, float], masked: bool
 ) -> None:
@@ -275,10 +277,18 @@ def synthetic(
             variance = sigma**2 * generator.chisquare(freedom) / freedom
             tiles.append(
                 Tiles(
-                    z, theta, np.full(60, 16.0), freedom, variance, np.log(variance), 0 * z, 0 * z,
-                    np.full(60, math.nan), np.full(60, math.nan),
+                    z,
+                    theta,
+                    np.full(60, 16.0),
+                    freedom,
+                    variance,
+                    np.log(variance),
+                    0 * z,
+                    0 * z,
+                    np.full(60, math.nan),
+                    np.full(60, math.nan),
                 )
-            )  # fmt: skip
+            )
     return tiles
 
 
@@ -333,10 +343,13 @@ def test_an_undetermined_n_is_reported() -> None:
 @pytest.mark.parametrize(
     ('distances', 'angles', 'held'),
     [
-        ((1.0,), (0.0,), 'bcdn'), ((1.0, 2.0), (0.0,), 'cdn'), ((1.0, 1.5, 2.0), (0.0,), 'dn'),
-        ((1.0,), ANGLES, 'bcn'), ((1.0, 2.0), ANGLES, 'c'),
+        ((1.0,), (0.0,), 'bcdn'),
+        ((1.0, 2.0), (0.0,), 'cdn'),
+        ((1.0, 1.5, 2.0), (0.0,), 'dn'),
+        ((1.0,), ANGLES, 'bcn'),
+        ((1.0, 2.0), ANGLES, 'c'),
     ],
-)  # fmt: skip
+)
 def test_undetermined_coefficients_stay_fixed_and_are_reported(
     distances: tuple[float, ...], angles: tuple[float, ...], held: str
 ) -> None:
@@ -404,8 +417,12 @@ def test_recordings_are_files_and_bags(tmp_path: Path) -> None:
         (tmp_path / name).mkdir()
         (tmp_path / name / inside).touch()
     assert [path.name for path in find_recordings(tmp_path)] == [
-        'a.mcap', 'b.npz', 'bag', 'c.db3', 'cut',
-    ]  # fmt: skip
+        'a.mcap',
+        'b.npz',
+        'bag',
+        'c.db3',
+        'cut',
+    ]
     with pytest.raises(InputError, match='must be a folder'):
         find_recordings(tmp_path / 'b.npz')
 

@@ -96,9 +96,16 @@ def test_every_number_is_checked() -> None:
     """Assert that the options below are found at all."""
     options = numeric_options()
     assert {
-        '--frames', '--seed', '--jobs', '--seconds', '--rate', '--port', '--box', '--pose-prior',
+        '--frames',
+        '--seed',
+        '--jobs',
+        '--seconds',
+        '--rate',
+        '--port',
+        '--box',
+        '--pose-prior',
         '--num-envs',
-    } <= {option for _, option, _ in options}  # fmt: skip
+    } <= {option for _, option, _ in options}
 
 
 @pytest.mark.parametrize(('name', 'option', 'count'), numeric_options())
@@ -326,13 +333,24 @@ def full(folder: Path) -> Iterator[Path]:
         ['convert', 'campaign/a.npz', 'full/a.db3'],
         ['effects', 'show', 'offset', '--out', 'full/a.png'],
         [
-            'characterize', 'capture', 'full/c', '--frames', '2', '--jobs', '1', '--distances',
-            '1', '--angles', '0', '--usecase', 'Mode_9_30fps',
+            'characterize',
+            'capture',
+            'full/c',
+            '--frames',
+            '2',
+            '--jobs',
+            '1',
+            '--distances',
+            '1',
+            '--angles',
+            '0',
+            '--usecase',
+            'Mode_9_30fps',
         ],
         ['gap', 'benchmark', '--quick', '--jobs', '1', '--out', 'full/c'],
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_a_full_disk(full: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
     """Assert one sentence that names the file, and none of it left."""
     assert main(words) == 2

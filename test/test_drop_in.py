@@ -254,11 +254,13 @@ def test_arguments_of_the_launch_reach_all_nodes(launch: Any) -> None:
 @pytest.mark.parametrize(
     ('argument', 'said'),
     [
-        ('use_sim_time:=maybe', 'maybe'), ('rate:=fast', 'fast'),
-        ('robot:=nothing', 'robot: .*nothing'), ('usecase:=Mode_1', 'usecase: .*Mode_1'),
+        ('use_sim_time:=maybe', 'maybe'),
+        ('rate:=fast', 'fast'),
+        ('robot:=nothing', 'robot: .*nothing'),
+        ('usecase:=Mode_1', 'usecase: .*Mode_1'),
         ('scene:=nowhere', 'scene: .*nowhere'),
     ],
-)  # fmt: skip
+)
 def test_a_launch_that_fails_ends_with_all_its_nodes(
     launch: Any, argument: str, said: str
 ) -> None:

@@ -97,10 +97,17 @@ def test_what_cannot_be_used_is_named(table: Any, named: str, tmp_path: Path) ->
 @pytest.mark.parametrize(
     'text',
     [
-        '', 'schema: 2\neffects: {}', 'schema: 1', '- 1', 'effects: {}', 'schema: 1\neffects: [',
-        'schema: 1\neffects: 5', 'schema: 1\neffects: [offset]', '\x00',
+        '',
+        'schema: 2\neffects: {}',
+        'schema: 1',
+        '- 1',
+        'effects: {}',
+        'schema: 1\neffects: [',
+        'schema: 1\neffects: 5',
+        'schema: 1\neffects: [offset]',
+        '\x00',
     ],
-)  # fmt: skip
+)
 def test_a_ruined_file_is_named(text: str, tmp_path: Path) -> None:
     path = tmp_path / 'bad.yaml'
     path.write_text(text)

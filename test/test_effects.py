@@ -27,12 +27,31 @@ WHITE = flexx2().sensor.full_scale_amplitude
 NAMES = list(registry())
 PERIOD = 33_333_333
 ORDER = [
-    'pose_error', 'intrinsics_error', 'time_offset', 'flying_pixels', 'multipath', 'stray_light',
-    'motion_artefact', 'wiggling', 'fixed_pattern', 'amplitude_bias', 'offset', 'warm_up_drift',
-    'excess_noise', 'ambient_light', 'heavy_tails', 'lateral_noise', 'range_wrap',
-    'spatial_filter', 'temporal_filter', 'quantisation', 'low_signal_dropout', 'grazing_dropout',
-    'saturation', 'random_dropout',
-]  # fmt: skip
+    'pose_error',
+    'intrinsics_error',
+    'time_offset',
+    'flying_pixels',
+    'multipath',
+    'stray_light',
+    'motion_artefact',
+    'wiggling',
+    'fixed_pattern',
+    'amplitude_bias',
+    'offset',
+    'warm_up_drift',
+    'excess_noise',
+    'ambient_light',
+    'heavy_tails',
+    'lateral_noise',
+    'range_wrap',
+    'spatial_filter',
+    'temporal_filter',
+    'quantisation',
+    'low_signal_dropout',
+    'grazing_dropout',
+    'saturation',
+    'random_dropout',
+]
 
 
 # (a) It changes what its parameters say; see `signatures`.
@@ -48,9 +67,15 @@ def has_its_signature(name: str) -> None:
 COLUMNS, ROWS, FRAMES = 128, 48, 40
 EDGE, AWAY = 64, 24  # pixels: the largest displacement of an edge is 17
 TOLERANCES = {
-    'bias': 0.25e-3, 'noise': 0.02, 'outliers': 0.002, 'frames': 0.03, 'neighbours': 0.03,
-    'validity': 0.004, 'amplitude': 0.002, 'edges': 0.03,
-}  # fmt: skip
+    'bias': 0.25e-3,
+    'noise': 0.02,
+    'outliers': 0.002,
+    'frames': 0.03,
+    'neighbours': 0.03,
+    'validity': 0.004,
+    'amplitude': 0.002,
+    'edges': 0.03,
+}
 
 
 def channels(effects: Any) -> dict[str, np.ndarray]:
@@ -225,11 +250,14 @@ def batch_equals_loop(name: str) -> None:
 @pytest.mark.parametrize(
     'check',
     [
-        has_its_signature, changes_nothing_else, costs_nothing_when_off, is_seeded,
+        has_its_signature,
+        changes_nothing_else,
+        costs_nothing_when_off,
+        is_seeded,
         batch_equals_loop,
     ],
     ids=lambda check: check.__name__,
-)  # fmt: skip
+)
 @pytest.mark.parametrize('name', NAMES)
 def test_effect(
     name: str,
@@ -253,8 +281,11 @@ def test_the_registry() -> None:
     for kind in registry().values():
         strength, *others = kind.parameters()
         assert (strength.name, strength.default, strength.low, strength.high) == (
-            'strength', 1.0, 0.0, 4.0,
-        )  # fmt: skip
+            'strength',
+            1.0,
+            0.0,
+            4.0,
+        )
         assert all(p.low <= p.default <= p.high and p.low < p.high and p.text for p in others)
         assert kind.title
         assert kind.source

@@ -39,9 +39,13 @@ def test_the_table_of_parameters(printed: Any) -> None:
         items = [item for item in kind.parameters() if item.name != 'strength']
         for offset, item in enumerate(items):
             wanted = [
-                item.name, f'{item.default:g}', f'{item.low:g}', 'to', f'{item.high:g}',
+                item.name,
+                f'{item.default:g}',
+                f'{item.low:g}',
+                'to',
+                f'{item.high:g}',
                 *item.unit.split(),
-            ]  # fmt: skip
+            ]
             assert rows[start + offset][-len(wanted) :] == wanted
 
 
@@ -63,11 +67,20 @@ def test_the_page_and_the_presets(printed: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     'name',
     [
-        'pose_error', 'time_offset', 'flying_pixels', 'fixed_pattern', 'offset', 'warm_up_drift',
-        'ambient_light', 'heavy_tails', 'range_wrap', 'spatial_filter', 'quantisation',
+        'pose_error',
+        'time_offset',
+        'flying_pixels',
+        'fixed_pattern',
+        'offset',
+        'warm_up_drift',
+        'ambient_light',
+        'heavy_tails',
+        'range_wrap',
+        'spatial_filter',
+        'quantisation',
         'saturation',
     ],
-)  # fmt: skip
+)
 def test_show_writes_a_picture(
     name: str, printed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -88,12 +101,16 @@ def simulate(folder: Path, *options: str, **arrays: Any) -> dict[str, np.ndarray
     assert (
         main(
             [
-                'simulate', str(folder / 'in.npz'), str(folder / 'out.npz'), '--frames', '70',
+                'simulate',
+                str(folder / 'in.npz'),
+                str(folder / 'out.npz'),
+                '--frames',
+                '70',
                 *options,
             ]
         )
         == 0
-    )  # fmt: skip
+    )
     with np.load(folder / 'out.npz', allow_pickle=False) as archive:
         return {key: archive[key] for key in archive.files}
 

@@ -19,9 +19,13 @@ KEEPS = {name: {'strength': 2.0} for name, kind in registry().items() if kind.ke
 
 def test_a_reset_forgets_the_chosen_environments_only() -> None:
     assert set(KEEPS) >= {
-        'fixed_pattern', 'temporal_filter', 'warm_up_drift', 'motion_artefact', 'time_offset',
+        'fixed_pattern',
+        'temporal_filter',
+        'warm_up_drift',
+        'motion_artefact',
+        'time_offset',
         'multipath',
-    }  # fmt: skip
+    }
     clean = np.stack([scenes(4), scenes(4) + 0.3])
     stamps = np.array([0, 1, 2, 3]) * 20 * PERIOD
 

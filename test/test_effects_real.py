@@ -73,10 +73,14 @@ def views() -> tuple[View, ...]:
         halves.sort(key=lambda half: np.median(infrared[half]))
         found.append(
             View(
-                depth / 1e3, infrared, (u - CENTRE[0]) / FOCAL, (v - CENTRE[1]) / FOCAL, halves[1],
+                depth / 1e3,
+                infrared,
+                (u - CENTRE[0]) / FOCAL,
+                (v - CENTRE[1]) / FOCAL,
+                halves[1],
                 halves[0],
             )
-        )  # fmt: skip
+        )
     return tuple(found)
 
 

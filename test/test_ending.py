@@ -119,11 +119,14 @@ COMMANDS = {
 @pytest.mark.parametrize(
     ('name', 'number', 'seconds'),
     [
-        ('simulate', signal.SIGINT, 0.0), ('simulate', signal.SIGTERM, 2.0),
-        ('diagnose', signal.SIGTERM, 0.0), ('diagnose', signal.SIGINT, 2.0),
-        ('capture', signal.SIGINT, 0.0), ('capture', signal.SIGTERM, 2.0),
+        ('simulate', signal.SIGINT, 0.0),
+        ('simulate', signal.SIGTERM, 2.0),
+        ('diagnose', signal.SIGTERM, 0.0),
+        ('diagnose', signal.SIGINT, 2.0),
+        ('capture', signal.SIGINT, 0.0),
+        ('capture', signal.SIGTERM, 2.0),
     ],
-)  # fmt: skip
+)
 def test_a_signal(
     tmp_path: Path, start: Start, campaign: Path, name: str, number: signal.Signals, seconds: float
 ) -> None:

@@ -100,10 +100,12 @@ def compressed(form: str, content: bytes, stamp: int = 0) -> Entry:
 @pytest.mark.parametrize(
     ('form', 'encode'),
     [
-        ('16UC1; compressedDepth', png), ('16UC1; compressedDepth png', png),
-        ('mono16; compressedDepth png', png), ('16UC1; compressedDepth rvl', rvl),
+        ('16UC1; compressedDepth', png),
+        ('16UC1; compressedDepth png', png),
+        ('mono16; compressedDepth png', png),
+        ('16UC1; compressedDepth rvl', rvl),
     ],
-)  # fmt: skip
+)
 def test_compressed_depth_of_16_bits_is_read_without_loss(
     form: str, encode: Any, tmp_path: Path
 ) -> None:

@@ -106,10 +106,15 @@ def test_damaged_files_of_the_cache_are_written_anew(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('moment', 'around'),
     [
-        (5, (2, 2)), (10, (2, 2)), (15, (2, 3)), (20, (2, 3)), (25, (3, 0)), (40, (0, 1)),
+        (5, (2, 2)),
+        (10, (2, 2)),
+        (15, (2, 3)),
+        (20, (2, 3)),
+        (25, (3, 0)),
+        (40, (0, 1)),
         (99, (0, 1)),
     ],
-)  # fmt: skip
+)
 def test_frames_around_a_moment_in_slots_that_are_used_in_turn(
     moment: int, around: tuple[int, int]
 ) -> None:

@@ -249,13 +249,17 @@ LENSES = {
     **{
         f'OpenCV, {name}': f'K: [211, 0, 4.5, 0, 213, 3.5, 0, 0, 1]\n{name}: [0.1, 0, 0, 0, 0]\n'
         for name in (
-            'Distortion_Coefficients', 'distCoeffs', 'dist_coeffs', 'dist_coeff', 'distortion',
+            'Distortion_Coefficients',
+            'distCoeffs',
+            'dist_coeffs',
+            'dist_coeff',
+            'distortion',
         )
     },
     'text': '# fx 0 cx\n211 0 4.5\n0 213 3.5\n0 0 1\n',
     'four numbers': '211 213 4.5 3.5',
     'text of 4 x 4': '211 0 4.5 0\n0 213 3.5 0\n0 0 1 0\n0 0 0 1\n',
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize('program', LENSES)
@@ -290,10 +294,12 @@ def _azure(**changes: Any) -> str:
 @pytest.mark.parametrize(
     ('size', 'binning', 'offset'),
     [
-        ((576, 640), 1, (192, 180)), ((288, 320), 2, (96, 90)), ((1024, 1024), 1, (0, 0)),
+        ((576, 640), 1, (192, 180)),
+        ((288, 320), 2, (96, 90)),
+        ((1024, 1024), 1, (0, 0)),
         ((512, 512), 2, (0, 0)),
     ],
-)  # fmt: skip
+)
 def test_the_calibration_of_an_azure_kinect_is_that_of_the_mode(
     size: tuple[int, int], binning: int, offset: tuple[int, int], tmp_path: Path
 ) -> None:
@@ -303,9 +309,11 @@ def test_the_calibration_of_an_azure_kinect_is_that_of_the_mode(
     camera = read_calibration(path).intrinsics(size)
     side = 1024 / binning
     expected = [
-        AZURE[2] * side, AZURE[3] * side, AZURE[0] * side - offset[0] - 0.5,
+        AZURE[2] * side,
+        AZURE[3] * side,
+        AZURE[0] * side - offset[0] - 0.5,
         AZURE[1] * side - offset[1] - 0.5,
-    ]  # fmt: skip
+    ]
     assert [camera.fx, camera.fy, camera.cx, camera.cy] == pytest.approx(expected)
     assert camera.distortion == (0.55, -0.02, 2e-5, -7e-5, -0.003, 0.89, 0.09, -0.01)
 

@@ -142,9 +142,11 @@ def test_foxglove_drives_within_the_limits() -> None:
     # A command holds half a second.
     assert teleop['publishRate'] > 2
     for button, field, most in (
-        ('up', 'linear-x', 0.8), ('down', 'linear-x', 0.8), ('left', 'angular-z', 1.5),
+        ('up', 'linear-x', 0.8),
+        ('down', 'linear-x', 0.8),
+        ('left', 'angular-z', 1.5),
         ('right', 'angular-z', 1.5),
-    ):  # fmt: skip
+    ):
         assert teleop[f'{button}Button']['field'] == field
         sign = 1 if button in ('up', 'left') else -1
         assert 0 < sign * teleop[f'{button}Button']['value'] <= most

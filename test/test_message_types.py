@@ -24,11 +24,21 @@ def test_message_definitions_are_found() -> None:
 @pytest.mark.parametrize(
     'kind',
     [
-        'venv/__main__/X', 'this/msg/X', 'antigravity/msg/X', 'sensor_msgs/msg/_image',
-        'sensor_msgs/msg/Nothing', 'sensor_msgs/srv/SetCameraInfo', 'sensor_msgs/Image',
-        'sensor_msgs/msg/Image\n', '../x/msg/X', 'a.b/msg/X', '', 'x' * 100_000, '\x1b[31m/msg/X',
+        'venv/__main__/X',
+        'this/msg/X',
+        'antigravity/msg/X',
+        'sensor_msgs/msg/_image',
+        'sensor_msgs/msg/Nothing',
+        'sensor_msgs/srv/SetCameraInfo',
+        'sensor_msgs/Image',
+        'sensor_msgs/msg/Image\n',
+        '../x/msg/X',
+        'a.b/msg/X',
+        '',
+        'x' * 100_000,
+        '\x1b[31m/msg/X',
     ],
-)  # fmt: skip
+)
 def test_modules_that_are_no_messages_are_not_imported(kind: str) -> None:
     from flexx2_sim_ros.nodes.message_types import message_class
 

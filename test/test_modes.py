@@ -20,12 +20,16 @@ PAPER = {
 }
 # Rate, range, the mode whose noise it takes.
 MODES = {
-    'Mode_5_15fps': (15, 2.4, 'Mode_5_30fps'), 'Mode_5_30fps': (30, 2.4, 'Mode_5_30fps'),
-    'Mode_5_45fps': (45, 2.4, 'Mode_5_60fps'), 'Mode_5_60fps': (60, 2.4, 'Mode_5_60fps'),
-    'Mode_9_5fps': (5, 7.0, 'Mode_9_30fps'), 'Mode_9_10fps': (10, 7.0, 'Mode_9_30fps'),
-    'Mode_9_15fps': (15, 7.0, 'Mode_9_30fps'), 'Mode_9_20fps': (20, 7.0, 'Mode_9_30fps'),
+    'Mode_5_15fps': (15, 2.4, 'Mode_5_30fps'),
+    'Mode_5_30fps': (30, 2.4, 'Mode_5_30fps'),
+    'Mode_5_45fps': (45, 2.4, 'Mode_5_60fps'),
+    'Mode_5_60fps': (60, 2.4, 'Mode_5_60fps'),
+    'Mode_9_5fps': (5, 7.0, 'Mode_9_30fps'),
+    'Mode_9_10fps': (10, 7.0, 'Mode_9_30fps'),
+    'Mode_9_15fps': (15, 7.0, 'Mode_9_30fps'),
+    'Mode_9_20fps': (20, 7.0, 'Mode_9_30fps'),
     'Mode_9_30fps': (30, 7.0, 'Mode_9_30fps'),
-}  # fmt: skip
+}
 IMAGE = np.full((4, 5), 1.0)
 K = np.array([[210.6, 0.0, 111.5], [0.0, 212.9, 85.5], [0.0, 0.0, 1.0]])
 
@@ -141,7 +145,9 @@ def test_a_valid_configuration_is_used(config: Path) -> None:
         ('flexx2.yaml', 'width: 224', 'width: -1', 'width'),
         ('flexx2.yaml', 'height: 172', 'height: .inf', 'height'),
         (
-            'flexx2.yaml', 'field_of_view_deg: [56, 44]', 'field_of_view_deg: [wide, 44]',
+            'flexx2.yaml',
+            'field_of_view_deg: [56, 44]',
+            'field_of_view_deg: [wide, 44]',
             'field_of_view_deg',
         ),
         ('flexx2.yaml', 'incidence_cap_deg: 85.0', 'incidence_cap_deg: 90', 'incidence_cap_deg'),
@@ -153,7 +159,7 @@ def test_a_valid_configuration_is_used(config: Path) -> None:
         ('flexx2.yaml', 'neighbourhood_px: 8', 'neighbour: 8', 'neighbourhood_px'),
         ('flexx2.yaml', 'zero_at_sigma_m: 0.07', '', 'zero_at_sigma_m'),
     ],
-)  # fmt: skip
+)
 def test_a_malformed_configuration_is_named(
     config: Path, file: str, old: str, new: str, named: str
 ) -> None:

@@ -134,9 +134,14 @@ def setups(tmp_path: Path) -> Iterator[dict[str, Any]]:
     yield {'effects': 'typical', 'effect.multipath.strength': 0.0, USECASE: 'Mode_5_45fps'}
     yield {'effect.offset.strength': 2.0, 'effect.multipath.gain': 3.0, AUTO: False, EXPOSURE: 90}
     yield {
-        'effects': str(path), 'effect.offset.bias': 0.01, USECASE: 'Mode_9_5fps', AUTO: False,
-        EXPOSURE: 1200, 'invalid_value': 'zero', 'frame_id': 'lens',
-    }  # fmt: skip
+        'effects': str(path),
+        'effect.offset.bias': 0.01,
+        USECASE: 'Mode_9_5fps',
+        AUTO: False,
+        EXPOSURE: 1200,
+        'invalid_value': 'zero',
+        'frame_id': 'lens',
+    }
 
 
 def test_dumped_parameters_load_unchanged(tmp_path: Path) -> None:

@@ -220,12 +220,15 @@ def test_written_files_have_the_permissions_of_new_ones(tmp_path: Path, umask: i
         assert (
             main(
                 [
-                    'simulate', str(tmp_path / 'scene.npz'), str(tmp_path / 'out.npz'), '--frames',
+                    'simulate',
+                    str(tmp_path / 'scene.npz'),
+                    str(tmp_path / 'out.npz'),
+                    '--frames',
                     '2',
                 ]
             )
             == 0
-        )  # fmt: skip
+        )
         assert main(['effects', '--write-presets', str(tmp_path / 'presets')]) == 0
     finally:
         os.umask(previous)

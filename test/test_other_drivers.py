@@ -75,9 +75,11 @@ def test_a_fisheye_lens_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_broken_bags_of_ros_1(tmp_path: Path) -> None:
     whole = ros1_bag(tmp_path / 'a.bag', pico_flexx()).read_bytes()
     for name, content in (
-        ('empty', b''), ('text', b'text' * 500), ('cut off', whole[: len(whole) // 2]),
+        ('empty', b''),
+        ('text', b'text' * 500),
+        ('cut off', whole[: len(whole) // 2]),
         ('head', whole[:4000]),
-    ):  # fmt: skip
+    ):
         path = tmp_path / f'{name}.bag'
         path.write_bytes(content)
         with pytest.raises(InputError, match='closed and indexed ROS 1 bag'):

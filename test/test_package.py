@@ -106,9 +106,15 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for folder in (NAME, 'config', 'launch', 'resource'):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns('__pycache__'))
     for file in (
-        'CHANGELOG.rst', 'LICENSE', 'MANIFEST.in', 'README.md', 'package.xml', 'pyproject.toml',
-        'setup.cfg', 'setup.py',
-    ):  # fmt: skip
+        'CHANGELOG.rst',
+        'LICENSE',
+        'MANIFEST.in',
+        'README.md',
+        'package.xml',
+        'pyproject.toml',
+        'setup.cfg',
+        'setup.py',
+    ):
         shutil.copy(ROOT / file, copy)
     return copy
 

@@ -26,11 +26,13 @@ def run(pairing: StampPairing, *events: str) -> list[tuple[int, str | None, str 
 @pytest.mark.parametrize(
     'order',
     [
-        ('info', 'image'), ('image', 'info'), ('info', 'reflectivity', 'image'),
+        ('info', 'image'),
+        ('image', 'info'),
+        ('info', 'reflectivity', 'image'),
         ('reflectivity', 'info', 'image'),
     ],
     ids=' '.join,
-)  # fmt: skip
+)
 def test_messages_of_one_stamp_are_matched_at_once(order: tuple[str, ...]) -> None:
     """Assert every image comes out with its own companions, without waiting for the next one."""
     pairing = StampPairing()
@@ -44,11 +46,13 @@ def test_messages_of_one_stamp_are_matched_at_once(order: tuple[str, ...]) -> No
 @pytest.mark.parametrize(
     'order',
     [
-        ('info', 'image', 'reflectivity'), ('image', 'reflectivity', 'info'),
-        ('image', 'info', 'reflectivity'), ('reflectivity', 'image', 'info'),
+        ('info', 'image', 'reflectivity'),
+        ('image', 'reflectivity', 'info'),
+        ('image', 'info', 'reflectivity'),
+        ('reflectivity', 'image', 'info'),
     ],
     ids=' '.join,
-)  # fmt: skip
+)
 def test_images_wait_for_reflectivity_after_its_first_message(order: tuple[str, ...]) -> None:
     """Assert at most the first image goes without its reflectivity."""
     pairing = StampPairing()

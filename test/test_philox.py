@@ -42,9 +42,11 @@ def reference_philox(counter: list[np.ndarray], key: tuple[int, int]) -> list[np
     for _ in range(10):
         low, high = np.uint64(0xD2511F53) * c0, np.uint64(0xCD9E8D57) * c2
         c0, c1, c2, c3 = (
-            (high >> half) ^ c1 ^ np.uint64(k0), high & word, (low >> half) ^ c3 ^ np.uint64(k1),
+            (high >> half) ^ c1 ^ np.uint64(k0),
+            high & word,
+            (low >> half) ^ c3 ^ np.uint64(k1),
             low & word,
-        )  # fmt: skip
+        )
         k0, k1 = (k0 + 0x9E3779B9) & 0xFFFFFFFF, (k1 + 0xBB67AE85) & 0xFFFFFFFF
     return [c0, c1, c2, c3]
 
@@ -146,11 +148,20 @@ def test_pixels_are_independent(lag: int) -> None:
 @pytest.mark.parametrize(
     'other',
     [
-        {'seed': 6}, {'seed': -5}, {'seed': 5 + 2**64}, {'name': 'right'}, {'name': ''},
-        {'stamp_ns': 1}, {'stamp_ns': -1}, {'stamp_ns': 2**32}, {'stamp_ns': 2**32 - 1},
-        {'stamp_ns': 33_333_333}, {'stream': STREAM_ROW_EDGES}, {'stream': STREAM_COLUMN_EDGES},
+        {'seed': 6},
+        {'seed': -5},
+        {'seed': 5 + 2**64},
+        {'name': 'right'},
+        {'name': ''},
+        {'stamp_ns': 1},
+        {'stamp_ns': -1},
+        {'stamp_ns': 2**32},
+        {'stamp_ns': 2**32 - 1},
+        {'stamp_ns': 33_333_333},
+        {'stream': STREAM_ROW_EDGES},
+        {'stream': STREAM_COLUMN_EDGES},
     ],
-)  # fmt: skip
+)
 def test_streams_of_random_numbers_are_independent(other: dict) -> None:
     one, two = normals(200_000), normals(200_000, **other)
     assert abs(np.mean(one * two)) < SIGMAS / math.sqrt(one.size)

@@ -60,9 +60,14 @@ class Node:
         self.namespace = f'/process_{next(_numbers)}'
         self._log = folder / f'{executable}{self.namespace.replace("/", "_")}.log'
         command = [
-            sys.executable, '-m', f'flexx2_sim_ros.nodes.{executable}', '--ros-args', '-r',
-            f'__ns:={self.namespace}', *arguments,
-        ]  # fmt: skip
+            sys.executable,
+            '-m',
+            f'flexx2_sim_ros.nodes.{executable}',
+            '--ros-args',
+            '-r',
+            f'__ns:={self.namespace}',
+            *arguments,
+        ]
         for parameter in parameters:
             command += ['-p', parameter]
         with self._log.open('wb') as log:
@@ -138,9 +143,14 @@ def test_a_signal_while_starting_ends_the_process(
 def test_the_camera_node(start: Any, number: signal.Signals) -> None:
     """Assert frames over the wire are the library's, and a quiet end amid a burst of images."""
     node = start(
-        CAMERA, 'usecase:=mode_5_60fps', 'seed:=9', 'camera_name:=left', 'serial:=0042',
-        'invalid_value:=nan', 'cx:=111.5',
-    )  # fmt: skip
+        CAMERA,
+        'usecase:=mode_5_60fps',
+        'seed:=9',
+        'camera_name:=left',
+        'serial:=0042',
+        'invalid_value:=nan',
+        'cx:=111.5',
+    )
     with listening() as user:
         image, info = (
             user.node.create_publisher(kind, f'{node.namespace}/clean/{topic}', 10)
@@ -193,13 +203,15 @@ ONE_BOARD = """
             signal.SIGTERM,
             30,
             [
-                'rate:=30.0', 'renderer:=ray', 'scene:={folder}/board.xml',
+                'rate:=30.0',
+                'renderer:=ray',
+                'scene:={folder}/board.xml',
                 'front_left.rpy_deg:=[0.0, 0.0, 0.0]',
             ],
         ),
     ],
     ids=['lab', 'own scene'],
-)  # fmt: skip
+)
 def test_the_robot_node(
     start: Any, tmp_path: Path, number: signal.Signals, rate: int, parameters: list[str]
 ) -> None:

@@ -18,9 +18,17 @@ import yaml
 NOISE = NoiseModel(0.004, -0.001, 0.002, 0.0005, 1.5, 0.7)
 NARROW = Mode('Narrow', 12.5, 0.3, 4.0, (), 0, (1, 80000), NOISE, 'Narrow', 'profile')
 WIDE = Mode(
-    'Wide.1+', 25.0, 0.2, 6.0, (100e6, 20e6), 9, (5, 400), replace(NOISE, a=0.006), 'Wide.1+',
+    'Wide.1+',
+    25.0,
+    0.2,
+    6.0,
+    (100e6, 20e6),
+    9,
+    (5, 400),
+    replace(NOISE, a=0.006),
+    'Wide.1+',
     'profile',
-)  # fmt: skip
+)
 OTHER = Profile(
     'Kamera Ü',
     Intrinsics(64, 48, 60.0, 61.0, 30.5, 24.25, (0.1, 0.0, 0.0, 0.0, 0.0)),
@@ -46,8 +54,13 @@ def test_a_profile_is_read_back_as_it_was_written(path: Path) -> None:
     assert content.profile.intrinsics == OTHER.intrinsics
     assert content.profile.modes == OTHER.modes
     assert content.standard_errors['Narrow'] == {
-        'a': 1e-5, 'b': None, 'c': None, 'd': None, 'n': 0.2, 'sigma_x': None,
-    }  # fmt: skip
+        'a': 1e-5,
+        'b': None,
+        'c': None,
+        'd': None,
+        'n': 0.2,
+        'sigma_x': None,
+    }
     assert content.measured['Narrow'] == {'frames': 300}
     assert content.provenance == WHOLE.provenance
     save_profile(path.parent / 'again.yaml', content)

@@ -18,10 +18,16 @@ ROOT = Path(__file__).parent.parent
 README = ''.join(
     (ROOT / name).read_text(encoding='utf-8')
     for name in (
-        'README.md', 'docs/characterize.md', 'docs/diagnosis.md', 'docs/diagnosis_evidence.md',
-        'docs/install.md', 'docs/nodes.md', 'docs/recordings.md', 'docs/view.md',
+        'README.md',
+        'docs/characterize.md',
+        'docs/diagnosis.md',
+        'docs/diagnosis_evidence.md',
+        'docs/install.md',
+        'docs/nodes.md',
+        'docs/recordings.md',
+        'docs/view.md',
     )
-)  # fmt: skip
+)
 EXECUTABLES = {
     'flexx2_camera': 'flexx2_sim_ros.nodes.flexx2_camera',
     'go1_cameras': 'flexx2_sim_ros.nodes.go1_cameras',

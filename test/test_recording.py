@@ -40,10 +40,14 @@ def test_round_trip(tmp_path: Path) -> None:
     frames[3, 2] = np.nan
     path = tmp_path / 'r.npz'
     arrays = {
-        'clean_depth': CLEAN, 'K': K, 'stamp': np.arange(7) / 30, 'usecase': 'Mode_5_30fps',
-        'reflectivity': np.ones((5, 6), np.float32), 'label': np.array(['a', 'b']),
+        'clean_depth': CLEAN,
+        'K': K,
+        'stamp': np.arange(7) / 30,
+        'usecase': 'Mode_5_30fps',
+        'reflectivity': np.ones((5, 6), np.float32),
+        'label': np.array(['a', 'b']),
         'mask': np.eye(3, dtype=bool),
-    }  # fmt: skip
+    }
     write(path, frames, **arrays)
     with np.load(path, allow_pickle=False) as archive:
         assert set(archive.files) == {'depth', *arrays}

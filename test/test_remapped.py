@@ -112,9 +112,15 @@ def test_a_bag_that_was_recorded_otherwise_takes_an_option(
             if topic in topics:
                 writer.write(topic, kind, when, data)
     with flexx2(
-        child_env, 'convert', tmp_path / 'other', tmp_path / 'one.npz', '--usecase',
-        'Mode_9_30fps', '--clean', TOPICS['clean/depth_image'],
-    ) as process:  # fmt: skip
+        child_env,
+        'convert',
+        tmp_path / 'other',
+        tmp_path / 'one.npz',
+        '--usecase',
+        'Mode_9_30fps',
+        '--clean',
+        TOPICS['clean/depth_image'],
+    ) as process:
         finish(process)
     recording, wanted = load_recording(tmp_path / 'one.npz'), load_recording(bag)
     np.testing.assert_array_equal(recording.clean_depth, wanted.clean_depth)

@@ -267,10 +267,16 @@ def test_both_cameras_see_surfaces():
     assert {
         f'scene/{name}'
         for name in (
-            'step', 'stair_1', 'stair_5', 'ramp', 'board_leaning', 'drum_metal', 'box_black',
+            'step',
+            'stair_1',
+            'stair_5',
+            'ramp',
+            'board_leaning',
+            'drum_metal',
+            'box_black',
             'wall_behind_door',
         )
-    } <= seen  # fmt: skip
+    } <= seen
 
 
 def test_returned_images_are_not_overwritten(backend):

@@ -103,9 +103,17 @@ def test_recorded_clean_depth_gives_the_recorded_camera(
 
         camera.messages(DEPTH).clear()
         with flexx2(
-            child_env, 'replay', bag, '--topics', '*/clean/*', '--wait', PATIENCE, '--rate', '0.2',
+            child_env,
+            'replay',
+            bag,
+            '--topics',
+            '*/clean/*',
+            '--wait',
+            PATIENCE,
+            '--rate',
+            '0.2',
             '--no-clock',
-        ) as process:  # fmt: skip
+        ) as process:
             camera.spin_until(lambda: len(camera.messages(DEPTH)) == 12, 'the camera again')
             finish(process)
         for seen, frame in zip(camera.depths(), recorded.depth, strict=True):

@@ -17,10 +17,17 @@ CASES = DATA.parent / 'cases'
 LENS = ['--intrinsics', '365.5', '365.5', '75.5', '48']
 # The same three frames of a Kinect, as drivers publish them; what each bag needs to be said.
 BAGS: dict[str, list[str]] = {
-    'adi_16uc1_both': [], 'cdepth_png': [], 'cdepth_rvl': [], 'equidistant_zero': [],
-    'iai_kinect2.bag': [], 'k_zero': LENS, 'model_brown_conrady': [], 'mono16_depth': [],
-    'no_camera_info': LENS, 'rational_14': [],
-}  # fmt: skip
+    'adi_16uc1_both': [],
+    'cdepth_png': [],
+    'cdepth_rvl': [],
+    'equidistant_zero': [],
+    'iai_kinect2.bag': [],
+    'k_zero': LENS,
+    'model_brown_conrady': [],
+    'mono16_depth': [],
+    'no_camera_info': LENS,
+    'rational_14': [],
+}
 CALIBRATIONS = {
     'camera-intrinsics.txt': (585.0, 585.0, 320.0, 240.0),
     'iai_kinect2_calib_ir.yaml': (378.416556, 383.191856, 253.668916, 190.054661),
@@ -28,12 +35,21 @@ CALIBRATIONS = {
     'primesense.intr': (525.0, 525.0, 319.5, 239.5),
 }
 REPORTS = (
-    '01_isaaclab_config_roundtrip', '02_orbbec_plumb_bob_8', '03_partial_reset_advances_time',
-    '04_constant_stamp_says_streaming', '07_unusable_calibration_is_read', '09_invalid_is_65535',
-    '10_one_frame_twice', '11_compressed_depth_16bit', '12_binning_and_roi',
-    '13_realsense_viewer_bag', '16_rectified_depth', '17_calibration_files',
-    '19_two_terms_one_noise', '21_tf_of_old_ros1_bags',
-)  # fmt: skip
+    '01_isaaclab_config_roundtrip',
+    '02_orbbec_plumb_bob_8',
+    '03_partial_reset_advances_time',
+    '04_constant_stamp_says_streaming',
+    '07_unusable_calibration_is_read',
+    '09_invalid_is_65535',
+    '10_one_frame_twice',
+    '11_compressed_depth_16bit',
+    '12_binning_and_roi',
+    '13_realsense_viewer_bag',
+    '16_rectified_depth',
+    '17_calibration_files',
+    '19_two_terms_one_noise',
+    '21_tf_of_old_ros1_bags',
+)
 
 
 def case(*parts: str) -> Path:

@@ -92,9 +92,13 @@ def test_every_link_has_a_name_of_its_own(tmp_path: Path) -> None:
     model = build_model(str(path), intrinsics=flexx2().intrinsics, robot=robot)
     links = links_of(model, robot)
     assert [(link.parent, link.name) for link in links] == [
-        ('base', 'trunk'), ('trunk', 'arm_a'), ('trunk', 'trunk_2'), ('trunk_2', 'base_2'),
-        ('trunk', 'arm_a_2'), ('arm_a_2', 'arm'),
-    ]  # fmt: skip
+        ('base', 'trunk'),
+        ('trunk', 'arm_a'),
+        ('trunk', 'trunk_2'),
+        ('trunk_2', 'base_2'),
+        ('trunk', 'arm_a_2'),
+        ('arm_a_2', 'arm'),
+    ]
     joints = ElementTree.fromstring(urdf(model, links)).findall('joint')
     assert len({joint.get('name') for joint in joints}) == len(links)
 

@@ -50,11 +50,18 @@ def matrix(quaternion):
 @pytest.mark.parametrize(
     ('name', 'plain'),
     [
-        ('FR_hip_joint', 'fr_hip'), ('FR_hip', 'fr_hip'), ('fr_HIP_joint', 'fr_hip'),
-        ('go1/RL_calf_joint', 'rl_calf'), ('/robots/go1/RL_calf', 'rl_calf'), ('FL_0', 'fl_hip'),
-        ('RR_1', 'rr_thigh'), ('RR_2', 'rr_calf'), ('wheel_1', 'wheel_1'), ('arm_joint', 'arm'),
+        ('FR_hip_joint', 'fr_hip'),
+        ('FR_hip', 'fr_hip'),
+        ('fr_HIP_joint', 'fr_hip'),
+        ('go1/RL_calf_joint', 'rl_calf'),
+        ('/robots/go1/RL_calf', 'rl_calf'),
+        ('FL_0', 'fl_hip'),
+        ('RR_1', 'rr_thigh'),
+        ('RR_2', 'rr_calf'),
+        ('wheel_1', 'wheel_1'),
+        ('arm_joint', 'arm'),
     ],
-)  # fmt: skip
+)
 def test_a_joint_is_known_by_all_its_names(name, plain):
     assert plain_name(name) == plain
 

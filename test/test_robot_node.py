@@ -249,9 +249,11 @@ def test_frames_follow_the_conventions_of_ros():
         for message in tf_frames.camera_transforms('base', (left, right))
     }
     assert set(found) == {
-        'front_left_link', 'front_left_optical_frame', 'front_right_link',
+        'front_left_link',
+        'front_left_optical_frame',
+        'front_right_link',
         'front_right_optical_frame',
-    }  # fmt: skip
+    }
 
     def matrix(message):
         turn = message.transform.rotation

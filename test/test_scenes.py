@@ -283,9 +283,11 @@ def test_reflectivity_follows_the_material_and_then_the_colour():
     assert (table.shape, table.dtype) == ((model.ngeom + 1,), np.float32)
     materials = load_materials()
     for geom, material in (
-        ('scene/board_leaning', 'white_board'), ('scene/pole_black', 'black'),
-        ('FR_foot', 'go1_rubber'), ('front_left_housing', 'flexx2_housing'),
-    ):  # fmt: skip
+        ('scene/board_leaning', 'white_board'),
+        ('scene/pole_black', 'black'),
+        ('FR_foot', 'go1_rubber'),
+        ('front_left_housing', 'flexx2_housing'),
+    ):
         assert table[model.geom(geom).id] == pytest.approx(materials[material])
     assert table[-1] == 0.0
     used = {model.mat(i).name.rsplit('/')[-1] for i in range(model.nmat)}

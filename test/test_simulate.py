@@ -43,9 +43,17 @@ def test_simulate_writes_the_librarys_frames(
 ) -> None:
     """Assert keys, shapes, dtypes, the stamps, and every frame to the last bit."""
     out = simulate(
-        save(tmp_path), tmp_path, '--usecase', 'mode_5_45FPS', '--frames', '70', '--seed', '7',
-        '--name', 'left',
-    )  # fmt: skip
+        save(tmp_path),
+        tmp_path,
+        '--usecase',
+        'mode_5_45FPS',
+        '--frames',
+        '70',
+        '--seed',
+        '7',
+        '--name',
+        'left',
+    )
     said = ' '.join(capsys.readouterr().err.split())
     assert '70 frames of 56 x 43, Flexx2, Mode_5_45fps, ' in said
     assert {'depth', 'clean_depth', 'K', 'stamp', 'usecase'} <= set(out)
@@ -126,9 +134,12 @@ def test_uptime_of_the_scene_or_as_given(tmp_path: Path) -> None:
     effects.write_text('schema: 1\neffects: {warm_up_drift: {bias: 0.05, tau: 100}}\n')
     options = ('--frames', '5', '--effects', str(effects))
     for uptime, more, expected in (
-        (None, (), 0.0), (100.0, (), 100.0), (np.full(5, 50.0), (), 50.0),
-        (100.0, ('--uptime', '200'), 200), (None, ('--uptime', '30'), 30.0),
-    ):  # fmt: skip
+        (None, (), 0.0),
+        (100.0, (), 100.0),
+        (np.full(5, 50.0), (), 50.0),
+        (100.0, ('--uptime', '200'), 200),
+        (None, ('--uptime', '30'), 30.0),
+    ):
         source = save(tmp_path, clean_depth=np.full((43, 56), 1.0), uptime=uptime)
         out = simulate(source, tmp_path, *options, *more)
         assert np.mean(out['depth']) - 1 == pytest.approx(0.05 * np.exp(-expected / 100), abs=1e-3)

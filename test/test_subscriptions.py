@@ -45,11 +45,16 @@ def test_the_subscription_uses_the_best_quality_that_all_publishers_offer(
 @pytest.mark.parametrize(
     ('numbers', 'lost'),
     [
-        ([5, 6, 7], 0), ([5, 7, 10], 3), ([9, 1, 2], 0), ([3, 3, 4], 0), ([None, None], 0),
-        ([1, None, 9], 0), ([5, 6, 9, 1, 2, None, 7], 2),
+        ([5, 6, 7], 0),
+        ([5, 7, 10], 3),
+        ([9, 1, 2], 0),
+        ([3, 3, 4], 0),
+        ([None, None], 0),
+        ([1, None, 9], 0),
+        ([5, 6, 9, 1, 2, None, 7], 2),
     ],
     ids=str,
-)  # fmt: skip
+)
 def test_lost_messages_are_counted(numbers: list[int | None], lost: int) -> None:
     """Assert gaps count; a late start, a restart and missing numbers do not."""
     counter = LossCounter()

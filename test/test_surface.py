@@ -160,9 +160,14 @@ def test_slopes_are_not_computed_across_a_jump(shape: str, front: int, back: int
 
 # One pixel half-way between two surfaces is left out: it looks the same as a steep one.
 STRIPS = [
-    (2, 1, 2), (1, 2, 1), (2, 1.94, 2), (1, 1.05, 1), (1, 1.5, 2), (2, 1, math.nan),
+    (2, 1, 2),
+    (1, 2, 1),
+    (2, 1.94, 2),
+    (1, 1.05, 1),
+    (1, 1.5, 2),
+    (2, 1, math.nan),
     (math.nan, 1, math.nan),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(

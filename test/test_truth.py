@@ -30,9 +30,13 @@ SLANTED = (1 / (0.5 + 0.002 * U - 0.001 * V)).astype(np.float32)
 def write(path: Path, **arrays: Any) -> Path:
     """Write a recording of a slanted plane that stands still."""
     content = {
-        'depth': np.tile(SLANTED, (4, 1, 1)), 'clean_depth': SLANTED, 'K': K,
-        'stamp': np.arange(4) / 30, 'usecase': MODE.name, **arrays,
-    }  # fmt: skip
+        'depth': np.tile(SLANTED, (4, 1, 1)),
+        'clean_depth': SLANTED,
+        'K': K,
+        'stamp': np.arange(4) / 30,
+        'usecase': MODE.name,
+        **arrays,
+    }
     np.savez(path, **content)
     return path
 

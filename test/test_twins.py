@@ -25,14 +25,19 @@ def start(child_env: dict[str, str]) -> Iterator[Any]:
         processes.append(
             subprocess.Popen(
                 [
-                    sys.executable, '-m', f'flexx2_sim_ros.nodes.{executable}', '--ros-args', '-r',
-                    '__ns:=/twins', *arguments,
+                    sys.executable,
+                    '-m',
+                    f'flexx2_sim_ros.nodes.{executable}',
+                    '--ros-args',
+                    '-r',
+                    '__ns:=/twins',
+                    *arguments,
                 ],
                 env=child_env,
                 stderr=subprocess.PIPE,
                 text=True,
             )
-        )  # fmt: skip
+        )
         return processes[-1]
 
     yield started

@@ -115,7 +115,12 @@ def test_tokens() -> None:
     assert address('::1', 80, '') == 'http://[::1]:80/'
     assert address('robot', 80, 'a') == 'http://robot:80/?token=a'
     for host, expected in (
-        ('localhost', True), ('127.0.0.1', True), ('127.1.2.3', True), ('::1', True),
-        ('0.0.0.0', False), ('', False), ('robot', False),
-    ):  # fmt: skip
+        ('localhost', True),
+        ('127.0.0.1', True),
+        ('127.1.2.3', True),
+        ('::1', True),
+        ('0.0.0.0', False),
+        ('', False),
+        ('robot', False),
+    ):
         assert is_loopback(host) is expected

@@ -39,9 +39,18 @@ def test_a_frame_as_bytes(with_clean: bool) -> None:
     assert length % 4 == 0
     head = json.loads(message[4 : 4 + length])
     assert head == {
-        'camera': 'left', 'stamp': 1.5, 'unit': UNIT, 'width': 4, 'height': 3, 'fx': 3.0,
-        'fy': 3.0, 'cx': 1.5, 'cy': 1.0, 'distortion': [0.0] * 5, 'clean': with_clean,
-    }  # fmt: skip
+        'camera': 'left',
+        'stamp': 1.5,
+        'unit': UNIT,
+        'width': 4,
+        'height': 3,
+        'fx': 3.0,
+        'fy': 3.0,
+        'cx': 1.5,
+        'cy': 1.0,
+        'distortion': [0.0] * 5,
+        'clean': with_clean,
+    }
     images = np.frombuffer(message, '<u2', offset=4 + length).reshape(-1, 3, 4)
     assert len(images) == 1 + with_clean
     np.testing.assert_allclose(images[0] * UNIT, 1.25)

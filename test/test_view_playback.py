@@ -48,9 +48,12 @@ def press(page: Browser, code: str, key: str = '') -> None:
 
 def test_keys_move_and_play_a_recording(page: Browser) -> None:
     for code, number in (
-        ('End', COUNT), ('ArrowLeft', COUNT - 1), ('Home', 1), ('ArrowRight', 2),
+        ('End', COUNT),
+        ('ArrowLeft', COUNT - 1),
+        ('Home', 1),
+        ('ArrowRight', 2),
         ('ArrowRight', 3),
-    ):  # fmt: skip
+    ):
         press(page, code)
         page.until(f'{NUMBER} === "{number} / {COUNT}"')
     assert page.evaluate('document.getElementById("time-slider").value') == '2'

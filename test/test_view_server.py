@@ -128,15 +128,30 @@ def test_pages_get_the_status_and_send_requests(served: tuple[Server, Source]) -
 @pytest.mark.parametrize(
     'message',
     [
-        '', '[]', '{"drive": [1, 2]}', '{"drive": [NaN, 0, 0]}', '{"drive": [0, Infinity, 0]}',
-        '{"drive": ["1", 0, 0]}', '{"drive": [true, 0, 0]}', f'{{"drive": [{10**400}, 0, 0]}}',
-        '{"drive": {"x": 1}}', '{"usecase": "x"}', '{"effect": ["left", "offset", "1"]}',
-        '{"effect": ["left", "offset", NaN]}', '{"usecase": ["left", "\\ud800"]}',
-        '{"usecase": ["left", "\\u001b[2J"]}', f'{{"usecase": ["left", "{300 * "x"}"]}}',
-        '{"drawn": 1}', '{"shutdown": 1}', '{"a":' * 800, '[' * 4000, '\x1b[2J\r\n',
-        b'{"drive": [1, 0, 0]}', b'\xff\x00',
+        '',
+        '[]',
+        '{"drive": [1, 2]}',
+        '{"drive": [NaN, 0, 0]}',
+        '{"drive": [0, Infinity, 0]}',
+        '{"drive": ["1", 0, 0]}',
+        '{"drive": [true, 0, 0]}',
+        f'{{"drive": [{10**400}, 0, 0]}}',
+        '{"drive": {"x": 1}}',
+        '{"usecase": "x"}',
+        '{"effect": ["left", "offset", "1"]}',
+        '{"effect": ["left", "offset", NaN]}',
+        '{"usecase": ["left", "\\ud800"]}',
+        '{"usecase": ["left", "\\u001b[2J"]}',
+        f'{{"usecase": ["left", "{300 * "x"}"]}}',
+        '{"drawn": 1}',
+        '{"shutdown": 1}',
+        '{"a":' * 800,
+        '[' * 4000,
+        '\x1b[2J\r\n',
+        b'{"drive": [1, 0, 0]}',
+        b'\xff\x00',
     ],
-)  # fmt: skip
+)
 def test_invalid_messages_end_only_their_connection(
     served: tuple[Server, Source], caplog: pytest.LogCaptureFixture, message: str | bytes
 ) -> None:

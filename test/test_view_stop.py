@@ -166,9 +166,15 @@ def test_kill_9_of_the_viewer_leaves_the_robot_to_its_own_hold(
     user: Listener, tmp_path: Path
 ) -> None:
     words = [
-        '-r', '__ns:=/view_killed', '-p', 'motion:=cmd_vel', '-p', 'scene:=board', '-p',
+        '-r',
+        '__ns:=/view_killed',
+        '-p',
+        'motion:=cmd_vel',
+        '-p',
+        'scene:=board',
+        '-p',
         'renderer:=ray',
-    ]  # fmt: skip
+    ]
     with (tmp_path / 'go1.log').open('wb') as log:
         go1 = subprocess.Popen(
             node_words('go1_cameras', *words),

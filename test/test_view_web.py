@@ -54,10 +54,13 @@ def test_a_page_from_elsewhere_is_refused(
 @pytest.mark.parametrize(
     'host',
     [
-        'localhost:{port}', '127.0.0.1:{port}', '[::1]:{port}', 'localhost:9000',
+        'localhost:{port}',
+        '127.0.0.1:{port}',
+        '[::1]:{port}',
+        'localhost:9000',
         '192.168.1.7:{port}',
     ],
-)  # fmt: skip
+)
 def test_requests_to_the_machines_own_addresses_are_accepted(
     served: tuple[Server, Source], host: str
 ) -> None:
@@ -81,9 +84,20 @@ def status_of(port: int, path: str, **headers: str) -> tuple[int, Any]:
 def test_the_page_loads_nothing_from_elsewhere(served: tuple[Server, Source]) -> None:
     server, _ = served
     for path in (
-        '/', '/view.js', '/live.js', '/panel.js', '/playback.js', '/recorded.js', '/draw.js',
-        '/cloud.js', '/rays.js', '/drive.js', '/colours.js', '/style.css', '/icon.svg',
-    ):  # fmt: skip
+        '/',
+        '/view.js',
+        '/live.js',
+        '/panel.js',
+        '/playback.js',
+        '/recorded.js',
+        '/draw.js',
+        '/cloud.js',
+        '/rays.js',
+        '/drive.js',
+        '/colours.js',
+        '/style.css',
+        '/icon.svg',
+    ):
         code, headers = status_of(server.port, path)
         assert code == 200
         assert "default-src 'none'" in headers['Content-Security-Policy']

@@ -73,10 +73,12 @@ def watched(ros: None) -> Iterator[Watched]:
         send = {
             topic: user.node.create_publisher(kind, f'/view_parts/left/{topic}', 10)
             for topic, kind in (
-                ('clean/depth_image', Image), ('clean/camera_info', CameraInfo),
-                ('flexx2_camera/depth_image_0', Image), ('flexx2_camera/camera_info', CameraInfo),
+                ('clean/depth_image', Image),
+                ('clean/camera_info', CameraInfo),
+                ('flexx2_camera/depth_image_0', Image),
+                ('flexx2_camera/camera_info', CameraInfo),
             )
-        }  # fmt: skip
+        }
         other = user.node.create_publisher(
             Image, '/view_parts/right/flexx2_camera/depth_image_0', 10
         )

@@ -48,15 +48,21 @@ class View:
         with self._errors.open('wb') as log:
             self.process = subprocess.Popen(
                 [
-                    sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'view', '--no-browser',
-                    '--port', '0', *options,
+                    sys.executable,
+                    '-m',
+                    'flexx2_sim_ros.cli.main',
+                    'view',
+                    '--no-browser',
+                    '--port',
+                    '0',
+                    *options,
                 ],
                 env=env,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,
                 text=True,
-            )  # fmt: skip
+            )
         assert self.process.stdout is not None
         try:
             assert select.select([self.process.stdout], [], [], PATIENCE)[0], self.errors

@@ -7,6 +7,13 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2, Mode, NoiseModel, Profile
 
 __all__ = [
-    'Camera', 'Frame', 'Intrinsics', 'Mode', 'NoiseModel', 'Profile', 'depth_from_z_buffer',
-    'flexx2', 'ray_length',
-]  # fmt: skip
+    'Camera',
+    'Frame',
+    'Intrinsics',
+    'Mode',
+    'NoiseModel',
+    'Profile',
+    'depth_from_z_buffer',
+    'flexx2',
+    'ray_length',
+]

@@ -295,23 +295,44 @@ class Camera:
         normals = np.empty(depth.size, np.float32)
         fill_normals(self._key, low, high, STREAM_AXIAL, normals)
         moved, origin = displaced_pixels(
-            prepared.row_edges, prepared.column_edges, *depth.shape, self._neighbourhood,
-            self._edge_sigma, self._edge_limit, self._key, low, high, _GAUSSIAN,
-        )  # fmt: skip
+            prepared.row_edges,
+            prepared.column_edges,
+            *depth.shape,
+            self._neighbourhood,
+            self._edge_sigma,
+            self._edge_limit,
+            self._key,
+            low,
+            high,
+            _GAUSSIAN,
+        )
         model, reflectivity = prepared.sigma, np.ascontiguousarray(albedo)
         surfaces = self.mode.noise.surfaces
         if surfaces is not None and reflectivity.size > 1:
             model = model.copy()
             scale_by_surface(
-                prepared.surface.inverse_depth, prepared.surface.cos_incidence, reflectivity,
-                surfaces.coefficients, model,
-            )  # fmt: skip
+                prepared.surface.inverse_depth,
+                prepared.surface.cos_incidence,
+                reflectivity,
+                surfaces.coefficients,
+                model,
+            )
         observe(
-            prepared.surface.inverse_depth, prepared.surface.cos_incidence, model, reflectivity,
-            moved, origin, normals, np.float32(self.mode.range_min),
-            np.float32(self.mode.range_max), self._zero_confidence, depth, sigma, amplitude,
+            prepared.surface.inverse_depth,
+            prepared.surface.cos_incidence,
+            model,
+            reflectivity,
+            moved,
+            origin,
+            normals,
+            np.float32(self.mode.range_min),
+            np.float32(self.mode.range_max),
+            self._zero_confidence,
+            depth,
+            sigma,
+            amplitude,
             confidence,
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)

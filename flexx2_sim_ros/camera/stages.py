@@ -107,9 +107,16 @@ def _see_another_scene(
 
 _NORMALS = 'normals'
 _UNTIL_WRAP = (
-    'surface', 'depth', 'amplitude', 'cosine', 'shifts', 'sigma', 'normals', 'edge_sigma',
+    'surface',
+    'depth',
+    'amplitude',
+    'cosine',
+    'shifts',
+    'sigma',
+    'normals',
+    'edge_sigma',
     'measured',
-)  # fmt: skip
+)
 
 
 def _plain(state: FrameState, edge_sigma: float, wraps: bool) -> dict[str, Any]:

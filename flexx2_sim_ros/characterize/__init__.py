@@ -11,6 +11,10 @@ from flexx2_sim_ros.characterize.assumptions import check_assumptions, TestedAss
 from flexx2_sim_ros.characterize.new_profile import to_profile
 
 __all__ = [
-    'Characterization', 'TestedAssumption', 'ModeResult', 'characterize', 'check_assumptions',
+    'Characterization',
+    'TestedAssumption',
+    'ModeResult',
+    'characterize',
+    'check_assumptions',
     'to_profile',
-]  # fmt: skip
+]

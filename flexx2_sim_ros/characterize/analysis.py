@@ -348,6 +348,9 @@ def _cell(
         ]
         lateral = Divergence(float(np.mean(raw)), float(np.mean([e.floor for e in edges])))
     return Cell(
-        measurement, math.sqrt(mean(tiles.variance)), math.sqrt(mean(sigma**2)),
-        Divergence(kl, mean(tiles.floor)), lateral,
-    )  # fmt: skip
+        measurement,
+        math.sqrt(mean(tiles.variance)),
+        math.sqrt(mean(sigma**2)),
+        Divergence(kl, mean(tiles.floor)),
+        lateral,
+    )

@@ -308,9 +308,18 @@ def measure_edge(positions: np.ndarray, site: EdgeSite) -> Edge | None:
         rows_square = float((grown.mean(axis=0) ** 2).mean())
         floor = float(kl_floor(frames))
     return Edge(
-        site.side, site.method, count, frames, math.sqrt(variance), error, fourth - 3.0,
-        rows_variance, rows_square, rows_log, floor,
-    )  # fmt: skip
+        site.side,
+        site.method,
+        count,
+        frames,
+        math.sqrt(variance),
+        error,
+        fourth - 3.0,
+        rows_variance,
+        rows_square,
+        rows_log,
+        floor,
+    )
 
 
 def edge_sigma(depth: np.ndarray, columns: slice) -> float:
@@ -333,8 +342,13 @@ def edge_sigma(depth: np.ndarray, columns: slice) -> float:
     first, last, _ = columns.indices(depth.shape[2])
     rows = np.arange(depth.shape[1])
     site = EdgeSite(
-        '', 'gradient', rows, np.full_like(rows, first), np.full_like(rows, last - 1),
-        rows.astype(np.float64), np.zeros(len(rows)),
-    )  # fmt: skip
+        '',
+        'gradient',
+        rows,
+        np.full_like(rows, first),
+        np.full_like(rows, last - 1),
+        rows.astype(np.float64),
+        np.zeros(len(rows)),
+    )
     edge = measure_edge(edge_positions(depth, site), site)
     return 0.0 if edge is None else edge.sigma

@@ -287,9 +287,11 @@ def _window(board: Board) -> tuple[int, int, int, int]:
     )
     while True:
         box = (
-            max(u - half_width, 0), max(v - half_height, 0), min(u + half_width, width),
+            max(u - half_width, 0),
+            max(v - half_height, 0),
+            min(u + half_width, width),
             min(v + half_height, height),
-        )  # fmt: skip
+        )
         inside = board.region[box[1] : box[3], box[0] : box[2]].mean()
         if inside > 0.99 or max(half_width, half_height) <= 1:
             return box

@@ -6,9 +6,22 @@ from flexx2_sim_ros.physics.compiled import loop
 import numpy as np
 
 _FIELDS = (
-    'count', 'sum1', 'sum2', 'sum3', 'sum4', 'lag_count', 'lag_sum', 'right_count', 'right_sum',
-    'right_own', 'right_other', 'down_count', 'down_sum', 'down_own', 'down_other',
-)  # fmt: skip
+    'count',
+    'sum1',
+    'sum2',
+    'sum3',
+    'sum4',
+    'lag_count',
+    'lag_sum',
+    'right_count',
+    'right_sum',
+    'right_own',
+    'right_other',
+    'down_count',
+    'down_sum',
+    'down_own',
+    'down_other',
+)
 
 
 @dataclass(frozen=True)
@@ -95,10 +108,16 @@ class Accumulator:
                 for name in ('right', 'down')
             )
         return Moments(
-            self._frames, count.astype(np.int64), self._reference + mean,
-            np.maximum(variance, 0.0), third, fourth, np.where(s['lag_count'] > 0, lag, np.nan),
-            right, down,
-        )  # fmt: skip
+            self._frames,
+            count.astype(np.int64),
+            self._reference + mean,
+            np.maximum(variance, 0.0),
+            third,
+            fourth,
+            np.where(s['lag_count'] > 0, lag, np.nan),
+            right,
+            down,
+        )
 
 
 def _covariance(

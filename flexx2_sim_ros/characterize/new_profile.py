@@ -129,9 +129,18 @@ def _mode(mode: ModeResult, camera: Profile, notes: list[str]) -> Mode | None:
     if _unusable(mode.usecase, noise, near, far, notes):
         return None
     return Mode(
-        known.name, known.rate_hz, near, far, known.modulation_hz, known.raw_frames,
-        known.exposure_us, noise, known.name, 'characterize', camera.sensor,
-    )  # fmt: skip
+        known.name,
+        known.rate_hz,
+        near,
+        far,
+        known.modulation_hz,
+        known.raw_frames,
+        known.exposure_us,
+        noise,
+        known.name,
+        'characterize',
+        camera.sensor,
+    )
 
 
 def _unknown(
@@ -156,9 +165,18 @@ def _unknown(
     )
     rate = _significant(rate)
     return Mode(
-        mode.usecase, rate, near, far, (), 0, (1, max(1, int(1e6 / rate))), noise, mode.usecase,
-        'characterize', sensor,
-    )  # fmt: skip
+        mode.usecase,
+        rate,
+        near,
+        far,
+        (),
+        0,
+        (1, max(1, int(1e6 / rate))),
+        noise,
+        mode.usecase,
+        'characterize',
+        sensor,
+    )
 
 
 def _unusable(usecase: str, noise: NoiseModel, near: float, far: float, notes: list[str]) -> bool:

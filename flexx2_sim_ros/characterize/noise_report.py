@@ -263,14 +263,25 @@ def _details(result: Characterization) -> list[str]:
             f'<details><summary>{escape(mode.usecase)}: {len(rows)} recordings</summary>'
             + _table(
                 (
-                    'recording', 'z [m]', 'θ [°]', 'bias [mm]', 'invalid', 'sigma_z [mm]',
-                    'measured / model', 'KL [nats]', 'lag-1 corr.', 'corr. right', 'corr. down',
-                    'kurtosis', 'edges [px]', 'KL',
+                    'recording',
+                    'z [m]',
+                    'θ [°]',
+                    'bias [mm]',
+                    'invalid',
+                    'sigma_z [mm]',
+                    'measured / model',
+                    'KL [nats]',
+                    'lag-1 corr.',
+                    'corr. right',
+                    'corr. down',
+                    'kurtosis',
+                    'edges [px]',
+                    'KL',
                 ),
                 rows,
             )
             + '</details>'
-        )  # fmt: skip
+        )
     return parts
 
 

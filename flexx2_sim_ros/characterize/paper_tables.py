@@ -84,11 +84,17 @@ def _modes(result: Characterization) -> TextTable:
         'Modes',
         '',
         (
-            'mode', 'modulation [MHz]', 'rate [Hz]', 'range [m]', 'recordings', 'frames',
-            'boards at [m]', 'incidence [°]',
+            'mode',
+            'modulation [MHz]',
+            'rate [Hz]',
+            'range [m]',
+            'recordings',
+            'frames',
+            'boards at [m]',
+            'incidence [°]',
         ),
         tuple(rows),
-    )  # fmt: skip
+    )
 
 
 def _axial(result: Characterization) -> TextTable:

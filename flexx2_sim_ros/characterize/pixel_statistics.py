@@ -121,9 +121,18 @@ def pixel_statistics(
         )
         unknown = math.nan
         return Pixels(
-            count, invalid, unknown, right, down, unknown, unknown, unknown, unknown,
-            float(np.sqrt(np.nanmean(square))), unknown,
-        )  # fmt: skip
+            count,
+            invalid,
+            unknown,
+            right,
+            down,
+            unknown,
+            unknown,
+            unknown,
+            unknown,
+            float(np.sqrt(np.nanmean(square))),
+            unknown,
+        )
     variance = np.where(here, moments.variance, np.nan)
     lag = _correlation(moments.lag, variance, variance)
     right = _correlation(moments.right, variance, _next(variance, 1))

@@ -154,10 +154,13 @@ def _table(grids: dict[str, np.ndarray]) -> Table:
         seen = 1e3 * error[both] if both.any() else np.array([np.nan])
         size = np.abs(seen)
         table.add_row(
-            name, f'{100 * np.isfinite(error).mean():.1f} %', f'{seen.mean():+.2f}',
-            f'{np.median(size):.2f}', f'{np.percentile(size, 95):.1f}',
+            name,
+            f'{100 * np.isfinite(error).mean():.1f} %',
+            f'{seen.mean():+.2f}',
+            f'{np.median(size):.2f}',
+            f'{np.percentile(size, 95):.1f}',
             f'{np.sqrt((size**2).mean()):.1f}',
-        )  # fmt: skip
+        )
     return table
 
 

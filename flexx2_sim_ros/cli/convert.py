@@ -110,9 +110,13 @@ def run(arguments: argparse.Namespace) -> int:
     console = messages(soft_wrap=True)
     with progress_bar(console) as progress:
         written = convert(
-            arguments.source, arguments.target, arguments.camera, arguments.storage, given,
+            arguments.source,
+            arguments.target,
+            arguments.camera,
+            arguments.storage,
+            given,
             progress,
-        )  # fmt: skip
+        )
     for reader, path in written:
         for note in dict.fromkeys(reader.notes):
             console.print(printable(note), style='yellow')

@@ -289,8 +289,16 @@ def _steps(axis: Any, view: EffectView) -> None:
 
 # By the names in `flexx2_sim_ros.effects.picture`.
 DRAW_PROFILE: dict[str, Callable[[Any, EffectView], None]] = {
-    'covariate': _by_covariate, 'along_row': _along_row, 'two_scenes': _two_scenes,
-    'histogram': _histogram, 'across_edge': _across_edge, 'edge_positions': _edge_positions,
-    'warming_up': _warming_up, 'moving': _moving, 'frames_alike': _frames_alike,
-    'neighbours_alike': _neighbours_alike, 'wrapped': _wrapped, 'steps': _steps,
-}  # fmt: skip
+    'covariate': _by_covariate,
+    'along_row': _along_row,
+    'two_scenes': _two_scenes,
+    'histogram': _histogram,
+    'across_edge': _across_edge,
+    'edge_positions': _edge_positions,
+    'warming_up': _warming_up,
+    'moving': _moving,
+    'frames_alike': _frames_alike,
+    'neighbours_alike': _neighbours_alike,
+    'wrapped': _wrapped,
+    'steps': _steps,
+}

@@ -14,9 +14,16 @@ from flexx2_sim_ros.profiles.files import find_profile
 
 # Options that say where the camera is.
 _PLACES = (
-    'pose', 'up', 'trajectory', 'odometry', 'tf', 'camera_in_body', 'clock_offset', 'relative',
+    'pose',
+    'up',
+    'trajectory',
+    'odometry',
+    'tf',
+    'camera_in_body',
+    'clock_offset',
+    'relative',
     'pose_accuracy',
-)  # fmt: skip
+)
 _UPS = '+x', '-x', '+y', '-y', '+z', '-z'
 _OPTIONS = """
 Register each RECORDING (.npz, a bag, or a folder of them) to a room, a printed board or planes,

@@ -130,11 +130,18 @@ def _demo(arguments: argparse.Namespace) -> Iterator[Callable[[], None]]:
         return
     commands = {
         'go1_cameras': [
-            'go1_cameras', '--ros-args', '-p', 'motion:=cmd_vel', '-p',
-            f'scene:={arguments.scene or "lab"}', '-p', f'renderer:={arguments.renderer}', '-r',
+            'go1_cameras',
+            '--ros-args',
+            '-p',
+            'motion:=cmd_vel',
+            '-p',
+            f'scene:={arguments.scene or "lab"}',
+            '-p',
+            f'renderer:={arguments.renderer}',
+            '-r',
             f'cmd_vel:={arguments.cmd_vel}',
         ]
-    }  # fmt: skip
+    }
     commands |= {camera: camera_command(camera) for camera in _CAMERAS}
     folder = Path(tempfile.mkdtemp(prefix='flexx2_view_'))
     with nodes(commands, folder) as processes:

@@ -77,9 +77,12 @@ class ElevationMap:
 
     name = 'elevation_map'
     measures: ClassVar[dict[str, str]] = {
-        'height_error': 'mm', 'cells_without_data': '%', 'invented_steps': '', 'missed_steps': '',
+        'height_error': 'mm',
+        'cells_without_data': '%',
+        'invented_steps': '',
+        'missed_steps': '',
         'edge_error': 'mm',
-    }  # fmt: skip
+    }
 
     def look(self, view: CameraView) -> Elevation:
         """Return the map after all frames."""

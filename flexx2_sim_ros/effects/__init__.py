@@ -21,7 +21,17 @@ from flexx2_sim_ros.effects.registry import (
 )
 
 __all__ = [
-    'Distribution', 'Effect', 'Parameter', 'Randomisation', 'ageing', 'load_effects',
-    'load_randomisation', 'loadable', 'of_role', 'parse_effects', 'registry', 'save_effects',
+    'Distribution',
+    'Effect',
+    'Parameter',
+    'Randomisation',
+    'ageing',
+    'load_effects',
+    'load_randomisation',
+    'loadable',
+    'of_role',
+    'parse_effects',
+    'registry',
+    'save_effects',
     'save_randomisation',
-]  # fmt: skip
+]

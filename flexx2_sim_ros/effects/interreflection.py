@@ -74,9 +74,18 @@ def patch(
     irradiance = cosine / (reach * reach)
     radiosity = reflectivity * irradiance * area
     return (
-        rx * z, ry * z, z, -nx / norm, -ny / norm, -nz / norm, reach, radiosity, here, area,
+        rx * z,
+        ry * z,
+        z,
+        -nx / norm,
+        -ny / norm,
+        -nz / norm,
+        reach,
+        radiosity,
+        here,
+        area,
         irradiance,
-    )  # fmt: skip
+    )
 
 
 def light_from(
@@ -280,9 +289,20 @@ def _gather(senders, receivers, turns, out):
             continue
         for i in range(s.shape[1]):
             light[i], path[i] = _light_from(
-                s[0, i] - x, s[1, i] - y, s[2, i] - z, s[3, i], s[4, i], s[5, i], s[7, i], s[9, i],
-                s[6, i], nx, ny, nz, reach,
-            )  # fmt: skip
+                s[0, i] - x,
+                s[1, i] - y,
+                s[2, i] - z,
+                s[3, i],
+                s[4, i],
+                s[5, i],
+                s[7, i],
+                s[9, i],
+                s[6, i],
+                nx,
+                ny,
+                nz,
+                reach,
+            )
         for f in range(turns.size):
             real = _ZERO
             imaginary = _ZERO

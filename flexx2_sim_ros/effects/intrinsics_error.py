@@ -51,19 +51,23 @@ class IntrinsicsError(Effect):
             dict.fromkeys(_TYPICAL, 0.0),
         )
         for label, names in (
-            ('focal length', ('focal',)), ('centre', ('cx', 'cy')), ('distortion', ('k1',)),
+            ('focal length', ('focal',)),
+            ('centre', ('cx', 'cy')),
+            ('distortion', ('k1',)),
             ('all', tuple(_TYPICAL)),
         )
-    )  # fmt: skip
+    )
     shapes: ClassVar[tuple[Shape, ...]] = (
         Shape(
             'focal length, centre and distortion',
             (
-                Free('focal', -0.1, 0.1), Free('cx', -20.0, 20.0), Free('cy', -20.0, 20.0),
+                Free('focal', -0.1, 0.1),
+                Free('cx', -20.0, 20.0),
+                Free('cy', -20.0, 20.0),
                 Free('k1', -0.3, 0.3),
             ),
         ),
-    )  # fmt: skip
+    )
     smooth: ClassVar[bool] = True
     like_a_pose: ClassVar[tuple[Mapping[str, float], ...]] = tuple(
         {**dict.fromkeys(_TYPICAL, 0.0), name: value} for name, value in _TYPICAL.items()

@@ -249,9 +249,24 @@ def _find_motion(early, late, early_rho, late_rho, places, seconds, ends, motion
                 early[i], late[i], early_rho[i], late_rho[i], seconds
             )
             motion[2, y, x], motion[3, y, x], motion[4, y, x] = _find_passing(
-                early, late, early_rho, late_rho, near[0, i], near[1, i], near[2, i], near[3, i],
-                i, i, y, x, height, width, earliest, latest, places[y, x],
-            )  # fmt: skip
+                early,
+                late,
+                early_rho,
+                late_rho,
+                near[0, i],
+                near[1, i],
+                near[2, i],
+                near[3, i],
+                i,
+                i,
+                y,
+                x,
+                height,
+                width,
+                earliest,
+                latest,
+                places[y, x],
+            )
 
 
 @loop(error_model='numpy', fastmath=FAST)
@@ -262,7 +277,17 @@ def _demodulate(late, motion, moments, wave_number, shift):
             here = late[y, x]
             add = shift[y, x]
             more = _motion_shift(
-                here, motion[0, y, x], motion[1, y, x], motion[2, y, x], motion[3, y, x],
-                motion[4, y, x], m0, m1, m2, m3, wave_number, add,
-            )  # fmt: skip
+                here,
+                motion[0, y, x],
+                motion[1, y, x],
+                motion[2, y, x],
+                motion[3, y, x],
+                motion[4, y, x],
+                m0,
+                m1,
+                m2,
+                m3,
+                wave_number,
+                add,
+            )
             shift[y, x] = add + more if here > _ZERO else add

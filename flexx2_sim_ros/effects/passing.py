@@ -208,9 +208,16 @@ def find_passing(
         k = where(side < 2, where(side == 0, right, left), where(side == 2, down, up))
         if k > 0:
             speed = edge_speed(
-                early, late, early_rho, late_rho, early_i + (k - 1) * step,
-                late_i + (k - 1) * step, step, behind + k - 1, ahead - k + 1,
-            )  # fmt: skip
+                early,
+                late,
+                early_rho,
+                late_rho,
+                early_i + (k - 1) * step,
+                late_i + (k - 1) * step,
+                step,
+                behind + k - 1,
+                ahead - k + 1,
+            )
             if speed != 0:
                 ago = (f32(k) - place) / f32(speed)
                 if ago <= earliest and ago >= -latest and size(ago) < soonest:

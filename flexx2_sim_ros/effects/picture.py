@@ -8,9 +8,19 @@ from flexx2_sim_ros.errors import InputError
 # histogram of the noise, depth across an edge, where edges are, minutes after power-on, while the
 # camera moves, correlations between frames and between pixels, wrapped distances, steps.
 PROFILES = (
-    'covariate', 'along_row', 'two_scenes', 'histogram', 'across_edge', 'edge_positions',
-    'warming_up', 'moving', 'frames_alike', 'neighbours_alike', 'wrapped', 'steps',
-)  # fmt: skip
+    'covariate',
+    'along_row',
+    'two_scenes',
+    'histogram',
+    'across_edge',
+    'edge_positions',
+    'warming_up',
+    'moving',
+    'frames_alike',
+    'neighbours_alike',
+    'wrapped',
+    'steps',
+)
 # ... and in the middle: the mean change, one frame's (the first, or where the camera is fastest),
 # the ratio of standard deviations, pixels that are lost, depth where there should be none.
 DIFFERENCES = ('mean', 'first', 'frame', 'spread', 'lost', 'beyond')

@@ -44,9 +44,12 @@ def _nature(kind: type[Effect]) -> str:
 
 
 _NUISANCES = {
-    'pose': 'the pose', 'reflectivity': 'reflectivity', 'sigma': "the base model's sigma",
-    'edges': 'where edges are', 'uptime': 'the time since power-on',
-}  # fmt: skip
+    'pose': 'the pose',
+    'reflectivity': 'reflectivity',
+    'sigma': "the base model's sigma",
+    'edges': 'where edges are',
+    'uptime': 'the time since power-on',
+}
 
 
 def _form(name: str, table: Table) -> str:

@@ -279,9 +279,13 @@ class RangeWrap(Effect):
         pixels = risky[apart]
         values = state.measured.reshape(-1)[pixels] * ray[pixels]
         _unwrap(
-            errors[:, apart].T.copy(), np.arange(pixels.size), np.array(state.spans, np.float32),
-            np.array(state.weights, np.float32), np.float32(state.ambiguity), values,
-        )  # fmt: skip
+            errors[:, apart].T.copy(),
+            np.arange(pixels.size),
+            np.array(state.spans, np.float32),
+            np.array(state.weights, np.float32),
+            np.float32(state.ambiguity),
+            values,
+        )
         if self.noise is not None:  # What is noticed is lost.
             chances = state.uniforms(self.share_stream).reshape(-1)[pixels]
             values[chances > self.rounded[1]] = np.nan

@@ -75,9 +75,12 @@ class Saturation(Effect):
     def constants(self) -> dict[str, float]:
         """Return gloss and lobe (radians), then the logistic's half, slope and strength."""
         return {
-            'gloss': self.gloss, 'lobe': math.radians(self.lobe_deg),
-            'log_half': math.log(self.half), 'slope': self.slope, 'strength': self.strength,
-        }  # fmt: skip
+            'gloss': self.gloss,
+            'lobe': math.radians(self.lobe_deg),
+            'log_half': math.log(self.half),
+            'slope': self.slope,
+            'strength': self.strength,
+        }
 
     def apply(self, state: FrameState) -> None:
         """Lose pixels by a logistic in the logarithm of the amplitude, rising."""

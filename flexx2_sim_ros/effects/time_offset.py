@@ -42,12 +42,15 @@ class TimeOffset(Effect):
         'latency',
         lambda found: (
             grid(
-                'latency', (0.8 * found[0], found[0], 1.2 * found[0]), min(0.0, 1.5 * found[0]),
-                max(0.0, 1.5 * found[0]), f'about {1e3 * found[0]:.0f} ms',
+                'latency',
+                (0.8 * found[0], found[0], 1.2 * found[0]),
+                min(0.0, 1.5 * found[0]),
+                max(0.0, 1.5 * found[0]),
+                f'about {1e3 * found[0]:.0f} ms',
             ),
         ),
         lambda effect: (effect.strength * effect.latency,),
-    )  # fmt: skip
+    )
     needs_motion: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('pose', 'edges')
     family: ClassVar[str] = 'delay in time'

@@ -12,9 +12,15 @@ TARGETS: Mapping[str, ExportTarget] = MappingProxyType(
     {
         target.name: target
         for target in (
-            mappers.STRUCTURED_LIGHT, mappers.PERFECT, mappers.ELEVATION_MAPPING_CUPY,
-            mappers.OCTOMAP_SERVER, mappers.RTABMAP, mappers.NVBLOX, simulators.GAZEBO,
-            simulators.ISAAC_LAB, simulators.MUJOCO_PLAYGROUND,
+            mappers.STRUCTURED_LIGHT,
+            mappers.PERFECT,
+            mappers.ELEVATION_MAPPING_CUPY,
+            mappers.OCTOMAP_SERVER,
+            mappers.RTABMAP,
+            mappers.NVBLOX,
+            simulators.GAZEBO,
+            simulators.ISAAC_LAB,
+            simulators.MUJOCO_PLAYGROUND,
         )
     }
-)  # fmt: skip
+)

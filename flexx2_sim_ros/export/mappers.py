@@ -49,9 +49,12 @@ def _write_perfect(noise: MapperNoise, cell: float) -> Parameters:
 
 
 STRUCTURED_LIGHT = ExportTarget(
-    'elevation_mapping', 'CAMERA.yaml', 'sigma(z), sigma_x, range', _SOURCE,
+    'elevation_mapping',
+    'CAMERA.yaml',
+    'sigma(z), sigma_x, range',
+    _SOURCE,
     _write_structured_light,
-)  # fmt: skip
+)
 PERFECT = ExportTarget(
     'elevation_mapping_perfect', 'perfect.yaml', 'nothing', _SOURCE, _write_perfect
 )

@@ -15,9 +15,13 @@ import numpy as np
 
 # dtype kind and size, and metres a unit (REP-118: 32FC1 in metres, 16UC1 in millimetres).
 _ENCODINGS = {
-    '32FC1': ('f4', 1.0), '64FC1': ('f8', 1.0), '16UC1': ('u2', 0.001), 'mono16': ('u2', 1.0),
-    '8UC1': ('u1', 1.0), 'mono8': ('u1', 1.0),
-}  # fmt: skip
+    '32FC1': ('f4', 1.0),
+    '64FC1': ('f8', 1.0),
+    '16UC1': ('u2', 0.001),
+    'mono16': ('u2', 1.0),
+    '8UC1': ('u1', 1.0),
+    'mono8': ('u1', 1.0),
+}
 NO_DEPTH = 65535  # of 16 bits: what some drivers write where there is no depth
 _NANOSECONDS = 1_000_000_000
 _LARGEST_SIDE = 1 << 14

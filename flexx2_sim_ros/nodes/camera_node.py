@@ -350,9 +350,15 @@ class Flexx2Camera(SteadyNode):
         mode, statistics = self._camera.mode, self._statistics
         remarks = self._watch.remarks()
         status = statistics.report(
-            self.get_fully_qualified_name().lstrip('/'), self.settings.serial, mode.name,
-            mode.rate_hz, self._gate, self._watch, self._late, remarks,
-        )  # fmt: skip
+            self.get_fully_qualified_name().lstrip('/'),
+            self.settings.serial,
+            mode.name,
+            mode.rate_hz,
+            self._gate,
+            self._watch,
+            self._late,
+            remarks,
+        )
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)

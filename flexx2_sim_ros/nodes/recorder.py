@@ -321,11 +321,16 @@ class Recorder(Node):
 def _offered(profile: QoSProfile) -> Qos:
     # rosbags and rclpy both number the policies as rmw does.
     return Qos(
-        QosHistory(profile.history), profile.depth, QosReliability(profile.reliability),
-        QosDurability(profile.durability), _period(profile.deadline), _period(profile.lifespan),
-        QosLiveliness(profile.liveliness), _period(profile.liveliness_lease_duration),
+        QosHistory(profile.history),
+        profile.depth,
+        QosReliability(profile.reliability),
+        QosDurability(profile.durability),
+        _period(profile.deadline),
+        _period(profile.lifespan),
+        QosLiveliness(profile.liveliness),
+        _period(profile.liveliness_lease_duration),
         profile.avoid_ros_namespace_conventions,
-    )  # fmt: skip
+    )
 
 
 def _period(duration: Duration) -> QosTime:

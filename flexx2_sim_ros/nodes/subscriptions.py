@@ -14,9 +14,11 @@ from rclpy.subscription import Subscription
 # room for the messages after it.
 _DEPTH = 10
 _OVERRIDABLE = (
-    QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY,
+    QoSPolicyKind.HISTORY,
+    QoSPolicyKind.DEPTH,
+    QoSPolicyKind.RELIABILITY,
     QoSPolicyKind.DURABILITY,
-)  # fmt: skip
+)
 
 
 def matching(offers: Sequence[QoSProfile]) -> tuple[ReliabilityPolicy, DurabilityPolicy]:

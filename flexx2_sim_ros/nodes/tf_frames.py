@@ -91,10 +91,12 @@ def quaternion_of(rpy: Sequence[float]) -> np.ndarray:
     )
     return np.array(
         [
-            cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy,
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
             cr * cp * sy - sr * sp * cy,
         ]
-    )  # fmt: skip
+    )
 
 
 class FramePublisher:

@@ -69,9 +69,13 @@ def scale_by_surface(p, cosine, reflectivity, coefficients, sigma):
     for y in range(sigma.shape[0]):
         for x in range(sigma.shape[1]):
             sigma[y, x] *= _surface_factor(
-                reflectivity[y, x], cosine[y, x], p[y + PAD, x + PAD], white, constant_share,
+                reflectivity[y, x],
+                cosine[y, x],
+                p[y + PAD, x + PAD],
+                white,
+                constant_share,
                 read_share,
-            )  # fmt: skip
+            )
 
 
 def sigma_image(
@@ -172,9 +176,11 @@ def _see(inverse, cosine, spread, rho, normal, limits):
     share = _confidence(spread, zero_confidence)
     light = _returned_light(_usable_reflectivity(rho), cosine, inverse)
     return (
-        value if valid else _NAN, spread if valid else _NAN, light if valid else _ZERO,
+        value if valid else _NAN,
+        spread if valid else _NAN,
+        light if valid else _ZERO,
         share if valid else _ZERO,
-    )  # fmt: skip
+    )
 
 
 @loop()

@@ -40,11 +40,24 @@ def _float_of(bits):  # type: ignore[no-untyped-def]
 
 
 _NAMES: dict[str, Any] = {
-    'where': _where, 'both': _both, 'least': min, 'most': max, 'size': abs, 'root': math.sqrt,
-    'floor': np.floor, 'ceiling': np.ceil, 'nearest': np.rint, 'f32': np.float32,
-    'f64': np.float64, 'i32': np.int32, 'u32': np.uint32, 'u64': np.uint64, 'at': _at,
-    'bits_of': _bits_of, 'float_of': _float_of,
-}  # fmt: skip
+    'where': _where,
+    'both': _both,
+    'least': min,
+    'most': max,
+    'size': abs,
+    'root': math.sqrt,
+    'floor': np.floor,
+    'ceiling': np.ceil,
+    'nearest': np.rint,
+    'f32': np.float32,
+    'f64': np.float64,
+    'i32': np.int32,
+    'u32': np.uint32,
+    'u64': np.uint64,
+    'at': _at,
+    'bits_of': _bits_of,
+    'float_of': _float_of,
+}
 
 # Inlined where it is called: loops over images become vector instructions.
 compiled = Backend(_NAMES, lambda value: value, njit(inline='always'))

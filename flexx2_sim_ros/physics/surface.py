@@ -88,9 +88,15 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics, sensor: Sensor) -> Surfac
     find_jumps(inverse, jump_share, steep_share, row_jumps, column_jumps)
     cosine = np.empty((height, width), np.float32)
     find_incidence(
-        inverse, row_jumps, column_jumps, np.float32(intrinsics.fx), np.float32(intrinsics.fy),
-        np.float32(intrinsics.cx), np.float32(intrinsics.cy), cosine,
-    )  # fmt: skip
+        inverse,
+        row_jumps,
+        column_jumps,
+        np.float32(intrinsics.fx),
+        np.float32(intrinsics.fy),
+        np.float32(intrinsics.cx),
+        np.float32(intrinsics.cy),
+        cosine,
+    )
     return Surface(inverse, row_jumps, column_jumps, cosine)
 
 
@@ -149,13 +155,23 @@ def find_incidence(p, row_jumps, column_jumps, fx, fy, cx, cy, out):
             i = x + PAD
             here = p[j, i]
             du = _slope_between(
-                p[j, i - 2], p[j, i - 1], here, p[j, i + 1], p[j, i + 2], across[x] != 0,
+                p[j, i - 2],
+                p[j, i - 1],
+                here,
+                p[j, i + 1],
+                p[j, i + 2],
+                across[x] != 0,
                 across[x + 1] != 0,
-            )  # fmt: skip
+            )
             dv = _slope_between(
-                p[j - 2, i], p[j - 1, i], here, p[j + 1, i], p[j + 2, i], above[x] != 0,
+                p[j - 2, i],
+                p[j - 1, i],
+                here,
+                p[j + 1, i],
+                p[j + 2, i],
+                above[x] != 0,
                 below[x] != 0,
-            )  # fmt: skip
+            )
             u = np.float32(x) - cx
             out[y, x] = _cos_incidence(here, du, dv, u, v, u / fx, ry, fx, fy)
 

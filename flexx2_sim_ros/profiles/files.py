@@ -49,10 +49,21 @@ _SURFACES = ('white', *SURFACE_SHARES, 'standard_errors')
 _NAME = re.compile(r'[A-Za-z][A-Za-z0-9_.+-]{0,63}')
 # No depth camera has values beyond these; such a field is taken as a mistake (assumed).
 _LARGEST = {
-    'pixels': 16384, 'focal': 1e6, 'rate_hz': 10_000.0, 'range_m': 1000.0, 'a': 1.0, 'b': 1.0,
-    'c': 1.0, 'd': 1.0, 'n': 10.0, 'sigma_x': 25.0, 'frequency': 1e10, 'raw_frames': 1000,
-    'exposure_us': 10_000_000, 'distortion': 100.0,
-}  # fmt: skip
+    'pixels': 16384,
+    'focal': 1e6,
+    'rate_hz': 10_000.0,
+    'range_m': 1000.0,
+    'a': 1.0,
+    'b': 1.0,
+    'c': 1.0,
+    'd': 1.0,
+    'n': 10.0,
+    'sigma_x': 25.0,
+    'frequency': 1e10,
+    'raw_frames': 1000,
+    'exposure_us': 10_000_000,
+    'distortion': 100.0,
+}
 _STEEP = math.radians(60)  # the steepest incidence at which noise was measured
 
 

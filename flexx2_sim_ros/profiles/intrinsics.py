@@ -111,9 +111,14 @@ class Intrinsics:
                 f'K: must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], got {matrix.tolist()}'
             )
         camera = cls(
-            int(width), int(height), float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]),
-            float(matrix[1, 2]), full_distortion(distortion),
-        )  # fmt: skip
+            int(width),
+            int(height),
+            float(matrix[0, 0]),
+            float(matrix[1, 1]),
+            float(matrix[0, 2]),
+            float(matrix[1, 2]),
+            full_distortion(distortion),
+        )
         camera._refuse_other_units()
         return camera
 
@@ -146,9 +151,13 @@ class Intrinsics:
         """Return a camera without distortion that has this field of view in another image size."""
         across, down = width / self.width, height / self.height
         return Intrinsics(
-            width, height, self.fx * across, self.fy * down, (self.cx + 0.5) * across - 0.5,
+            width,
+            height,
+            self.fx * across,
+            self.fy * down,
+            (self.cx + 0.5) * across - 0.5,
             (self.cy + 0.5) * down - 0.5,
-        )  # fmt: skip
+        )
 
     @property
     def field_of_view_deg(self) -> tuple[float, float]:

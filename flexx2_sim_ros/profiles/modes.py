@@ -308,11 +308,15 @@ def _camera_config() -> _CameraConfig:
         (float(view[0]), float(view[1])),
         math.radians(cap),
         Sensor(
-            'tof', number('surface', 'jump_share'), number('surface', 'steep_share'),
-            int(number('lateral', 'neighbourhood_px')), number('confidence', 'zero_at_sigma_m'),
-            number('gray', 'full_scale_amplitude'), number('readout_us'),
+            'tof',
+            number('surface', 'jump_share'),
+            number('surface', 'steep_share'),
+            int(number('lateral', 'neighbourhood_px')),
+            number('confidence', 'zero_at_sigma_m'),
+            number('gray', 'full_scale_amplitude'),
+            number('readout_us'),
         ),
-    )  # fmt: skip
+    )
 
 
 @lru_cache(maxsize=1)

@@ -13,14 +13,26 @@ from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR, KINDS, Sensor
 from flexx2_sim_ros.profiles.valid_mask import read_mask
 
 _FIELDS = (
-    'kind', 'jump_share', 'steep_share', 'incidence_cap_deg', 'neighbourhood_px',
-    'zero_at_sigma_m', 'full_scale_amplitude', 'readout_us', 'valid_region_px', 'valid_mask',
-)  # fmt: skip
+    'kind',
+    'jump_share',
+    'steep_share',
+    'incidence_cap_deg',
+    'neighbourhood_px',
+    'zero_at_sigma_m',
+    'full_scale_amplitude',
+    'readout_us',
+    'valid_region_px',
+    'valid_mask',
+)
 # What no depth camera has: beyond these a field is taken for a mistake (design).
 _LARGEST = {
-    'share': 1.0, 'neighbourhood_px': 127, 'zero_at_sigma_m': 100.0, 'full_scale_amplitude': 1e9,
-    'readout_us': 10_000_000, 'valid_region_px': 16384,
-}  # fmt: skip
+    'share': 1.0,
+    'neighbourhood_px': 127,
+    'zero_at_sigma_m': 100.0,
+    'full_scale_amplitude': 1e9,
+    'readout_us': 10_000_000,
+    'valid_region_px': 16384,
+}
 
 
 def sensor_row(profile: Profile, mask_name: str | None) -> dict[str, Any]:

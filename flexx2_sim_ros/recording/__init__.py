@@ -28,6 +28,12 @@ from flexx2_sim_ros.recording.opening import load_recording, open_recording, rec
 from flexx2_sim_ros.recording.reader import Recording, RecordingReader
 
 __all__ = [
-    'Recording', 'RecordingReader', 'RecordingWriter', 'Scene', 'load_recording', 'load_scene',
-    'open_recording', 'recording_cameras',
-]  # fmt: skip
+    'Recording',
+    'RecordingReader',
+    'RecordingWriter',
+    'Scene',
+    'load_recording',
+    'load_scene',
+    'open_recording',
+    'recording_cameras',
+]

@@ -167,9 +167,14 @@ def topics_of(name: str) -> CameraTopics:
 
 def _of_node(name: str, node: str) -> CameraTopics:
     return CameraTopics(
-        name, node, node + _DEPTH, node + _INFO, node + _CLOUD, node + _GRAY,
+        name,
+        node,
+        node + _DEPTH,
+        node + _INFO,
+        node + _CLOUD,
+        node + _GRAY,
         node.rpartition('/')[0],
-    )  # fmt: skip
+    )
 
 
 def find_cameras(topics: dict[str, str]) -> dict[str, CameraTopics]:

@@ -20,10 +20,16 @@ BYTES = 'std_msgs/msg/UInt8MultiArray'
 # Types of cameras and robots that begin with a std_msgs/Header.
 STAMPED = frozenset(
     {
-        IMAGE, COMPRESSED, CAMERA_INFO, POINT_CLOUD, 'sensor_msgs/msg/JointState',
-        'nav_msgs/msg/Odometry', 'sensor_msgs/msg/Imu', 'diagnostic_msgs/msg/DiagnosticArray',
+        IMAGE,
+        COMPRESSED,
+        CAMERA_INFO,
+        POINT_CLOUD,
+        'sensor_msgs/msg/JointState',
+        'nav_msgs/msg/Odometry',
+        'sensor_msgs/msg/Imu',
+        'diagnostic_msgs/msg/DiagnosticArray',
     }
-)  # fmt: skip
+)
 
 _NANOSECONDS = 1_000_000_000
 _STRING_PARAMETER = 4
@@ -117,10 +123,16 @@ def encode_image(stamp: int, frame_id: str, pixels: np.ndarray) -> bytes:
     return encode(
         IMAGE,
         _make(
-            IMAGE, _header(stamp, frame_id), height, width, _PIXELS[kind], 0,
-            width * rows.itemsize, rows.view(np.uint8).reshape(-1),
+            IMAGE,
+            _header(stamp, frame_id),
+            height,
+            width,
+            _PIXELS[kind],
+            0,
+            width * rows.itemsize,
+            rows.view(np.uint8).reshape(-1),
         ),
-    )  # fmt: skip
+    )
 
 
 def encode_camera_info(
@@ -132,18 +144,36 @@ def encode_camera_info(
     return encode(
         CAMERA_INFO,
         _make(
-            CAMERA_INFO, _header(stamp, frame_id), *size, DISTORTION_MODELS[len(distortion)],
-            distortion, matrix.ravel(), np.eye(3).ravel(), projection.ravel(), 0, 0, no_region,
+            CAMERA_INFO,
+            _header(stamp, frame_id),
+            *size,
+            DISTORTION_MODELS[len(distortion)],
+            distortion,
+            matrix.ravel(),
+            np.eye(3).ravel(),
+            projection.ravel(),
+            0,
+            0,
+            no_region,
         ),
-    )  # fmt: skip
+    )
 
 
 def encode_text_parameter(stamp: int, node: str, name: str, text: str) -> bytes:
     """Return the ``rcl_interfaces/ParameterEvent`` of a node that starts with a text."""
     value = _make(
-        'rcl_interfaces/msg/ParameterValue', _STRING_PARAMETER, False, 0, 0.0, text,
-        np.zeros(0, np.uint8), np.zeros(0, bool), np.zeros(0, np.int64), np.zeros(0), [],
-    )  # fmt: skip
+        'rcl_interfaces/msg/ParameterValue',
+        _STRING_PARAMETER,
+        False,
+        0,
+        0.0,
+        text,
+        np.zeros(0, np.uint8),
+        np.zeros(0, bool),
+        np.zeros(0, np.int64),
+        np.zeros(0),
+        [],
+    )
     parameter = _make('rcl_interfaces/msg/Parameter', name, value)
     return encode(PARAMETER_EVENT, _make(PARAMETER_EVENT, _time(stamp), node, [parameter], [], []))
 

@@ -14,11 +14,16 @@ from rosbags.rosbag1 import Reader
 # Types whose fields ROS 1 and ROS 2 serialize alike, except for the header's number.
 _SAME_IN_ROS2 = frozenset(
     {
-        messages.IMAGE, messages.COMPRESSED, messages.CAMERA_INFO, messages.POINT_CLOUD,
-        'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/TransformStamped',
-        'nav_msgs/msg/Odometry', 'tf2_msgs/msg/TFMessage',
+        messages.IMAGE,
+        messages.COMPRESSED,
+        messages.CAMERA_INFO,
+        messages.POINT_CLOUD,
+        'geometry_msgs/msg/PoseStamped',
+        'geometry_msgs/msg/TransformStamped',
+        'nav_msgs/msg/Odometry',
+        'tf2_msgs/msg/TFMessage',
     }
-)  # fmt: skip
+)
 # TF of bags up to ROS Hydro, the same by content.
 _NOW = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}
 

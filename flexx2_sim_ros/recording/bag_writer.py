@@ -35,9 +35,16 @@ _JAZZY: Literal[9] = 9  # version of metadata.yaml
 # The QoS of the driver and `flexx2_camera`, for topics whose QoS is not known.
 _FOREVER = QosTime(9223372036, 854775807)
 _OFFER = Qos(
-    QosHistory.KEEP_LAST, 10, QosReliability.RELIABLE, QosDurability.VOLATILE, _FOREVER, _FOREVER,
-    QosLiveliness.AUTOMATIC, _FOREVER, False,
-)  # fmt: skip
+    QosHistory.KEEP_LAST,
+    10,
+    QosReliability.RELIABLE,
+    QosDurability.VOLATILE,
+    _FOREVER,
+    _FOREVER,
+    QosLiveliness.AUTOMATIC,
+    _FOREVER,
+    False,
+)
 _LATEST = (1 << 31) * 1_000_000_000
 _NAME = re.compile(r'[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*')
 # Types that images carry exactly; stacks of other types are stored as arrays.
@@ -270,11 +277,13 @@ def _messages(
     images = {
         topic: _images(reader, key)
         for topic, key in (
-            (where.clean, 'clean_depth'), (where.reflectivity, 'reflectivity'),
-            (where.depth, 'depth'), (where.gray, 'amplitude'),
+            (where.clean, 'clean_depth'),
+            (where.reflectivity, 'reflectivity'),
+            (where.depth, 'depth'),
+            (where.gray, 'amplitude'),
         )
         if key in reader.layouts or key in reader.arrays
-    }  # fmt: skip
+    }
     infos = [where.info, *([where.clean_info] if where.clean in images else [])]
     for stamp, time in zip(reader.stamp_ns.tolist(), times, strict=True):
         info = messages.encode_camera_info(

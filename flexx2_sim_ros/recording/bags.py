@@ -88,8 +88,13 @@ class BagRecording(RecordingReader):
         source = where.depth if where.depth in self._bag.topics else where.cloud
         self._source = source
         stamped = {
-            source, where.clean, where.clean_info, where.reflectivity, where.gray, where.info,
-        }  # fmt: skip
+            source,
+            where.clean,
+            where.clean_info,
+            where.reflectivity,
+            where.gray,
+            where.info,
+        }
         last_info = b''
         # Another program's topic may have this name.
         ours = self._bag.topics.get(where.carried) == messages.BYTES
@@ -376,9 +381,12 @@ class BagRecording(RecordingReader):
                 f'got it at {field.offset}'
             )
         z: np.ndarray = np.ndarray(
-            (height, width), dtype, cloud.data, field.offset,
+            (height, width),
+            dtype,
+            cloud.data,
+            field.offset,
             (width * cloud.point_step, cloud.point_step),
-        )  # fmt: skip
+        )
         return self._valid(z.astype(np.float32))
 
     def _valid(self, depth: np.ndarray) -> np.ndarray:

@@ -136,12 +136,27 @@ def read_calibration(path: Path) -> Calibration:
 # By the programs above: camera_calibration, OpenCV, camera info, Open3D, librealsense, Kalibr.
 _WITHIN = 'intrinsic', 'intrinsics', 'depth', 'depth_intrinsics', 'cam0'
 _MATRICES = (
-    'camera_matrix', 'cameraMatrix', 'Camera_Matrix', 'k', 'K', 'intrinsic_matrix', 'intrinsics',
-)  # fmt: skip
+    'camera_matrix',
+    'cameraMatrix',
+    'Camera_Matrix',
+    'k',
+    'K',
+    'intrinsic_matrix',
+    'intrinsics',
+)
 _DISTORTIONS = (
-    'distortion_coefficients', 'distortionCoefficients', 'd', 'D', 'coeffs', 'distortion_coeffs',
-    'Distortion_Coefficients', 'distCoeffs', 'dist_coeffs', 'dist_coeff', 'distortion',
-)  # fmt: skip
+    'distortion_coefficients',
+    'distortionCoefficients',
+    'd',
+    'D',
+    'coeffs',
+    'distortion_coeffs',
+    'Distortion_Coefficients',
+    'distCoeffs',
+    'dist_coeffs',
+    'dist_coeff',
+    'distortion',
+)
 _PROJECTIONS = 'projection_matrix', 'p', 'P'
 _PINHOLES = ('fx', 'fy', 'cx', 'cy'), ('fx', 'fy', 'ppx', 'ppy'), ('_fx', '_fy', '_cx', '_cy')
 _SKEWS = '_skew', 'skew'

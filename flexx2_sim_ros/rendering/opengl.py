@@ -79,8 +79,13 @@ class OpenGlRenderer:
         self._option = mujoco.MjvOption()
         self._option.geomgroup[:] = VISIBLE_GROUPS
         for group in (
-            'sitegroup', 'jointgroup', 'tendongroup', 'actuatorgroup', 'flexgroup', 'skingroup',
-        ):  # fmt: skip
+            'sitegroup',
+            'jointgroup',
+            'tendongroup',
+            'actuatorgroup',
+            'flexgroup',
+            'skingroup',
+        ):
             getattr(self._option, group)[:] = 0
         self._category = mujoco.mjtCatBit.mjCAT_STATIC | mujoco.mjtCatBit.mjCAT_DYNAMIC
         self._view = mujoco.MjvCamera()

@@ -25,10 +25,15 @@ BOARD_DISTANCES = (0.1, 10.0)
 LARGEST_BOARD_ANGLE = 80.0
 
 _COLOURS = {
-    'floor': (0.46, 0.47, 0.48), 'wall_paint': (0.85, 0.84, 0.80),
-    'white_board': (0.95, 0.95, 0.95), 'concrete': (0.55, 0.55, 0.52), 'brick': (0.60, 0.30, 0.22),
-    'wood': (0.72, 0.53, 0.34), 'metal': (0.62, 0.65, 0.70), 'black': (0.05, 0.05, 0.05),
-}  # fmt: skip
+    'floor': (0.46, 0.47, 0.48),
+    'wall_paint': (0.85, 0.84, 0.80),
+    'white_board': (0.95, 0.95, 0.95),
+    'concrete': (0.55, 0.55, 0.52),
+    'brick': (0.60, 0.30, 0.22),
+    'wood': (0.72, 0.53, 0.34),
+    'metal': (0.62, 0.65, 0.70),
+    'black': (0.05, 0.05, 0.05),
+}
 # Attributes of MJCF and URDF that name files and folders.
 _PART = re.compile(r"""\b(file\w*|\w*dir)\s*=\s*["']([^"']+)""")
 _BOX = mujoco.mjtGeom.mjGEOM_BOX

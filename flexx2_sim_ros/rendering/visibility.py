@@ -136,8 +136,11 @@ def _view_planes(intrinsics: Intrinsics) -> np.ndarray:
     # Image y points down, the camera's y axis up.
     planes = np.array(
         [
-            [1.0, 0.0, left], [-1.0, 0.0, -right], [0.0, -1.0, top], [0.0, 1.0, -bottom],
+            [1.0, 0.0, left],
+            [-1.0, 0.0, -right],
+            [0.0, -1.0, top],
+            [0.0, 1.0, -bottom],
             [0.0, 0.0, -1.0],
         ]
-    )  # fmt: skip
+    )
     return planes / np.linalg.norm(planes, axis=1, keepdims=True)

@@ -22,10 +22,13 @@ _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 _SPHERE, _CAPSULE, _ELLIPSOID, _CYLINDER, _BOX = (
     int(kind)
     for kind in (
-        mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE,
-        mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_BOX,
+        mujoco.mjtGeom.mjGEOM_SPHERE,
+        mujoco.mjtGeom.mjGEOM_CAPSULE,
+        mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+        mujoco.mjtGeom.mjGEOM_CYLINDER,
+        mujoco.mjtGeom.mjGEOM_BOX,
     )
-)  # fmt: skip
+)
 _VISIBLE_GROUPS = 3  # MuJoCo's viewer shows groups 0, 1 and 2 by default
 
 
@@ -98,10 +101,19 @@ def links_of(model: mujoco.MjModel, robot: Robot | None = None) -> list[Link]:
     trunk = find_parts(model, robot).trunk
     links = [
         Link(
-            TRUNK, BASE, f'{BASE}_{TRUNK}', -1, np.zeros(3), _UPRIGHT, np.zeros(3), -1, (), trunk,
+            TRUNK,
+            BASE,
+            f'{BASE}_{TRUNK}',
+            -1,
+            np.zeros(3),
+            _UPRIGHT,
+            np.zeros(3),
+            -1,
+            (),
+            trunk,
             np.zeros(3),
         )
-    ]  # fmt: skip
+    ]
     last, taken = {trunk: links[0]}, {BASE, TRUNK}
     for body in range(trunk + 1, model.nbody):
         above = last.get(int(model.body_parentid[body]))
@@ -128,10 +140,19 @@ def _links_of_body(model: mujoco.MjModel, body: int, above: Link, taken: set[str
     if count == 0:
         return [
             Link(
-                name, above.name, f'{name}_fixed', -1, position, quaternion, np.zeros(3), -1, (),
-                body, np.zeros(3),
+                name,
+                above.name,
+                f'{name}_fixed',
+                -1,
+                position,
+                quaternion,
+                np.zeros(3),
+                -1,
+                (),
+                body,
+                np.zeros(3),
             )
-        ]  # fmt: skip
+        ]
     links, parent, anchor = [], above.name, np.zeros(3)
     for joint in range(first, first + count):
         # In URDF a link's origin is at its joint; in MuJoCo it is the body's.

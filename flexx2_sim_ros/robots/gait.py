@@ -112,9 +112,16 @@ def start(
     heights = np.where(np.isnan(heights), top - legs.standing_height + legs.foot_radius, heights)
     landed = np.column_stack([places, heights])
     return GaitState(
-        np.array(position, float), float(yaw), np.zeros(3), 0.0, landed, landed, heights, places,
+        np.array(position, float),
+        float(yaw),
+        np.zeros(3),
+        0.0,
+        landed,
+        landed,
+        heights,
+        places,
         np.ones(4, bool),
-    )  # fmt: skip
+    )
 
 
 def step(
@@ -281,8 +288,11 @@ def _replan(
 ) -> _Swing:
     """Adapt the foothold of a foot in the air to a changed velocity."""
     foot, landed, apex, wanted = (
-        state.lifted[leg], state.landed[leg], float(state.apex[leg]), state.wanted[leg],
-    )  # fmt: skip
+        state.lifted[leg],
+        state.landed[leg],
+        float(state.apex[leg]),
+        state.wanted[leg],
+    )
     place, _ = _place(state, leg, seconds, gait, legs)
     if math.hypot(*(place - wanted)) > _WORTH_A_CHANGE:
         point, top = landed[:2] + place - wanted, apex + gait.lift

@@ -193,9 +193,17 @@ def find_parts(model: mujoco.MjModel, robot: Robot | None = None) -> RobotParts:
             velocities.append(int(model.jnt_dofadr[joint]))
     legs, ids = _legs(model, int(trunk), robot.legs) or (None, np.empty((0, 3), int))
     return RobotParts(
-        model, int(trunk), free, free_velocity, _offset(model, int(trunk), int(root)), joints,
-        np.array(velocities, int), bodies[model.geom_bodyid], legs, model.jnt_qposadr[ids],
-    )  # fmt: skip
+        model,
+        int(trunk),
+        free,
+        free_velocity,
+        _offset(model, int(trunk), int(root)),
+        joints,
+        np.array(velocities, int),
+        bodies[model.geom_bodyid],
+        legs,
+        model.jnt_qposadr[ids],
+    )
 
 
 def _offset(model: mujoco.MjModel, trunk: int, root: int) -> tuple[np.ndarray, np.ndarray] | None:
@@ -242,9 +250,15 @@ def _legs(
         np.where(limited, model.jnt_range[ids][..., end], usual[:, end]) for end in (0, 1)
     )
     geometry = LegGeometry(
-        hips, thighs[:, 1], -float(calves[0, 2]), -float(tips[0, 2]), lower, upper,
-        float(radii[0]), np.array(joints.home),
-    )  # fmt: skip
+        hips,
+        thighs[:, 1],
+        -float(calves[0, 2]),
+        -float(tips[0, 2]),
+        lower,
+        upper,
+        float(radii[0]),
+        np.array(joints.home),
+    )
     return geometry, ids
 
 

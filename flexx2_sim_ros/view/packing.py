@@ -90,11 +90,19 @@ def pack(name: str, shot: ViewedFrame) -> bytes:
     camera = shot.intrinsics
     head = json.dumps(
         {
-            'camera': name, 'stamp': shot.stamp / 1e9, 'unit': UNIT, 'width': camera.width,
-            'height': camera.height, 'fx': camera.fx, 'fy': camera.fy, 'cx': camera.cx,
-            'cy': camera.cy, 'distortion': camera.distortion, 'clean': shot.clean is not None,
+            'camera': name,
+            'stamp': shot.stamp / 1e9,
+            'unit': UNIT,
+            'width': camera.width,
+            'height': camera.height,
+            'fx': camera.fx,
+            'fy': camera.fy,
+            'cx': camera.cx,
+            'cy': camera.cy,
+            'distortion': camera.distortion,
+            'clean': shot.clean is not None,
         }
-    ).encode()  # fmt: skip
+    ).encode()
     head += b' ' * (-len(head) % 4)
     images = [shot.simulated] + ([] if shot.clean is None else [shot.clean])
     return b''.join(

@@ -12,6 +12,12 @@ from study.benchmark.scoring import score, Scores
 from study.benchmark.seeds import DEVELOPMENT, SeedRange, TEST
 
 __all__ = [
-    'DEVELOPMENT', 'TEST', 'Planned', 'Scores', 'SeedRange', 'make_design', 'run_benchmark',
+    'DEVELOPMENT',
+    'TEST',
+    'Planned',
+    'Scores',
+    'SeedRange',
+    'make_design',
+    'run_benchmark',
     'score',
-]  # fmt: skip
+]

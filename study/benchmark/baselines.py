@@ -24,8 +24,13 @@ _BINS = 5
 _CHANNELS = ('bias', 'spread', 'invalid', 'gross', 'frames', 'beside')
 _AXES = ('distance', 'incidence', 'radius', 'amplitude', 'edge', 'uptime')
 _TOLERANCE = {
-    'bias': 0.10, 'spread': 0.10, 'invalid': 0.008, 'gross': 0.004, 'frames': 0.04, 'beside': 0.04,
-}  # fmt: skip
+    'bias': 0.10,
+    'spread': 0.10,
+    'invalid': 0.008,
+    'gross': 0.004,
+    'frames': 0.04,
+    'beside': 0.04,
+}
 # The largest gaps, in tolerances, of cameras without effects whose pose is wrong by 2 mm and
 # 0.125 degrees: the maximum of twelve development campaigns. Smaller gaps mean `none`.
 _USUAL = np.array([20.0, 4.0, 1.0, 18.0, 2.0, 6.0])
@@ -134,9 +139,13 @@ def _scene(recording: Recording) -> _Scene:
         amplitude = np.log10(np.maximum(rho * surface.cos_incidence / first**2, 1e-4))
     uptime = float(np.ravel(recording.extra.get('uptime', np.zeros(1)))[0])
     images = (
-        first, surface.incidence, np.hypot(x - camera.cx, y - camera.cy), amplitude,
-        near.astype(float), np.full(first.shape, uptime),
-    )  # fmt: skip
+        first,
+        surface.incidence,
+        np.hypot(x - camera.cx, y - camera.cy),
+        amplitude,
+        near.astype(float),
+        np.full(first.shape, uptime),
+    )
     keep = (np.isfinite(first) & (first < mode.range_max)).ravel()
     return _Scene(
         stack,
@@ -189,12 +198,18 @@ def _features(samples: list[_Sample], places: list[list[np.ndarray]]) -> np.ndar
         around, other = np.nan_to_num(e - mean_e), np.nan_to_num(b - mean_b)
         parts = np.stack(
             [
-                np.full(e.shape[1], len(e)), valid.sum(0), zero.sum(0), (around**2).sum(0),
-                (np.abs(zero) >= 6).sum(0), late.sum(0), (around[1:] * around[:-1] * late).sum(0),
-                pair.sum(0), (around * other * pair).sum(0),
+                np.full(e.shape[1], len(e)),
+                valid.sum(0),
+                zero.sum(0),
+                (around**2).sum(0),
+                (np.abs(zero) >= 6).sum(0),
+                late.sum(0),
+                (around[1:] * around[:-1] * late).sum(0),
+                pair.sum(0),
+                (around * other * pair).sum(0),
             ],
             axis=1,
-        ).astype(float)  # fmt: skip
+        ).astype(float)
         for k, place in enumerate(bins):
             for s in range(9):
                 sums[k, :, s] += np.bincount(place, parts[:, s], _BINS)
@@ -265,11 +280,16 @@ def _classifier(real: list[_Sample], plain: list[_Sample], seed: int) -> str:
             rows.append(
                 np.column_stack(
                     [
-                        mean, np.abs(around[1]), np.isnan(e[1]), np.abs(np.nan_to_num(e[1])) >= 6,
-                        around[1] * around[0], around[1] * beside[1], sample.covariates[chosen],
+                        mean,
+                        np.abs(around[1]),
+                        np.isnan(e[1]),
+                        np.abs(np.nan_to_num(e[1])) >= 6,
+                        around[1] * around[0],
+                        around[1] * beside[1],
+                        sample.covariates[chosen],
                     ]
                 )
-            )  # fmt: skip
+            )
             labels.append(np.full(600, label))
     table, target = np.concatenate(rows), np.concatenate(labels)
     forest = RandomForestClassifier(

@@ -20,9 +20,13 @@ _SCENE_SETS = 16  # for each mode and pose error: what is rendered is shared
 _UNUSUAL_SCENE_SETS = 4
 _USUAL_POSE_MM = 2.0
 _QUICK_SINGLES = (
-    'temporal_filter', 'spatial_filter', 'excess_noise', 'low_signal_dropout', 'multipath',
+    'temporal_filter',
+    'spatial_filter',
+    'excess_noise',
+    'low_signal_dropout',
+    'multipath',
     'saturation',
-)  # fmt: skip
+)
 _QUICK_NOVEL = ('row_bands', 'block_compression')
 
 
@@ -86,13 +90,18 @@ class Planned:
         """Return the case of the blind camera."""
         return Case(
             SceneKey(
-                self.usecase, self.scene_seed, self.pose_mm, self.width, self.height,
-                self.recordings, self.frames,
+                self.usecase,
+                self.scene_seed,
+                self.pose_mm,
+                self.width,
+                self.height,
+                self.recordings,
+                self.frames,
             ),
             self.effects,
             self.seed,
             internals=Internals(**self.internals),
-        )  # fmt: skip
+        )
 
     @property
     def key(self) -> str:

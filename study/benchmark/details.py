@@ -126,8 +126,12 @@ def reduction_summary(scores: Scores) -> Sheet:
     return Sheet(
         'Realised and predicted reduction (*: see the next table; not in median and smallest)',
         (
-            'cases', 'measured, of these *', 'realised: median', 'smallest',
-            'error of predicted: mean, median', 'interval holds',
+            'cases',
+            'measured, of these *',
+            'realised: median',
+            'smallest',
+            'error of predicted: mean, median',
+            'interval holds',
         ),
         rows,
-    )  # fmt: skip
+    )

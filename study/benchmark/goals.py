@@ -55,9 +55,12 @@ def _yes(reached: bool | None) -> str:
 def reach(scores: Scores) -> Sheet:
     """Return the table of the goals, and which are reached."""
     goals = [
-        *_verdict_goals(scores), *_place_goals(scores), *_reduction_goals(scores),
-        *_confidence_goals(scores), *_cost_goals(scores.answers),
-    ]  # fmt: skip
+        *_verdict_goals(scores),
+        *_place_goals(scores),
+        *_reduction_goals(scores),
+        *_confidence_goals(scores),
+        *_cost_goals(scores.answers),
+    ]
     return Sheet('Goals', ('what', 'goal', 'result', 'reached'), [goal.row() for goal in goals])
 
 
@@ -94,7 +97,10 @@ def _verdict_goals(scores: Scores) -> list[_Goal]:
     return [
         _Goal('single effects, strength 1: correct', '>= 98 %', full, right, _least(0.98)),
         _Goal(
-            'single effects, strength 0.5: correct', '>= 85 %', _singles(scores, 0.5), right,
+            'single effects, strength 0.5: correct',
+            '>= 85 %',
+            _singles(scores, 0.5),
+            right,
             _least(0.85),
         ),
         _Goal('cameras with unknown internals: correct', '>= 90 %', inside, right, _least(0.9)),
@@ -123,7 +129,7 @@ def _verdict_goals(scores: Scores) -> list[_Goal]:
         ),
         _Goal('two effects: one of them named first', '>= 95 %', pairs, right, _least(0.95)),
         _Goal('two effects: both named', '>= 85 %', pairs, lambda a: a.both, _least(0.85)),
-    ]  # fmt: skip
+    ]
 
 
 def _place_goals(scores: Scores) -> list[_Goal | _Number]:
@@ -137,10 +143,13 @@ def _place_goals(scores: Scores) -> list[_Goal | _Number]:
             _least(0.9),
         ),
         _Number(
-            'localisation of single effects: mean IoU', '>= 0.6',
-            known([a.overlap for a in singles]), np.mean, _least(0.6),
+            'localisation of single effects: mean IoU',
+            '>= 0.6',
+            known([a.overlap for a in singles]),
+            np.mean,
+            _least(0.6),
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _reduction_goals(scores: Scores) -> list[_Goal | _Number]:
@@ -215,10 +224,14 @@ def _cost_goals(answers: Sequence[Answer]) -> list[_Number]:
             '.1f',
         ),
         _Number(
-            'memory of the process, largest, MB', '< 1 GB', known([a.peak_mb for a in answers]),
-            max, lambda value: value < _MOST_MB, '.0f',
+            'memory of the process, largest, MB',
+            '< 1 GB',
+            known([a.peak_mb for a in answers]),
+            max,
+            lambda value: value < _MOST_MB,
+            '.0f',
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _least(limit: float) -> Callable[[float], bool]:

@@ -10,9 +10,13 @@ from study.benchmark.partition import COVARIATES
 
 # Other names for a covariate, and factors to the unit of `COVARIATES`.
 _ALIASES = {
-    'theta': 'incidence', 'angle': 'incidence', 'range': 'distance', 'depth': 'distance',
-    'z': 'distance', 'fine_distance': 'distance',
-}  # fmt: skip
+    'theta': 'incidence',
+    'angle': 'incidence',
+    'range': 'distance',
+    'depth': 'distance',
+    'z': 'distance',
+    'fine_distance': 'distance',
+}
 _REGION = re.compile(r'image region row (\d+) of (\d+), column (\d+) of (\d+)')
 _UNITS = {'mm': 1e-3, 'rad': 180 / math.pi, 'min': 60.0}
 

@@ -20,9 +20,18 @@ from study.blind.views import cast_rays, View
 # Metres, degrees, fractions (of half the diagonal, the width, the height), 0 to 1, 1/m^2, 0 or 1,
 # seconds, metres per second, number.
 COVARIATES = (
-    'distance', 'incidence', 'radius', 'x', 'y', 'reflectivity', 'amplitude', 'edge', 'uptime',
-    'speed', 'recording',
-)  # fmt: skip
+    'distance',
+    'incidence',
+    'radius',
+    'x',
+    'y',
+    'reflectivity',
+    'amplitude',
+    'edge',
+    'uptime',
+    'speed',
+    'recording',
+)
 # Change it whenever the same scenes give another partition: old caches are then not used.
 _VERSION = 1
 # Pixels of the largest cell. In 20 frames, cells of 100 to 200 pixels have a standard error of

@@ -21,10 +21,16 @@ _BY_EFFECT = 'single', 'novel', 'left_out'
 def sheets(scores: Scores) -> list[Sheet]:
     """Return the tables of a run that have rows."""
     all_sheets = [
-        reach(scores), _groups(scores), _places(scores), _effects(scores),
-        reduction_summary(scores), reductions(scores), first_places(scores), reliability(scores),
+        reach(scores),
+        _groups(scores),
+        _places(scores),
+        _effects(scores),
+        reduction_summary(scores),
+        reductions(scores),
+        first_places(scores),
+        reliability(scores),
         _baselines(scores),
-    ]  # fmt: skip
+    ]
     return [sheet for sheet in all_sheets if sheet.rows]
 
 
@@ -186,10 +192,12 @@ def _groups(scores: Scores) -> Sheet:
         counts = (
             share(answers, counts)[0]
             for counts in (
-                lambda a: a.contains and not a.right, lambda a: a.verdict == UNKNOWN,
-                lambda a: a.wrong, lambda a: a.missed,
+                lambda a: a.contains and not a.right,
+                lambda a: a.verdict == UNKNOWN,
+                lambda a: a.wrong,
+                lambda a: a.missed,
             )
-        )  # fmt: skip
+        )
         rows.append((name, percent(*share(answers, lambda a: a.right)), *map(str, counts)))
     f1 = macro_f1(f1_pairs(scores))
     return Sheet(
@@ -242,11 +250,13 @@ def _effects(scores: Scores) -> Sheet:
     return Sheet(
         'By effect: correct answers (novel effects: unknown or partly)',
         (
-            'effect', *(f'{strength:g}' for strength in STRENGTHS), 'left out',
+            'effect',
+            *(f'{strength:g}' for strength in STRENGTHS),
+            'left out',
             'most common wrong answer',
         ),
         rows,
-    )  # fmt: skip
+    )
 
 
 def _baselines(scores: Scores) -> Sheet:

@@ -125,11 +125,15 @@ def features(sums: np.ndarray) -> np.ndarray:
         beside = (sums[:, 8] / sums[:, 7] - mean**2) / variance
         return np.stack(
             [
-                mean, np.log(variance), 1 - sums[:, 1] / sums[:, 0], sums[:, 4] / sums[:, 1],
-                frames, beside,
+                mean,
+                np.log(variance),
+                1 - sums[:, 1] / sums[:, 0],
+                sums[:, 4] / sums[:, 1],
+                frames,
+                beside,
             ],
             axis=1,
-        )  # fmt: skip
+        )
 
 
 @loop()

@@ -12,5 +12,12 @@ from study.blind.internals import Internals, VARIED
 from study.blind.scene_set import SceneKey, SceneSet
 
 __all__ = [
-    'CATALOGUE', 'NOVEL', 'BlindCamera', 'VARIED', 'Case', 'Internals', 'SceneKey', 'SceneSet',
-]  # fmt: skip
+    'CATALOGUE',
+    'NOVEL',
+    'BlindCamera',
+    'VARIED',
+    'Case',
+    'Internals',
+    'SceneKey',
+    'SceneSet',
+]

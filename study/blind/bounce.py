@@ -36,9 +36,12 @@ def bounced_light(view: View) -> np.ndarray:
     step = _pixels(view, _RECEIVER)
     points, normals, _, _, _ = _points(view, step)
     return _carry(
-        view, arriving, points.reshape(*arriving.shape[1:], 3),
-        normals.reshape(*arriving.shape[1:], 3), step,
-    )  # fmt: skip
+        view,
+        arriving,
+        points.reshape(*arriving.shape[1:], 3),
+        normals.reshape(*arriving.shape[1:], 3),
+        step,
+    )
 
 
 def irradiance(view: View) -> np.ndarray:
@@ -59,9 +62,17 @@ def irradiance(view: View) -> np.ndarray:
     radiant = reflectivity * patch**2 / (optics.intrinsics.fx * optics.intrinsics.fy) / slant
     out = np.zeros((len(K), len(hit)), np.complex128)
     _gather(
-        view.solids.kinds, view.solids.placement, lit, lit_normal, radiant, path, hit, hit_normal,
-        K, out,
-    )  # fmt: skip
+        view.solids.kinds,
+        view.solids.placement,
+        lit,
+        lit_normal,
+        radiant,
+        path,
+        hit,
+        hit_normal,
+        K,
+        out,
+    )
     height, width = optics.shape
     return out.astype(np.complex64).reshape(
         -1, len(range(step // 2, height, step)), len(range(step // 2, width, step))
@@ -83,8 +94,12 @@ def _points(view: View, step: int) -> tuple[np.ndarray, ...]:
     points = view.origin + depth[:, None] * (toward @ view.R.T)
     slant = np.sqrt((toward**2).sum(-1))
     return (
-        points, normal.astype(np.float64), reflectivity.astype(np.float64), depth * slant, slant,
-    )  # fmt: skip
+        points,
+        normal.astype(np.float64),
+        reflectivity.astype(np.float64),
+        depth * slant,
+        slant,
+    )
 
 
 @loop()
@@ -123,9 +138,15 @@ def _carry(
     place = (view.origin + depth[:, None] * toward).astype(np.float32)
     out = np.zeros((len(K), height * width), np.complex64)
     _spread(
-        arriving, points.astype(np.float32), normals.astype(np.float32), place, normal, width,
-        step, out,
-    )  # fmt: skip
+        arriving,
+        points.astype(np.float32),
+        normals.astype(np.float32),
+        place,
+        normal,
+        width,
+        step,
+        out,
+    )
     half = phasors(view.reflectivity, view.path / 2, K)
     return np.nan_to_num(out.reshape(-1, height, width)) * half
 

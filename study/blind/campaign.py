@@ -95,9 +95,14 @@ class BlindCamera:
                 scattered = view, self._scatter(view)
             dice = np.random.default_rng([case.seed, 4, recording, index])
             frame = Frame(
-                view, scattered[1], recording, index, float(self.scenes.uptimes[recording] + time),
-                dice, partial(self._later, shot),
-            )  # fmt: skip
+                view,
+                scattered[1],
+                recording,
+                index,
+                float(self.scenes.uptimes[recording] + time),
+                dice,
+                partial(self._later, shot),
+            )
             noise = np.random.Generator(np.random.SFC64([case.seed, 5, recording, index]))
             yield take(frame, self.effects, noise, self.sigma_factor)
 

@@ -207,11 +207,18 @@ def take(
     gain = np.broadcast_to(np.asarray(frame.noise_gain, np.float32), shape)
     delay = np.broadcast_to(np.asarray(frame.delay, np.float32), shape)
     expose(
-        frame.light.reshape(len(K), -1), frame.source, view.amplitude.ravel(), phase_noise.ravel(),
-        path_noise.ravel(), np.ascontiguousarray(gain).ravel(),
-        np.ascontiguousarray(delay).ravel(), K, normals, frame.jitter.ravel(),
+        frame.light.reshape(len(K), -1),
+        frame.source,
+        view.amplitude.ravel(),
+        phase_noise.ravel(),
+        path_noise.ravel(),
+        np.ascontiguousarray(gain).ravel(),
+        np.ascontiguousarray(delay).ravel(),
+        K,
+        normals,
+        frame.jitter.ravel(),
         frame.taps.reshape(len(K), 4, -1),
-    )  # fmt: skip
+    )
     for effect in effects:
         effect.charge(frame)
     frame.phasors = demodulate(frame.taps)

@@ -339,7 +339,13 @@ def _turning(reach: float, rng: np.random.Generator) -> tuple[list[Shape], Path]
 
 
 _MAKERS: dict[str, Callable[[float, np.random.Generator], tuple[list[Shape], Path]]] = {
-    'board': _board, 'forward': _forward, 'corner': _corner, 'close': _close,
-    'sideways': _sideways, 'stairs': _stairs, 'far': _far, 'turning': _turning,
-}  # fmt: skip
+    'board': _board,
+    'forward': _forward,
+    'corner': _corner,
+    'close': _close,
+    'sideways': _sideways,
+    'stairs': _stairs,
+    'far': _far,
+    'turning': _turning,
+}
 KINDS = tuple(_MAKERS)

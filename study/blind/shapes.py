@@ -258,9 +258,15 @@ def in_sight(kinds, placement, one, other):
         ox, oy, oz = _local(one, p)
         r = p[6:]
         t, _ = _hit(
-            kinds[s], p[3:6], ox, oy, oz, r[0] * dx + r[3] * dy + r[6] * dz,
-            r[1] * dx + r[4] * dy + r[7] * dz, r[2] * dx + r[5] * dy + r[8] * dz,
-        )  # fmt: skip
+            kinds[s],
+            p[3:6],
+            ox,
+            oy,
+            oz,
+            r[0] * dx + r[3] * dy + r[6] * dz,
+            r[1] * dx + r[4] * dy + r[7] * dz,
+            r[2] * dx + r[5] * dy + r[8] * dz,
+        )
         if t < 0.98:
             return False
     return True

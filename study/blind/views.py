@@ -40,10 +40,14 @@ class Optics:
         return cls(
             flexx2().mode(usecase),
             Intrinsics(
-                width, height, whole.fx * across, whole.fy * down, (width - 1) / 2,
+                width,
+                height,
+                whole.fx * across,
+                whole.fy * down,
+                (width - 1) / 2,
                 (height - 1) / 2,
             ),
-        )  # fmt: skip
+        )
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -247,9 +251,14 @@ def look(
     chosen = optics.rays if rays is None else rays
     depth, reflectivity, _ = cast_rays(solids, R, origin, chosen)
     return View(
-        optics, depth.reshape(optics.shape), reflectivity.reshape(optics.shape), solids, R, origin,
+        optics,
+        depth.reshape(optics.shape),
+        reflectivity.reshape(optics.shape),
+        solids,
+        R,
+        origin,
         chosen,
-    )  # fmt: skip
+    )
 
 
 @lru_cache(maxsize=8)

@@ -32,9 +32,15 @@ def harmonics(error: np.ndarray, distance: np.ndarray, frequency: float) -> np.n
 def wiggling() -> None:
     clean = ramp(0.15, 2.35)
     given = {
-        'a1': 0.006, 'b1': 0, 'a2': 0.0, 'b2': -0.005, 'a3': 0.004, 'b3': 0.0, 'a4': 0.0,
+        'a1': 0.006,
+        'b1': 0,
+        'a2': 0.0,
+        'b2': -0.005,
+        'a3': 0.004,
+        'b3': 0.0,
+        'a4': 0.0,
         'b4': 0.003,
-    }  # fmt: skip
+    }
     for strength in (1.0, 3.0):
         seen = shift('wiggling', clean, strength=strength, **given)[86]
         valid = np.isfinite(seen)

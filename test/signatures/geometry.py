@@ -81,9 +81,15 @@ def pose_error() -> None:
 @signature
 def intrinsics_error() -> None:
     given = {
-        'focal': 0.01, 'cx': 1.5, 'cy': -2.0, 'k1': -0.02, 'k2': 0.01, 'p1': 0.002, 'p2': -0.001,
+        'focal': 0.01,
+        'cx': 1.5,
+        'cy': -2.0,
+        'k1': -0.02,
+        'k2': 0.01,
+        'p1': 0.002,
+        'p2': -0.001,
         'k3': 0.003,
-    }  # fmt: skip
+    }
     for strength in (1.0, 3.0):
         focal, cx, cy, k1, k2, p1, p2, k3 = (strength * value for value in given.values())
         # The ray whose distorted image is the pixel, by Newton's method with numeric slopes.
