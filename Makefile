@@ -1,5 +1,5 @@
-# make demo | shell | test | matrix | lint | docs | bench | torture | release | clean. Needs python3
-# (3.11 or 3.12) with venv, and make.
+# make demo | shell | test | matrix | lint | docs | bench | torture | mutants | release | clean. Needs
+# python3 (3.11 or 3.12) with venv, and make.
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.complete
@@ -21,7 +21,7 @@ endif
 PACKAGES := -e '.[view]' 'numpy<2'
 endif
 
-.PHONY: demo shell test matrix lint docs bench torture release clean
+.PHONY: demo shell test matrix lint docs bench torture mutants release clean
 
 demo: $(STAMP)
 	$(BIN)/flexx2 demo
@@ -69,6 +69,10 @@ release: $(STAMP)
 # Two hours: hostile messages and files, kills, a soak. See CONTRIBUTING.md.
 torture: $(STAMP)
 	$(BIN)/python -m bench torture
+
+# An hour: 40 small changes of the code, and which of them the tests of their modules notice.
+mutants: $(STAMP)
+	$(BIN)/python -m bench.mutants
 
 clean:
 	rm -rf .venv build install log dist demo_output docs/api *.egg-info

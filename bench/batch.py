@@ -156,7 +156,7 @@ def plain_torch(torch: Any, depth: Any, matrix: np.ndarray) -> Any:
     """
     Add the noise as one writes it in an hour with torch: the yardstick for speed, not for truth.
 
-    As `bench.straightforward`, but that a row's pixels are shifted alike, as an edge's are.
+    As `bench.model`, but that a row's pixels are shifted alike, as an edge's are.
     """
     mode = flexx2().mode(_MODE)
     noise = mode.noise

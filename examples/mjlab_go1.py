@@ -14,7 +14,7 @@ from typing import Any
 from flexx2_sim_ros.batch import noisy_depth
 from flexx2_sim_ros.batch.height_grid import HeightGrid
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.rendering.cameras import add_camera
+from flexx2_sim_ros.rendering.pinholes import add_camera
 from flexx2_sim_ros.robots.robot import load_mounts
 from mjlab.asset_zoo.robots.unitree_go1.go1_constants import get_spec
 from mjlab.envs import ManagerBasedRlEnv, ManagerBasedRlEnvCfg

@@ -6,9 +6,10 @@ the command has.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import as_completed, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
+from functools import partial
 import multiprocessing
 from multiprocessing import connection
 import os
@@ -18,7 +19,7 @@ import threading
 import time
 from typing import Any
 
-from flexx2_sim_ros.errors import MachineError
+from flexx2_sim_ros.errors import InputError, MachineError
 from flexx2_sim_ros.signals import before_leaving, exit_status, leave, leave_on_signals, SIGNALS
 
 _THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS', 'NUMBA_NUM_THREADS')
@@ -101,6 +102,23 @@ def workers(count: int, one_thread: bool = False, besides: int = 0) -> Iterator[
         ) from error
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def in_processes(work: Callable[[Any], Any], tasks: Sequence[Any], count: int) -> Iterator[Any]:
+    """Yield what work returns of each task, or its `InputError`, as they end."""
+
+    def outcome(do: Callable[[], Any]) -> Any:
+        try:
+            return do()
+        except InputError as error:
+            return error
+
+    if count <= 1 or len(tasks) <= 1:
+        yield from (outcome(partial(work, task)) for task in tasks)
+        return
+    with workers(min(count, len(tasks))) as submit:
+        for future in as_completed(submit(work, tasks)):
+            yield outcome(future.result)
 
 
 @contextmanager

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.characterize.divergence import mean_kl
-from flexx2_sim_ros.characterize.lateral import edge_sigma
+from flexx2_sim_ros.characterize.edge_jitter import edge_sigma
+from flexx2_sim_ros.characterize.tiles import gaussian_kl
 import numpy as np
 
 __all__ = ['Board', 'K', 'board', 'edge_sigma', 'mean_kl']
@@ -80,3 +80,10 @@ def board(
         np.where(on_board, incidence, np.nan),
         matrix,
     )
+
+
+def mean_kl(samples: np.ndarray, clean: np.ndarray, sigma: np.ndarray) -> float:
+    """Return the mean divergence of frames from the model, nats: each pixel has a Gaussian."""
+    error = samples.astype(np.float64) - clean
+    variance = error.var(axis=0, ddof=1)
+    return float(np.mean(gaussian_kl(variance, error.mean(axis=0) ** 2, np.log(variance), sigma)))

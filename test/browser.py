@@ -1,7 +1,6 @@
 """A headless Chromium, driven over its DevTools protocol."""
 
 import asyncio
-import base64
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import itertools
@@ -97,10 +96,6 @@ class Browser:
     def key(self, kind: str, code: str, key: str) -> None:
         """Press (keyDown) or release (keyUp) a key."""
         self.call('Input.dispatchKeyEvent', type=kind, code=code, key=key)
-
-    def screenshot(self, path: Path) -> None:
-        """Write a picture of the page."""
-        path.write_bytes(base64.b64decode(self.call('Page.captureScreenshot')['data']))
 
     def said(self, method: str) -> list[dict[str, Any]]:
         """Return what the browser has reported under a name."""

@@ -99,7 +99,7 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Start ROS in this process; skip where there is none."""
     rclpy = pytest.importorskip('rclpy', reason='ROS 2 is not installed: no rclpy')
-    from flexx2_sim_ros.nodes.transport import make_room_for_images
+    from flexx2_sim_ros.nodes.runtime import make_room_for_images
     from rclpy.signals import SignalHandlerOptions
 
     make_room_for_images()

@@ -12,19 +12,32 @@ ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 60.0
 
 
+def run_python(*words: Any, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Run Python with these arguments, and return what it said."""
+    usual = {'capture_output': True, 'text': True, 'timeout': 300, 'check': False}
+    return subprocess.run([sys.executable, *map(str, words)], **{**usual, **more})
+
+
+def run_flexx2(*words: Any, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command `flexx2`, and return what it said."""
+    return run_python('-m', 'flexx2_sim_ros.cli.main', *words, **more)
+
+
+def node_words(name: str, *words: Any) -> list[str]:
+    """Return the command that runs a node with these arguments of ROS."""
+    return [sys.executable, '-m', f'flexx2_sim_ros.nodes.{name}', '--ros-args', *map(str, words)]
+
+
+def run_node(name: str, *words: Any, **more: Any) -> subprocess.CompletedProcess[str]:
+    """Run a node that ends by itself, and return what it said."""
+    return run_python(*node_words(name, *words)[1:], **more)
+
+
 def measured(call: str, env: Mapping[str, str]) -> Any:
     """Return what a measurement of `bench` returns; `call` is Python: 'bench.soak.run()'."""
     module = call.partition('(')[0].rpartition('.')[0]
     code = f'import json; from pathlib import Path; import {module}; print(json.dumps({call}))'
-    done = subprocess.run(
-        [sys.executable, '-c', code],
-        env=env,
-        cwd=ROOT,
-        text=True,
-        capture_output=True,
-        timeout=300,
-        check=False,
-    )
+    done = run_python('-c', code, env=env, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout.splitlines()[-1])
 

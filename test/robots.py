@@ -12,7 +12,7 @@ try:
 except ImportError as error:
     raise unittest.SkipTest('ROS 2 is not installed: rclpy cannot be imported') from error
 
-from flexx2_sim_ros.nodes import robot_messages, transforms
+from flexx2_sim_ros.nodes import robot_messages, tf_frames
 from flexx2_sim_ros.nodes.robot_node import RobotCameras
 from flexx2_sim_ros.robots.robot import load_robot
 from geometry_msgs.msg import Twist
@@ -39,7 +39,7 @@ __all__ = [
     'place',
     'robot_messages',
     'robot_node',
-    'transforms',
+    'tf_frames',
     'twist',
 ]
 

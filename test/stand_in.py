@@ -10,7 +10,7 @@ from pathlib import Path
 import sys
 
 from flexx2_sim_ros.nodes.messages import camera_info_message, header, image_message
-from flexx2_sim_ros.nodes.transport import make_room_for_images
+from flexx2_sim_ros.nodes.runtime import make_room_for_images
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording import load_recording, Recording
 import numpy as np

@@ -11,8 +11,7 @@ from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.bag_remains import Message
 from flexx2_sim_ros.recording.bag_writer import BagWriter
-from flexx2_sim_ros.recording.gaps import find_gaps
-from flexx2_sim_ros.recording.sink import BagSink
+from flexx2_sim_ros.recording.sink import BagSink, find_gaps
 import made_bags
 from made_bags import camera_entries, depths, SECOND, STORAGES
 import pytest

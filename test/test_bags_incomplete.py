@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from flexx2_sim_ros.characterize.measure import measure
+from flexx2_sim_ros.characterize.measurement import measure
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.recording import load_recording, open_recording

@@ -1,9 +1,12 @@
 """The short form of the measurements of `bench`: each runs and prints figures."""
 
+import ast
 from pathlib import Path
 import subprocess
-import sys
 
+from bench import mutants
+from bench.journal import Journal
+from programs import measured, run_python
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -15,15 +18,7 @@ SHORT += 'nodes', 'start', 'torture_kill', 'torture_record'
 
 def run(words: list[str], folder: Path, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
     """Run Python in a folder, where it leaves its files."""
-    return subprocess.run(
-        [sys.executable, '-m', *words],
-        cwd=folder,
-        env=env,
-        text=True,
-        capture_output=True,
-        timeout=300,
-        check=False,
-    )
+    return run_python('-m', *words, cwd=folder, env=env)
 
 
 def test_measurements_run_for_a_moment(child_env: dict[str, str], tmp_path: Path) -> None:
@@ -55,7 +50,68 @@ def test_the_answers_of_the_published_benchmark_are_listed(
     assert 'slowest: ' in done.stdout
 
 
+def test_what_is_changed_to_see_whether_tests_notice() -> None:
+    text = """
+def f(x: Literal[3], y=2):
+    if x < 2 and g(f'{x:.3f}', x - 1.5):
+        raise ValueError(5)
+"""
+    count = len(mutants.places(ast.parse(text)))
+    trees = [ast.parse(text) for _ in range(count)]
+    found = {mutants.change(mutants.places(tree)[i]) for i, tree in enumerate(trees)}
+    both = "x < 2 and g(f'{x:.3f}', x - 1.5)"
+    assert found == {
+        '2 -> 3',
+        'x < 2 -> x >= 2',
+        '1.5 -> 2.5',
+        'x - 1.5 -> x + 1.5',
+        f'{both} -> {both.replace("and", "or")}',
+    }
+    assert len(mutants.draw(10, 0)) == 10
+
+
+def test_tests_of_a_module_are_those_that_import_it() -> None:
+    folder = ROOT / 'flexx2_sim_ros'
+    code = [*folder.rglob('*.py'), *(ROOT / 'test').glob('*.py')]
+    imports = {path: mutants.imported(path) for path in code}
+    assert mutants.tests_of(folder / 'nodes' / 'pacing.py', 'Pacer', imports) == [
+        'test/test_pacing.py'
+    ]
+    own = mutants.tests_of(folder / 'camera' / 'camera.py', 'Camera', imports)
+    assert own[0] == 'test/test_camera.py'
+
+
 def test_an_unknown_measurement_is_refused(child_env: dict[str, str], tmp_path: Path) -> None:
     done = run(['bench', 'modle'], tmp_path, child_env)
     assert done.returncode == 2
     assert 'NAME: must be of model, effects' in done.stderr
+
+
+def test_an_interrupted_journal_resumes(tmp_path: Path) -> None:
+    path = tmp_path / 'runs' / 'files.jsonl'
+    Journal(path, seed=1).add({'index': 0})
+    with path.open('a') as file:
+        file.write('{"index": 1, "outc')  # Killed in the middle of a line.
+    again = Journal(path, seed=1)
+    assert list(again) == [{'index': 0}]
+    again.add({'index': 1})
+    assert len(Journal(path, seed=1)) == 2
+
+
+def test_a_journal_of_other_settings_begins_anew(tmp_path: Path) -> None:
+    path = tmp_path / 'files.jsonl'
+    Journal(path, seed=1).add({'index': 0})
+    assert len(Journal(path, seed=2)) == 0
+
+
+def test_two_cameras_report_every_lost_image(child_env: dict[str, str], tmp_path: Path) -> None:
+    """Assert every image is received or counted as lost, and published or counted as dropped."""
+    result = measured(
+        f'bench.soak.run(minutes=0.1, seed=5, out=Path({str(tmp_path)!r}))', child_env
+    )
+    for name in ('left', 'right'):
+        camera = result[name]
+        assert camera['sent'] > 0, (tmp_path / f'{name}.log').read_text()
+        assert camera['silent'] == 0
+        assert camera['unaccounted'] == 0
+        assert camera['read'] > 0

@@ -281,14 +281,9 @@ def test_the_report_shows_every_row(tmp_path: Path, design: list[Planned]) -> No
     write_page(scores, tmp_path / 'page.md', 'flexx2 gap benchmark', 'c.png')
     page = (tmp_path / 'page.md').read_text()
     for words in (
-        'single effects, strength 1',
-        'false alarms',
-        'left out',
-        'localisation',
-        'flexx2 gap benchmark',
-        scores.commitment['sha256'],
-        'c.png',
-    ):
+        'single effects, strength 1', 'false alarms', 'left out', 'localisation',
+        'flexx2 gap benchmark', scores.commitment['sha256'], 'c.png',
+    ):  # fmt: skip
         assert words in page
     with (tmp_path / 'printed').open('w') as file:
         print_report(scores, Console(file=file, width=200))

@@ -6,14 +6,13 @@ All draws are seeded, so a test that passes goes on passing.
 
 import ast
 from pathlib import Path
-import subprocess
-import sys
 
 from blind_looks import BOARD, CLOSE, CORNER, FAR, FORWARD, Look, MODES, plain, scenes
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
+from programs import run_python
 import pytest
 from study.blind import BlindCamera, Case, CATALOGUE, NOVEL, SceneKey, SceneSet
 from study.blind.partial_truth import hide_truth
@@ -237,12 +236,8 @@ def test_the_blind_camera_and_the_diagnosis_import_nothing_of_each_other(
 
 
 def test_importing_the_blind_camera_loads_no_effects() -> None:
-    loaded = subprocess.run(
-        [sys.executable, '-c', 'import sys, study.blind; print(*sys.modules)'],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=ROOT,
+    loaded = run_python(
+        '-c', 'import sys, study.blind; print(*sys.modules)', check=True, cwd=ROOT
     ).stdout.split()
     assert 'study.blind.campaign' in loaded
     assert not [

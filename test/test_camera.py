@@ -7,7 +7,9 @@ import math
 from boards import board, K
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
 from flexx2_sim_ros.camera import camera as pipeline
+from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.geometry import pixel_rays, points
 from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
 import numpy as np
 import pytest
@@ -390,6 +392,8 @@ def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
         ('seed', None),
         ('seed', 1.5),
         ('seed', math.nan),
+        ('seed', 2**63),
+        ('seed', -(2**63) - 1),
         ('name', None),
         ('name', 5),
         ('effects', ['blur']),
@@ -398,6 +402,52 @@ def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
 def test_an_impossible_camera_is_refused(field: str, value: object) -> None:
     with pytest.raises(InputError, match=f'^{field}'):
         Camera(**{field: value})
+
+
+def test_chosen_environments_forget_past_frames() -> None:
+    filtered = {'temporal_filter': {'strength': 1.0}}
+    camera, alone = Camera(effects=filtered), Camera(effects=filtered)
+    clean = np.full((2, *SHAPE), 1.0)
+    for one in (camera, alone):
+        one.capture(clean, K, 0)
+    with pytest.raises(InputError, match=r'^mask: must be bool .* \(2,\), got bool'):
+        camera.reset(np.ones(3, bool))
+    with pytest.raises(InputError, match='^mask: must be bool .*, got float64'):
+        camera.reset(np.ones(2))
+    camera.reset(np.array([True, False]))
+    reset, kept = camera.capture(clean, K, 33_000_000).depth
+    going_on = alone.capture(clean, K, 33_000_000).depth
+    assert np.array_equal(kept, going_on[1], equal_nan=True)
+    assert np.nanstd(reset) > 1.2 * np.nanstd(going_on[0])
+
+
+@pytest.mark.parametrize('seed', [-(2**63), 2**63 - 1, np.int64(5)])
+def test_any_seed_of_64_bits_is_taken(seed: int) -> None:
+    assert Camera(seed=seed).seed == seed
+
+
+def test_the_gray_image_is_the_root_of_the_amplitude() -> None:
+    amplitude = np.linspace(0.0, 4.0, 400, dtype=np.float32).reshape(20, 20)
+    assert gray_image(np.zeros((4, 4), np.float32), None, 2.0).max() == 0
+    whole = gray_image(amplitude, 1.0, 4.0)
+    assert whole[0, 0] == 0
+    assert whole[-1, -1] == 255
+    assert int(whole[5, 0]) == pytest.approx(255 * math.sqrt(amplitude[5, 0] / 4.0), abs=0.51)
+    # Automatic: as long as is allowed, but at most one pixel in a hundred is white for good.
+    assert np.array_equal(gray_image(amplitude, None, 8.0), gray_image(amplitude, 1.0, 8.0))
+    automatic = gray_image(amplitude, None, 1.0)
+    assert 1 <= (automatic == 255).sum() <= 8
+    assert automatic.ravel()[-8] < 255
+
+
+def test_points_lie_on_the_rays_of_their_pixels() -> None:
+    lens = Intrinsics.from_matrix(K, 224, 172)
+    depth = np.full((172, 224), 2.0, np.float32)
+    depth[3, 4] = np.nan
+    found = points(depth, pixel_rays(lens))
+    assert np.isnan(found[3, 4]).all()
+    x, y = 2.0 * (200 - K[0, 2]) / K[0, 0], 2.0 * (20 - K[1, 2]) / K[1, 1]
+    assert found[20, 200] == pytest.approx([x, y, 2.0], rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Mode
-from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.effects import load_effects, parse_effects, registry, save_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import ProfileFile, save_profile

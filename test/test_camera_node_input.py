@@ -3,7 +3,7 @@
 from typing import Any
 
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.physics.geometry import pixel_rays
 import numpy as np
 import pytest

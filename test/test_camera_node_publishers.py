@@ -7,7 +7,7 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from flexx2_sim_ros.nodes.transport import PROFILE_VARIABLES
+from flexx2_sim_ros.nodes.runtime import PROFILE_VARIABLES
 import numpy as np
 import pytest
 from rclpy.qos import qos_profile_sensor_data

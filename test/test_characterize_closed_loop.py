@@ -5,7 +5,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.camera import Camera, flexx2, NoiseModel, Profile
 from flexx2_sim_ros.characterize import Characterization, characterize, to_profile
-from flexx2_sim_ros.characterize.campaign import capture, conditions
+from flexx2_sim_ros.characterize.capture import capture, conditions
 from flexx2_sim_ros.profiles.files import load_profile, save_profile, sigma_problem
 import numpy as np
 import pytest

@@ -9,7 +9,7 @@ from boards import board, K
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.characterize import characterize
 from flexx2_sim_ros.characterize.conditions import parse_name
-from flexx2_sim_ros.characterize.measure import measure
+from flexx2_sim_ros.characterize.measurement import measure
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import load_profile

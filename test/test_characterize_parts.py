@@ -4,23 +4,21 @@ import math
 from pathlib import Path
 import warnings
 
-from boards import board, K
+from boards import board, K, mean_kl
 from flexx2_sim_ros.characterize.amplitude import count_invalid, EDGES, sigma_against
-from flexx2_sim_ros.characterize.axial import EXPONENTS, fit_axial, NAMES
-from flexx2_sim_ros.characterize.board import find_board
+from flexx2_sim_ros.characterize.axial_fit import EXPONENTS, fit_axial, NAMES
+from flexx2_sim_ros.characterize.board_finding import find_board
 from flexx2_sim_ros.characterize.conditions import Condition, parse_name
-from flexx2_sim_ros.characterize.divergence import gaussian_kl, kl_floor, mean_kl
-from flexx2_sim_ros.characterize.histogram import bin_edges, storage_step
-from flexx2_sim_ros.characterize.lateral import (
+from flexx2_sim_ros.characterize.edge_jitter import (
     edge_positions,
     edge_sigma,
     find_edges,
     measure_edge,
-    procedure_bias,
 )
+from flexx2_sim_ros.characterize.histogram import bin_edges, storage_step
 from flexx2_sim_ros.characterize.moments import Accumulator
 from flexx2_sim_ros.characterize.plane import fit_plane, ransac_plane
-from flexx2_sim_ros.characterize.tiles import spatial_tiles, Tiles
+from flexx2_sim_ros.characterize.tiles import gaussian_kl, kl_floor, spatial_tiles, Tiles
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.modes import flexx2, NoiseModel
 from flexx2_sim_ros.recording.folders import find_recordings
@@ -228,6 +226,17 @@ def test_invalid_pixels_at_an_edge_are_left_out() -> None:
     assert edge_sigma(depth, slice(5, 28)) == 0.0
     depth[:, :, :] = np.nan
     assert edge_sigma(depth, slice(5, 28)) == 0.0
+
+
+def procedure_bias(sigma: float, step: float, noise: float) -> float:
+    """Measure an edge, 4 px off upright, that a Gaussian displaces in every row and frame."""
+    generator = np.random.default_rng(0)
+    frames, rows, width = 200, 150, 29
+    true = width / 2 + np.linspace(-2.0, 2.0, rows)
+    true = true + sigma * generator.standard_normal((frames, rows))
+    depth = np.where(np.arange(width) > true[..., None], step, 0.0)
+    depth = (depth + noise * generator.standard_normal(depth.shape)).astype(np.float32)
+    return edge_sigma(depth, slice(0, width))
 
 
 @pytest.mark.parametrize(

@@ -4,10 +4,10 @@ import math
 from pathlib import Path
 
 from flexx2_sim_ros.characterize.amplitude import count_invalid, sigma_against
-from flexx2_sim_ros.characterize.board import find_board
-from flexx2_sim_ros.characterize.measure import measure, Measurement
+from flexx2_sim_ros.characterize.board_finding import find_board
+from flexx2_sim_ros.characterize.measurement import measure, Measurement
 from flexx2_sim_ros.characterize.moments import Accumulator
-from flexx2_sim_ros.characterize.pixels import FrameMeans, pixel_statistics
+from flexx2_sim_ros.characterize.pixel_statistics import FrameMeans, pixel_statistics
 from flexx2_sim_ros.characterize.tiles import join
 import numpy as np
 import pytest

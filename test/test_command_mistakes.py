@@ -8,10 +8,11 @@ from pathlib import Path
 import subprocess
 import sys
 
-from flexx2_sim_ros.cli import commands, gap
+from flexx2_sim_ros.cli import commands
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import load_scene
 import numpy as np
+from programs import run_python
 import pytest
 
 K = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
@@ -266,11 +267,9 @@ def test_help_loads_no_command_and_lists_all(words: str) -> None:
         'except BaseException as end: print(end)\n'
         "assert not {'numpy', 'numba', 'yaml', 'rich'} & set(sys.modules)"
     )
-    done = subprocess.run(
-        [sys.executable, '-c', program, *words.split()], capture_output=True, text=True, check=True
-    )
+    done = run_python('-c', program, *words.split(), check=True)
     said = ' '.join(done.stdout.split())
-    of_group = commands.COMMANDS if words != 'gap --help' else gap.COMMANDS
+    of_group = commands.COMMANDS if words != 'gap --help' else commands.GAP_COMMANDS
     assert all(name in said for name in of_group), said
 
 
@@ -297,12 +296,7 @@ def test_a_file_that_cannot_grow(folder: Path) -> None:
         ['effects', 'show', 'offset', '--out', 'out.png'],
         ['convert', 'campaign/a.npz', 'out', '--storage', 'sqlite3'],
     ]
-    done = subprocess.run(
-        [sys.executable, '-c', SMALL_FILES, json.dumps(commands)],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = run_python('-c', SMALL_FILES, json.dumps(commands), check=True)
     ends = json.loads(done.stdout)
     assert len(ends) == len(commands)
     for words, (status, said) in zip(commands, ends, strict=True):
@@ -394,9 +388,7 @@ def test_too_many_open_files_are_not_blamed_on_the_output(folder: Path) -> None:
         'commands.run = run\n'
         "sys.exit(main(['modes']))\n"
     )
-    done = subprocess.run(
-        [sys.executable, '-c', program], capture_output=True, text=True, check=False
-    )
+    done = run_python('-c', program)
     assert done.returncode == 2
     assert done.stderr == (
         'flexx2: error: the operating system refused a request: too many open files\n'

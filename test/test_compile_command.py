@@ -6,9 +6,20 @@ import subprocess
 import sys
 
 from bench.gap_campaigns import write_campaign
+from flexx2_sim_ros.camera.compiling import compiling_said
+from numba import njit
 
 ROOT = Path(__file__).resolve().parents[1]
 SAID = 'compiling: takes a minute or two, once (flexx2 compile does it ahead)'
+
+
+def test_a_compilation_is_said_once() -> None:
+    said: list[str] = []
+    with compiling_said(lambda: said.append('compiling')):
+        assert not said
+        for step in (1, 2):
+            njit(lambda x, step=step: x + step)(1)
+    assert said == ['compiling']
 
 
 def test_a_diagnosis_compiles_what_the_command_compiles(tmp_path: Path) -> None:

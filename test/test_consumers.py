@@ -7,10 +7,9 @@ from flexx2_sim_ros.batch.height_grid import HeightGrid as BatchHeightGrid
 from flexx2_sim_ros.consumers import CameraView
 from flexx2_sim_ros.consumers.elevation_map import ElevationMap, fuse
 from flexx2_sim_ros.consumers.ground import best_centre, find_ground, mounted
-from flexx2_sim_ros.consumers.height_grid import HeightGrid
+from flexx2_sim_ros.consumers.height_grid import edge_error, height_errors, HeightGrid
 from flexx2_sim_ros.consumers.obstacle import NearestObstacle
 from flexx2_sim_ros.consumers.occupancy_map import OccupancyMap
-from flexx2_sim_ros.consumers.steps import edge_error, height_errors
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np

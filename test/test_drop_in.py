@@ -9,9 +9,10 @@ import subprocess
 import sys
 from typing import Any
 
-from flexx2_sim_ros.nodes.transforms import optical_transform
+from flexx2_sim_ros.nodes.tf_frames import optical_transform
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
+from programs import node_words, run_flexx2
 import pytest
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import PointCloud2
@@ -135,16 +136,7 @@ def test_the_parameter_file_makes_the_node_the_driver(child_env: dict[str, str])
     given = yaml.safe_load(path.read_text())['/**']['ros__parameters']
     assert given['parent_frame'] == f'{DRIVER[1:]}_link'
     with subprocess.Popen(
-        [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '--params-file',
-            path,
-            '-r',
-            f'__node:={DRIVER[1:]}',
-        ],
+        node_words('flexx2_camera', '--params-file', path, '-r', f'__node:={DRIVER[1:]}'),
         env=child_env,
         text=True,
         stdout=subprocess.PIPE,
@@ -299,14 +291,7 @@ def test_the_launch_files_are_documented() -> None:
 def logged(env: dict[str, str], cache: Path, until: str) -> str:
     """Return what a camera node logs up to a text, with a cache of its own."""
     with subprocess.Popen(
-        [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '-r',
-            '__ns:=/fresh',
-        ],
+        node_words('flexx2_camera', '-r', '__ns:=/fresh'),
         env={**env, 'NUMBA_CACHE_DIR': str(cache)},
         text=True,
         stderr=subprocess.PIPE,
@@ -331,11 +316,10 @@ def test_compiled_ahead_of_time_it_starts_at_once(
     child_env: dict[str, str], tmp_path: Path
 ) -> None:
     def compile_command() -> str:
-        return subprocess.run(
-            [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'compile', '--no-effects'],
+        return run_flexx2(
+            'compile',
+            '--no-effects',
             env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)},
-            capture_output=True,
-            text=True,
             check=True,
             cwd=ROOT,
         ).stdout

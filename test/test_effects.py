@@ -12,7 +12,7 @@ from typing import Any
 from boards import K
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.camera import camera as pipeline
-from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.effects.effect import CHANNELS
 from flexx2_sim_ros.errors import InputError

@@ -12,6 +12,7 @@ import time
 from typing import Any
 
 import numpy as np
+from programs import run_python
 import pytest
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
@@ -194,13 +195,7 @@ def test_a_reader_that_stops_reading_ends_the_command(words: list[str]) -> None:
 
 @pytest.mark.parametrize('node', ['flexx2_camera', 'go1_cameras'])
 def test_a_node_that_is_asked_for_help_prints_it_and_does_not_start(node: str) -> None:
-    done = subprocess.run(
-        [sys.executable, '-m', f'flexx2_sim_ros.nodes.{node}', '--help'],
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=PATIENCE,
-    )
+    done = run_python('-m', f'flexx2_sim_ros.nodes.{node}', '--help', check=True, timeout=PATIENCE)
     assert done.stdout.startswith(f'usage: {node}')
     assert f'example: {node} --ros-args' in done.stdout
     assert not done.stderr

@@ -3,13 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 import pickle
-import subprocess
-import sys
 
 from flexx2_sim_ros.effects.between import frames_around
 from flexx2_sim_ros.effects.interreflection import receiver_weights
 from flexx2_sim_ros.formulas.scalars import f32
 import numpy as np
+from programs import run_python
 import pytest
 
 _MODULES = {
@@ -45,9 +44,7 @@ print(out[1], sum(fill.stats.cache_hits.values()))
 
 def printed(folder: Path) -> str:
     """Return what a new process prints that fills an image."""
-    return subprocess.run(
-        [sys.executable, folder / 'images.py'], capture_output=True, text=True, check=True
-    ).stdout.strip()
+    return run_python(folder / 'images.py', check=True).stdout.strip()
 
 
 def test_a_loop_is_compiled_again_when_a_formula_that_it_calls_changes(tmp_path: Path) -> None:

@@ -184,7 +184,13 @@ def test_rate_meter() -> None:
     meter = RateMeter()
     assert (meter.hz, meter.samples) == (0.0, 0)
     meter.add(START)
+    meter.add(START)
     assert meter.hz == 0.0
+    meter.clear()
+    meter.add(START)
+    assert meter.hz == 0.0
+    meter.add(START + SECOND // 4)
+    assert meter.hz == 4.0
     for stamp in clock(30, 10, start=START + SECOND):
         meter.add(stamp)
     assert meter.hz == pytest.approx(30, rel=1e-6)

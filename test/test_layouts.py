@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
 from flexx2_sim_ros.nodes.robot_node import RobotCameras
-from flexx2_sim_ros.nodes.transforms import camera_transforms
+from flexx2_sim_ros.nodes.tf_frames import camera_transforms
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.robots.robot import load_mounts, load_robot
 import pytest

@@ -2,11 +2,11 @@
 
 from pathlib import Path
 import sqlite3
-import subprocess
 import sys
 
 from flexx2_sim_ros.errors import InputError
 from made_bags import TYPES, write
+from programs import run_flexx2
 import pytest
 
 pytest.importorskip('rclpy', reason='ROS 2 is not installed: no rclpy')
@@ -70,22 +70,7 @@ def test_replay_runs_nothing_that_a_bag_names(child_env: dict[str, str], tmp_pat
     connection.close()
     env = dict(child_env)
     env['PYTHONPATH'] += f':{tmp_path / "modules"}'
-    done = subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.cli.main',
-            'replay',
-            str(bag / 'bag.db3'),
-            '--wait',
-            '0',
-        ],
-        env=env,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = run_flexx2('replay', str(bag / 'bag.db3'), '--wait', '0', env=env, timeout=60)
     assert not (tmp_path / 'ran').exists()
     assert done.returncode == 2, done.stderr
     assert 'Traceback' not in done.stderr

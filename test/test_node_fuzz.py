@@ -3,10 +3,9 @@
 import math
 import random
 import subprocess
-import sys
 
 from diagnostic_msgs.msg import DiagnosticArray
-from programs import measured
+from programs import measured, node_words
 import pytest
 from robots import Clock, Image, joints, JointState, Odometry, odometry, robot_node, Twist, twist
 from streams import Listener
@@ -65,16 +64,7 @@ def test_a_clock_before_zero_does_not_end_a_node(child_env: dict[str, str]) -> N
     """Assert it costs a line in the log."""
     listener = Listener()
     with subprocess.Popen(
-        [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '-r',
-            '__ns:=/clocked',
-            '-p',
-            'use_sim_time:=true',
-        ],
+        node_words('flexx2_camera', '-r', '__ns:=/clocked', '-p', 'use_sim_time:=true'),
         env=child_env,
         stderr=subprocess.DEVNULL,
     ) as process:

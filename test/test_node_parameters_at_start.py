@@ -4,12 +4,12 @@ import itertools
 from pathlib import Path
 import re
 import subprocess
-import sys
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.robot_node import RobotCameras
 from hostile_files import hostile_texts
+from programs import node_words, run_node
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters
@@ -31,21 +31,7 @@ def test_no_file_gives_a_traceback_at_the_start(
     """Assert one sentence and exit code 1."""
     path = tmp_path / 'deep.yaml'
     path.write_text('[' * 3000)
-    done = subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '-p',
-            f'{name}:={path}',
-        ],
-        env=child_env,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = run_node('flexx2_camera', '-p', f'{name}:={path}', env=child_env, timeout=60)
     assert done.returncode == 1
     assert done.stderr.startswith(f'error: {name}: ')
     assert done.stderr.count('\n') == 1
@@ -88,15 +74,7 @@ def test_a_serial_of_digits_stays_as_typed(tmp_path: Path, child_env: dict[str, 
     }
     processes = {
         space: subprocess.Popen(
-            [
-                sys.executable,
-                '-m',
-                'flexx2_sim_ros.nodes.flexx2_camera',
-                '--ros-args',
-                '-r',
-                f'__ns:={space}',
-                *arguments,
-            ],
+            node_words('flexx2_camera', '-r', f'__ns:={space}', *arguments),
             env=child_env,
             stderr=subprocess.PIPE,
             text=True,

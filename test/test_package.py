@@ -16,7 +16,7 @@ import zipfile
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import executable
-from programs import first_line
+from programs import first_line, run_python
 import pytest
 import yaml
 
@@ -324,13 +324,7 @@ def test_optional_libraries_are_imported_only_where_needed(
         pytest.importorskip('rclpy')
     (tmp_path / 'bag.mcap').touch()
     program = without(('mujoco', 'rosbags'), module, *arguments)
-    done = subprocess.run(
-        [sys.executable, '-c', program],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
-    )
+    done = run_python('-c', program, cwd=tmp_path, env={**os.environ, 'PYTHONPATH': str(ROOT)})
     if missing:
         assert done.returncode in (1, 2)
         line = done.stderr.strip().splitlines()[-1]

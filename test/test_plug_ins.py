@@ -7,7 +7,6 @@ import os
 from pathlib import Path
 import re
 import subprocess
-import sys
 
 from bench.gap_campaigns import write_campaign
 from boards import K
@@ -21,6 +20,7 @@ from flexx2_sim_ros.effects.presets import markdown
 from flexx2_sim_ros.errors import InputError
 import numpy as np
 from plug_in_sites import EXAMPLE, install_example, on_path, write_metadata
+from programs import run_python
 import pytest
 
 ROOT = EXAMPLE.parent
@@ -44,11 +44,10 @@ def example(site: Path) -> object:
 def command(site: Path, *arguments: str) -> subprocess.CompletedProcess:
     """Run ``flexx2`` in a process that finds a path's plug-ins."""
     start = 'from flexx2_sim_ros.cli.main import main; raise SystemExit(main())'
-    return subprocess.run(
-        [sys.executable, '-c', start, *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
+    return run_python(
+        '-c',
+        start,
+        *arguments,
         env={**os.environ, 'PYTHONPATH': f'{site}{os.pathsep}{ROOT}', 'COLUMNS': '200'},
     )
 

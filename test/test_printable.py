@@ -1,8 +1,6 @@
 """Terminal escapes in files are shown escaped: in errors, notes, tables and logs."""
 
 from pathlib import Path
-import subprocess
-import sys
 import zipfile
 
 from flexx2_sim_ros.cli.main import main
@@ -10,6 +8,7 @@ from flexx2_sim_ros.errors import InputError, printable
 from flexx2_sim_ros.recording import RecordingWriter
 from made_bags import depths, image, info, make, write
 import numpy as np
+from programs import run_flexx2
 import pytest
 
 # Changes the title and the colour, goes up a line, and turns the direction of writing.
@@ -60,15 +59,7 @@ def test_replay_and_convert_show_names_in_bags_escaped(
         ],
     )
     for words in (['replay', str(bag), '--wait', '0'], ['convert', str(bag), 'out.npz']):
-        done = subprocess.run(
-            [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
-            env=child_env,
-            capture_output=True,
-            text=True,
-            timeout=60,
-            cwd=tmp_path,
-            check=False,
-        )
+        done = run_flexx2(*words, env=child_env, timeout=60, cwd=tmp_path)
         said = done.stdout + done.stderr
         assert 'Traceback' not in said
         assert r'\x1b]0;owned' in said

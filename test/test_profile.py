@@ -4,8 +4,6 @@ from collections.abc import Callable
 from dataclasses import replace
 import math
 from pathlib import Path
-import subprocess
-import sys
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics, Mode, NoiseModel, Profile
@@ -13,6 +11,7 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import load_profile, ProfileFile, read_profile, save_profile
 import numpy as np
+from programs import run_node
 import pytest
 import yaml
 
@@ -369,20 +368,7 @@ def test_the_node_ends_with_the_reason_for_a_bad_profile(
     child_env: dict[str, str], path: Path
 ) -> None:
     path.write_text(path.read_text().replace('rate_hz: 12.5', 'rate_hz: 0'))
-    done = subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.flexx2_camera',
-            '--ros-args',
-            '-p',
-            f'profile:={path}',
-        ],
-        env=child_env,
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    done = run_node('flexx2_camera', '-p', f'profile:={path}', env=child_env, timeout=60)
     assert done.returncode != 0
     assert 'modes.Narrow.rate_hz: must be' in done.stderr
     assert 'Traceback' not in done.stderr

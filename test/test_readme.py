@@ -11,7 +11,7 @@ from made_bags import write
 from made_driver_bags import azure_kinect, INFO, pico_flexx, realsense, ros1_bag
 from made_images import counts, folder_of, metres, ost, save, SIZE
 import numpy as np
-from programs import first_line
+from programs import first_line, run_python
 import pytest
 
 ROOT = Path(__file__).parent.parent
@@ -155,9 +155,7 @@ TESTS = [program for program in PROGRAMS if 'def test_' in program]
 
 @pytest.mark.parametrize('program', [program for program in PROGRAMS if program not in TESTS])
 def test_program(program: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, '-c', program], capture_output=True, text=True, cwd=tmp_path, timeout=120
-    )
+    done = run_python('-c', program, cwd=tmp_path, timeout=120)
     assert done.returncode == 0, done.stderr
     if 'print(' in program:
         measured, modelled = map(float, done.stdout.split())

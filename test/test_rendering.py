@@ -1,8 +1,6 @@
 """Clean depth: exact geometry, the same from every backend, and reflectivity by surface."""
 
 import os
-import subprocess
-import sys
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
@@ -14,6 +12,7 @@ from flexx2_sim_ros.robots.model import build_model, stand
 from flexx2_sim_ros.robots.robot import CameraMount, load_mounts
 import mujoco
 import numpy as np
+from programs import run_python
 import pytest
 
 FLEXX2 = Intrinsics.from_field_of_view(224, 172, 56.0, 44.0)
@@ -365,14 +364,7 @@ ctypes.CDLL.__init__ = refuse
 
 
 def opened(script, **environment):
-    done = subprocess.run(
-        [sys.executable, '-c', script],
-        capture_output=True,
-        text=True,
-        env={**os.environ, **environment},
-        timeout=60,
-        check=True,
-    )
+    done = run_python('-c', script, env={**os.environ, **environment}, timeout=60, check=True)
     name, *reasons = done.stdout.splitlines()
     return name, reasons
 

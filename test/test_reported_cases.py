@@ -3,13 +3,13 @@
 import os
 from pathlib import Path
 import shutil
-import subprocess
 import sys
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
 from PIL import Image
+from programs import run_python
 import pytest
 from real_frames import DATA
 
@@ -92,13 +92,5 @@ def test_the_script_of_a_report_finds_the_right_value(
         if f'import {library}' in program:
             pytest.importorskip(library)
     commands = os.pathsep.join([str(Path(sys.executable).parent), os.environ['PATH']])
-    done = subprocess.run(
-        [sys.executable, f'{name}.py'],
-        cwd=folder,
-        env=child_env | {'PATH': commands},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    done = run_python(f'{name}.py', cwd=folder, env=child_env | {'PATH': commands})
     assert done.returncode == 0, done.stdout + done.stderr

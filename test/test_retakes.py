@@ -14,7 +14,7 @@ K = flexx2().intrinsics.matrix * [[0.5], [0.5], [1]]
 STAMPS = 1_000_000_000 + np.arange(4) * 33_000_000
 
 
-def scene(moving: bool) -> tuple[np.ndarray, np.ndarray]:
+def scene(moving: bool, still_albedo: bool = False) -> tuple[np.ndarray, np.ndarray]:
     room = make_room(np.random.default_rng(2))
     views = [
         look(room, K, (86, 112), optical(0.1, 0.35, 0.0), np.array([0.02 * t, 0.1, 0.6]))
@@ -23,12 +23,13 @@ def scene(moving: bool) -> tuple[np.ndarray, np.ndarray]:
     depth, albedo = (np.stack(images) for images in zip(*views, strict=True))
     depth[:, 5:9, 5:20] = np.nan
     albedo[:, 40, 3:7] = np.nan
+    albedo = albedo[0] if still_albedo else albedo
     return (depth, albedo) if moving else (depth[0], albedo[0])
 
 
-@pytest.mark.parametrize('moving', [False, True])
-def test_frames_do_not_depend_on_effects_simulated_before(moving: bool) -> None:
-    clean, albedo = scene(moving)
+@pytest.mark.parametrize(('moving', 'lit'), [(False, False), (True, False), (True, True)])
+def test_frames_do_not_depend_on_effects_simulated_before(moving: bool, lit: bool) -> None:
+    clean, albedo = scene(moving, lit)
     tables: list[dict[str, Any]] = [
         {},
         *(column.effects for column in catalogue()[0]),

@@ -11,6 +11,7 @@ from flexx2_sim_ros.robots.kinematics import feet, rotation
 from flexx2_sim_ros.robots.robot import load_mounts, load_robot, robot_path
 import mujoco
 import numpy as np
+from programs import node_words, run_node
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from robots import (
@@ -25,7 +26,7 @@ from robots import (
     RATE,
     robot_node,
     RobotUnderTest,
-    transforms,
+    tf_frames,
     Twist,
     twist,
 )
@@ -245,7 +246,7 @@ def test_frames_follow_the_conventions_of_ros():
     left, right = load_mounts()
     found = {
         message.child_frame_id: message
-        for message in transforms.camera_transforms('base', (left, right))
+        for message in tf_frames.camera_transforms('base', (left, right))
     }
     assert set(found) == {
         'front_left_link',
@@ -290,8 +291,8 @@ def test_frames_are_published_where_their_message_is_there(monkeypatch):
     module.TFMessage = TFMessage
     monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
-    frames = transforms.FramePublisher(Node())
-    fixed = transforms.camera_transforms('base', load_mounts())
+    frames = tf_frames.FramePublisher(Node())
+    fixed = tf_frames.camera_transforms('base', load_mounts())
     frames.fixed(fixed)
     frames.moving(fixed[:1])
     assert [(topic, message.transforms) for topic, message in sent] == [
@@ -368,21 +369,7 @@ def test_a_robots_file_may_have_whole_numbers(position, tmp_path):
 def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
     path = tmp_path / 'robot.xml'
     path.write_text(TORSO)
-    done = subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.nodes.go1_cameras',
-            '--ros-args',
-            '-p',
-            f'robot_model:={path}',
-        ],
-        env=child_env,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-    )
+    done = run_node('go1_cameras', '-p', f'robot_model:={path}', env=child_env, timeout=60)
     assert done.returncode == 1
     assert done.stderr.startswith('error: robot_model: ')
     assert done.stderr.count('\n') == 1
@@ -392,16 +379,7 @@ def test_a_second_node_of_the_same_name_is_reported(child_env):
     with robot_node() as seen:
         seen.hear('odom', Odometry)
         with subprocess.Popen(
-            [
-                sys.executable,
-                '-m',
-                'flexx2_sim_ros.nodes.go1_cameras',
-                '--ros-args',
-                '-r',
-                f'__ns:={seen.space}',
-                '-p',
-                'renderer:=ray',
-            ],
+            node_words('go1_cameras', '-r', f'__ns:={seen.space}', '-p', 'renderer:=ray'),
             env=child_env,
             stderr=subprocess.PIPE,
             text=True,
@@ -451,5 +429,5 @@ def test_every_frame_has_the_prefix():
         assert [message.child_frame_id for message in frames] == [
             f'left/{name.removesuffix("_joint")}' for name in JOINTS
         ]
-        mounts = transforms.camera_transforms('left/base', load_mounts(), 'left/')
+        mounts = tf_frames.camera_transforms('left/base', load_mounts(), 'left/')
         assert all(message.child_frame_id.startswith('left/') for message in mounts)

@@ -9,7 +9,7 @@ from bench.exposure import noise_by_exposure
 from bench.wall_campaigns import wall
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.cli.demo_picture import as_seen, draw
+from flexx2_sim_ros.cli.demo import as_seen, draw
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError

@@ -3,8 +3,6 @@
 from pathlib import Path
 import re
 import resource
-import subprocess
-import sys
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera
@@ -13,6 +11,7 @@ from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
+from programs import run_flexx2
 import pytest
 import yaml
 
@@ -337,21 +336,13 @@ def test_files_that_cannot_be_read_or_written(
 def test_a_full_disk(tmp_path: Path) -> None:
     """Assert a message and no half-written file where the file may not grow any further."""
     source = save(tmp_path)
-    done = subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'flexx2_sim_ros.cli.main',
-            'simulate',
-            source,
-            str(tmp_path / 'out.npz'),
-            '--frames',
-            '200',
-        ],
+    done = run_flexx2(
+        'simulate',
+        source,
+        str(tmp_path / 'out.npz'),
+        '--frames',
+        '200',
         cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (500_000, 500_000)),
     )
     assert done.returncode == 2, done.stderr

@@ -7,7 +7,7 @@ from typing import Any
 
 from bench.wall_campaigns import wall
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.characterize.measure import measure
+from flexx2_sim_ros.characterize.measurement import measure
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects, load_randomisation
 from flexx2_sim_ros.effects.time_offset import TimeOffset
@@ -16,7 +16,7 @@ from flexx2_sim_ros.gap.inference.effects import agreed_step
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.recording import load_recording, open_recording
 from flexx2_sim_ros.recording.convert import convert
-from flexx2_sim_ros.recording.given import Given
+from flexx2_sim_ros.recording.corrections import Given
 from flexx2_sim_ros.truth.observation import observe
 import numpy as np
 from PIL import Image

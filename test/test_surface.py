@@ -4,7 +4,8 @@ import math
 
 from flexx2_sim_ros.camera import depth_from_z_buffer, flexx2, Intrinsics, ray_length
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.surface import analyse, Surface
+from flexx2_sim_ros.physics.surface import analyse, Surface, tangents
+from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
@@ -94,6 +95,15 @@ def test_planes_up_to_80_degrees(camera: Intrinsics, seed: int) -> None:
     ):
         np.testing.assert_array_equal(found, wanted)
     assert worst(surface, truth, seen & ~thin(seen)) < 1
+
+
+def test_inverse_depth_has_a_border_of_two_pixels_of_nothing() -> None:
+    inverse, across, down = tangents(np.full((5, 7), 2.0, np.float32), DEFAULT_SENSOR)
+    assert inverse.shape == (9, 11)
+    assert (inverse[2:-2, 2:-2] == 0.5).all()
+    assert inverse.sum() == 0.5 * 35
+    assert not across.any()
+    assert not down.any()
 
 
 @pytest.mark.parametrize('distance', [1.0, 2.0, 4.0])

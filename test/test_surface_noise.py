@@ -7,8 +7,8 @@ from batches import DEVICES
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera, flexx2, Profile
 from flexx2_sim_ros.characterize import characterize, to_profile
-from flexx2_sim_ros.characterize.campaign import capture, conditions
-from flexx2_sim_ros.characterize.report import write_report
+from flexx2_sim_ros.characterize.capture import capture, conditions
+from flexx2_sim_ros.characterize.noise_report import write_report
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import load_profile, ProfileFile, save_profile

@@ -10,7 +10,7 @@ from typing import Any
 from browser import Browser, chromium
 from flexx2_sim_ros.nodes.viewed_camera import ViewedCamera
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics
-from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
+from flexx2_sim_ros.view.packing import depth_table, difference_table, INVALID
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import numpy as np

@@ -3,8 +3,15 @@
 import json
 
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
-from flexx2_sim_ros.view.packing import pack, pack_depth, UNIT, ViewedFrame
+from flexx2_sim_ros.view.packing import (
+    depth_table,
+    difference_table,
+    INVALID,
+    pack,
+    pack_depth,
+    UNIT,
+    ViewedFrame,
+)
 import numpy as np
 import pytest
 

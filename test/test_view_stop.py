@@ -8,13 +8,13 @@ import os
 from pathlib import Path
 import signal
 import subprocess
-import sys
 import threading
 from typing import Any
 
 from flexx2_sim_ros.view.driving import Driving, HEARTBEAT_TIMEOUT_SECONDS, STOP
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
+from programs import node_words
 import pytest
 from streams import Listener
 from tornado.websocket import WebSocketClosedError
@@ -165,22 +165,19 @@ def test_a_page_that_floods_is_closed_and_its_robot_stops(user: Listener, tmp_pa
 def test_kill_9_of_the_viewer_leaves_the_robot_to_its_own_hold(
     user: Listener, tmp_path: Path
 ) -> None:
+    words = [
+        '-r',
+        '__ns:=/view_killed',
+        '-p',
+        'motion:=cmd_vel',
+        '-p',
+        'scene:=board',
+        '-p',
+        'renderer:=ray',
+    ]
     with (tmp_path / 'go1.log').open('wb') as log:
         go1 = subprocess.Popen(
-            [
-                sys.executable,
-                '-m',
-                'flexx2_sim_ros.nodes.go1_cameras',
-                '--ros-args',
-                '-r',
-                '__ns:=/view_killed',
-                '-p',
-                'motion:=cmd_vel',
-                '-p',
-                'scene:=board',
-                '-p',
-                'renderer:=ray',
-            ],
+            node_words('go1_cameras', *words),
             env=os.environ,
             stdin=subprocess.DEVNULL,
             stdout=log,

@@ -4,8 +4,8 @@ import os
 from pathlib import Path
 import re
 import subprocess
-import sys
 
+from programs import run_python
 import pytest
 import wants
 
@@ -14,23 +14,18 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def run_where_no_browser_is(**env: str) -> 'subprocess.CompletedProcess[str]':
     """Run tests that need a browser, spread over processes as `make test` does."""
-    return subprocess.run(
-        [
-            sys.executable,
-            '-m',
-            'pytest',
-            '-q',
-            '-n',
-            '2',
-            '-p',
-            'no:cacheprovider',
-            'test/test_view_web.py',
-            '-k',
-            'point_cloud_is_undistorted',
-        ],
+    return run_python(
+        '-m',
+        'pytest',
+        '-q',
+        '-n',
+        '2',
+        '-p',
+        'no:cacheprovider',
+        'test/test_view_web.py',
+        '-k',
+        'point_cloud_is_undistorted',
         cwd=ROOT,
-        capture_output=True,
-        text=True,
         env={**os.environ, 'PATH': '', **env},
     )
 
@@ -87,8 +82,6 @@ class Missing:
 sys.meta_path.insert(0, Missing())
 sys.exit(pytest.main(['-q', '-p', 'no:cacheprovider', 'test/test_truth_board.py']))
 """
-    done = subprocess.run(
-        [sys.executable, '-c', program], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    done = run_python('-c', program, cwd=ROOT)
     assert done.returncode == pytest.ExitCode.NO_TESTS_COLLECTED, done.stdout + done.stderr
     assert re.search(r"^ +1  truth: pip install '\.\[truth\]'$", done.stdout, re.M)

@@ -8,7 +8,7 @@ takes for granted, `export` makes a camera profile of it and `report` a page. No
 
 from flexx2_sim_ros.characterize.analysis import Characterization, characterize, ModeResult
 from flexx2_sim_ros.characterize.assumptions import check_assumptions, TestedAssumption
-from flexx2_sim_ros.characterize.export import to_profile
+from flexx2_sim_ros.characterize.new_profile import to_profile
 
 __all__ = [
     'Characterization',

@@ -7,14 +7,13 @@ from functools import partial
 import math
 from pathlib import Path
 
-from flexx2_sim_ros.characterize.axial import AxialFit, fit_axial
-from flexx2_sim_ros.characterize.divergence import gaussian_kl
-from flexx2_sim_ros.characterize.lateral import Edge
-from flexx2_sim_ros.characterize.measure import measure, Measurement
-from flexx2_sim_ros.characterize.surfaces import FEWEST_BOARDS, fit_surfaces, SurfaceFit
-from flexx2_sim_ros.characterize.tiles import whole_noise
-from flexx2_sim_ros.characterize.workers import in_processes
+from flexx2_sim_ros.characterize.axial_fit import AxialFit, fit_axial
+from flexx2_sim_ros.characterize.edge_jitter import Edge
+from flexx2_sim_ros.characterize.measurement import measure, Measurement
+from flexx2_sim_ros.characterize.surface_fit import FEWEST_BOARDS, fit_surfaces, SurfaceFit
+from flexx2_sim_ros.characterize.tiles import gaussian_kl, whole_noise
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.processes import in_processes
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2, Profile
 from flexx2_sim_ros.recording.folders import find_recordings

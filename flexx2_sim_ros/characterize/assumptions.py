@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import math
 
 from flexx2_sim_ros.characterize.analysis import Cell, ModeResult
-from flexx2_sim_ros.characterize.measure import Measurement
+from flexx2_sim_ros.characterize.measurement import Measurement
 import numpy as np
 
 # Deviations below these do not matter to somebody who simulates the camera (assumed).

@@ -8,7 +8,7 @@ from typing import Any
 from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, sigma_against
 from flexx2_sim_ros.characterize.analysis import Cell, Characterization, ModeResult
 from flexx2_sim_ros.characterize.histogram import Histogram
-from flexx2_sim_ros.characterize.tables import angle_groups, paper_noise, TextTable
+from flexx2_sim_ros.characterize.paper_tables import angle_groups, paper_noise, TextTable
 from flexx2_sim_ros.characterize.tiles import join
 from flexx2_sim_ros.profiles.modes import NoiseModel
 import numpy as np

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import math
 
 from flexx2_sim_ros.characterize.analysis import Characterization
-from flexx2_sim_ros.characterize.measure import Measurement
+from flexx2_sim_ros.characterize.measurement import Measurement
 from flexx2_sim_ros.characterize.single_pass import masked_chunks
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording

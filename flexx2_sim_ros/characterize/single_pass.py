@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from flexx2_sim_ros.characterize import board as boards
+from flexx2_sim_ros.characterize import board_finding as boards
 from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, count_invalid
-from flexx2_sim_ros.characterize.board import Board, find_board
-from flexx2_sim_ros.characterize.lateral import (
+from flexx2_sim_ros.characterize.board_finding import Board, find_board
+from flexx2_sim_ros.characterize.edge_jitter import (
     Edge,
     edge_positions,
     EdgeSite,
@@ -14,7 +14,7 @@ from flexx2_sim_ros.characterize.lateral import (
     measure_edge,
 )
 from flexx2_sim_ros.characterize.moments import Accumulator
-from flexx2_sim_ros.characterize.pixels import FrameMeans
+from flexx2_sim_ros.characterize.pixel_statistics import FrameMeans
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording import Recording, RecordingReader

@@ -1,5 +1,5 @@
 """
-A region's noise in small tiles: what the fit is made of.
+A region's noise in small tiles: what the fit is made of, and its divergence from the model.
 
 Within a tile distance and incidence are as good as the same, so a few sums say all about it.
 """
@@ -7,12 +7,52 @@ Within a tile distance and incidence are as good as the same, so a few sums say 
 from dataclasses import dataclass, fields, replace
 from functools import cache
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from flexx2_sim_ros.characterize.board import Board
-from flexx2_sim_ros.characterize.divergence import kl_floor
+from flexx2_sim_ros.characterize.board_finding import Board
 from flexx2_sim_ros.characterize.moments import Moments
 import numpy as np
+from scipy.special import digamma
+
+
+def gaussian_kl(variance: Any, mean_square: Any, log_variance: Any, sigma: Any) -> np.ndarray:
+    """
+    Return the divergence of a measured Gaussian from the model's, which has mean 0.
+
+    Parameters
+    ----------
+    variance : array_like
+        What was measured; or its mean over pixels of one and the same `sigma`.
+    mean_square : array_like
+        The square of the measured mean; or its mean over pixels.
+    log_variance : array_like
+        Natural logarithm of the measured variance; or its mean over pixels.
+    sigma : array_like
+        The model's standard deviation.
+
+    Returns
+    -------
+    numpy.ndarray
+        Nats; over pixels, their mean. 0 where both are the same.
+
+    """
+    sigma2 = np.square(sigma)
+    return 0.5 * (
+        (np.asarray(variance) + mean_square) / sigma2 - 1.0 - log_variance + np.log(sigma2)
+    )
+
+
+def kl_floor(count: Any) -> np.ndarray:
+    """
+    Return what the divergence of one pixel is on average for a perfect model.
+
+    `count` frames do not fix a mean and a variance better than this: about 1 / count. Taken off
+    a measured divergence it leaves what is the model's.
+    """
+    count = np.asarray(count, np.float64)
+    half = np.maximum(count - 1.0, 1.0) / 2.0
+    return 0.5 * (1.0 / np.maximum(count, 1.0) + np.log(half) - digamma(half))
+
 
 _LARGEST_NUMBER = 4000  # of tiles in an image
 _SIDE = 4

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder, output_folder
-from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, number, SEEDS, whole_number
-from flexx2_sim_ros.cli.common import add_jobs, add_profile, messages
+from flexx2_sim_ros.cli.common import messages
+from flexx2_sim_ros.cli.options import add_table, MOST_FRAMES, number, SEEDS, whole_number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import find_profile, save_profile
 from flexx2_sim_ros.profiles.modes import Profile
@@ -44,6 +44,16 @@ def _add_plan(steps: Any) -> None:
     parser.set_defaults(run=_plan)
 
 
+_CAPTURE = """
+folder FOLDER: folder for the recordings
+"""
+_MORE = """
+--seed SEED: seed of the noise (default 0)
+--renderer: how the board is rendered (default %(default)s)
+--jobs
+"""
+
+
 def _add_capture(steps: Any) -> None:
     parser = steps.add_parser(
         'capture',
@@ -53,61 +63,51 @@ def _add_capture(steps: Any) -> None:
         'file for each mode, distance and angle (46 MB for 300 frames of 224 x 172). Resumes '
         'after an interruption.',
     )
-    parser.add_argument('folder', type=Path, metavar='FOLDER', help='folder for the recordings')
+    add_table(parser, _CAPTURE, folder=Path)
     _add_conditions(parser)
-    parser.add_argument(
-        '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
+    add_table(
+        parser,
+        _MORE,
+        seed={'type': whole_number(*SEEDS), 'default': 0},
+        renderer={'choices': _BACKENDS, 'default': 'auto', 'action': 'store'},
     )
-    parser.add_argument(
-        '--renderer',
-        choices=_BACKENDS,
-        default='auto',
-        help='how the board is rendered (default %(default)s)',
-    )
-    add_jobs(parser)
     parser.set_defaults(run=_capture)
+
+
+_CONDITIONS = """
+--usecase MODE: a mode; may be repeated (default: the modes whose noise was measured)
+--distances M: distances of the board, metres, to the centimetre (default: up to eight that suit
+    each mode's range)
+--angles DEG: angles of the board, degrees (default: 0 15 30 45 60)
+--reflectivities %: the boards' reflectivities at the camera's wavelength, percent; three or more
+    tell how noise depends on reflectivity (default: one white board)
+--frames FRAMES: frames in each recording (default %(default)s)
+--profile
+"""
 
 
 def _add_conditions(parser: argparse.ArgumentParser) -> None:
     # Options for the recordings: modes, poses, boards and number of frames.
-    parser.add_argument(
-        '--usecase',
-        action='append',
-        metavar='MODE',
-        help='a mode; may be repeated (default: the modes whose noise was measured)',
+    add_table(
+        parser,
+        _CONDITIONS,
+        usecase={'action': 'append'},
+        distances={'type': number(0, 1e3, above=True), 'nargs': '+'},
+        angles={'type': number(0, 80), 'nargs': '+', 'default': [0.0, 15.0, 30.0, 45.0, 60.0]},
+        reflectivities={'type': number(1, 100), 'nargs': '+', 'default': [None]},
+        frames={'type': whole_number(1, MOST_FRAMES), 'default': 300},
     )
-    parser.add_argument(
-        '--distances',
-        type=number(0, 1e3, above=True),
-        nargs='+',
-        metavar='M',
-        help='distances of the board, metres, to the centimetre (default: up to eight that suit '
-        "each mode's range)",
-    )
-    parser.add_argument(
-        '--angles',
-        type=number(0, 80),
-        nargs='+',
-        metavar='DEG',
-        default=[0.0, 15.0, 30.0, 45.0, 60.0],
-        help='angles of the board, degrees (default: 0 15 30 45 60)',
-    )
-    parser.add_argument(
-        '--reflectivities',
-        type=number(1, 100),
-        nargs='+',
-        metavar='%',
-        default=[None],
-        help="the boards' reflectivities at the camera's wavelength, percent; three or more "
-        'tell how noise depends on reflectivity (default: one white board)',
-    )
-    parser.add_argument(
-        '--frames',
-        type=whole_number(1, MOST_FRAMES),
-        default=300,
-        help='frames in each recording (default %(default)s)',
-    )
-    add_profile(parser)
+
+
+_FIT = f"""
+folder FOLDER: folder of recordings
+--out DIR: folder for the results (default: FOLDER/{_OUT})
+--box X0 Y0 X1 Y1: region of the board in each image, pixels (default: detected)
+--camera NAME: which camera, if bags have several
+--model NAME: the camera's name in the profile
+--profile
+--jobs
+"""
 
 
 def _add_fit(steps: Any) -> None:
@@ -120,21 +120,7 @@ def _add_fit(steps: Any) -> None:
         'MODE_DISTANCEm_ANGLEdeg are checked against their names; _PERCENTpct at the end is the '
         "board's reflectivity.",
     )
-    parser.add_argument('folder', type=Path, metavar='FOLDER', help='folder of recordings')
-    parser.add_argument(
-        '--out', type=Path, metavar='DIR', help=f'folder for the results (default: FOLDER/{_OUT})'
-    )
-    parser.add_argument(
-        '--box',
-        type=whole_number(0, 1_000_000),
-        nargs=4,
-        metavar=('X0', 'Y0', 'X1', 'Y1'),
-        help='region of the board in each image, pixels (default: detected)',
-    )
-    parser.add_argument('--camera', metavar='NAME', help='which camera, if bags have several')
-    parser.add_argument('--model', metavar='NAME', help="the camera's name in the profile")
-    add_profile(parser)
-    add_jobs(parser)
+    add_table(parser, _FIT, folder=Path, out=Path, box=whole_number(0, 1_000_000))
     parser.set_defaults(run=_fit)
 
 
@@ -154,8 +140,8 @@ def _progress(console: Console) -> Progress:
 
 
 def _plan(arguments: argparse.Namespace) -> int:
-    from flexx2_sim_ros.characterize.campaign import conditions
-    from flexx2_sim_ros.characterize.plan import checklist
+    from flexx2_sim_ros.characterize.capture import conditions
+    from flexx2_sim_ros.characterize.conditions import checklist
 
     profile = _profile(arguments)
     wanted = conditions(
@@ -166,7 +152,7 @@ def _plan(arguments: argparse.Namespace) -> int:
 
 
 def _capture(arguments: argparse.Namespace) -> int:
-    from flexx2_sim_ros.characterize.campaign import capture, conditions
+    from flexx2_sim_ros.characterize.capture import capture, conditions
 
     profile = _profile(arguments)
     wanted = conditions(
@@ -199,8 +185,8 @@ def _capture(arguments: argparse.Namespace) -> int:
 def _fit(arguments: argparse.Namespace) -> int:
     # Imported here: SciPy and scikit-learn take a second, which other commands should not wait.
     from flexx2_sim_ros.characterize.analysis import characterize
-    from flexx2_sim_ros.characterize.export import to_profile
-    from flexx2_sim_ros.characterize.report import write_report
+    from flexx2_sim_ros.characterize.new_profile import to_profile
+    from flexx2_sim_ros.characterize.noise_report import write_report
     from flexx2_sim_ros.cli.characterize_table import print_result
 
     out = arguments.out or arguments.folder / _OUT

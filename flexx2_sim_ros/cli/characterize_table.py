@@ -4,8 +4,8 @@ import math
 
 from flexx2_sim_ros.characterize.analysis import Characterization
 from flexx2_sim_ros.characterize.assumptions import check_assumptions
-from flexx2_sim_ros.characterize.axial import NAMES
-from flexx2_sim_ros.characterize.tables import paper_noise, with_error
+from flexx2_sim_ros.characterize.axial_fit import NAMES
+from flexx2_sim_ros.characterize.paper_tables import paper_noise, with_error
 from flexx2_sim_ros.cli.common import plain_table
 import numpy as np
 from rich.console import Console

@@ -1,16 +1,17 @@
-"""The subcommands of `flexx2`."""
+"""The subcommands of `flexx2` and of `flexx2 gap`; the module of one is imported to run it."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 import re
 import sys
 from typing import Any, NoReturn
 
 from flexx2_sim_ros import __version__
-from flexx2_sim_ros.cli.lazily import add_commands, words_of
 from flexx2_sim_ros.errors import InputError, unquoted
+from flexx2_sim_ros.paths import checkout
 
-# What `flexx2 --help` says of each command; its module is imported when it is the one that is run.
+# What `flexx2 --help` says of each command, and `flexx2 gap --help` of those of `gap`.
 COMMANDS = {
     'modes': "list the camera's modes",
     'simulate': 'simulate the camera on a scene from a file',
@@ -26,7 +27,21 @@ COMMANDS = {
     'batch': 'simulate the cameras of many robots at once, and draw their height grids',
     'compile': 'compile the camera before its first start',
 }
-MODULES = {'compile': 'compiling'}  # of commands whose module has another name
+GAP_COMMANDS = {
+    'diagnose': 'find which effects cause the gap, where it lies and how much they explain',
+    'plan': 'write a checklist of what to record, and what it will be able to find',
+    'target': 'draw a target to print, for ground truth from gray images',
+    'check': 'check whether a diagnosis holds on recordings that it has never seen',
+    'cost': 'measure what the gap costs in what reads depth on a robot',
+    'next': 'say which recording would settle what a diagnosis leaves open',
+    'randomise': 'write distributions of the diagnosed effects, for training on many cameras',
+    'truth': 'make ground truth for recordings of a real camera',
+    'walk': 'measure how often a walking robot fails with the diagnosed camera',
+    'benchmark': 'measure how often the diagnosis is right',
+}
+# Of commands whose module has another name. The blind camera is not installed.
+MODULES = {'compile': 'flexx2_sim_ros.cli.compiling', 'gap_benchmark': 'study.benchmark.command'}
+ALL = ('*',)  # words that name every command
 # What argparse says of a word that is none of several; Python 3.12 and later leave out quotes.
 _CHOICE = re.compile(r'(.*): invalid choice: (.*) \(choose from (.*)\)', re.DOTALL)
 _QUOTE = "'"
@@ -67,9 +82,46 @@ def make_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
     )
     parser.add_argument('--version', action='version', version=__version__)
     commands = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    modules = {name: f'flexx2_sim_ros.cli.{MODULES.get(name, name)}' for name in COMMANDS}
-    add_commands(commands, COMMANDS, modules, words_of(argv))
+    # Only the words that are no options name a command.
+    words = ALL if argv is None else tuple(one for one in argv if not one.startswith('-'))
+    _add_commands(commands, COMMANDS, '', words)
     return parser
+
+
+def _add_commands(
+    commands: Any, texts: Mapping[str, str], room: str, words: tuple[str, ...]
+) -> None:
+    # Of those that the words name, the module adds options: it has `run`, or commands of its own.
+    for name, text in texts.items():
+        parser = commands.add_parser(name, help=text)
+        if words != ALL and words[:1] != (name,):
+            continue
+        rest = words if words == ALL else words[1:]
+        if name == 'gap':
+            _add_gap(parser, rest)
+            continue
+        name = f'{room}{name}'
+        module = import_module(MODULES.get(name, f'flexx2_sim_ros.cli.{name}'))
+        if hasattr(module, 'run'):
+            parser.set_defaults(run=module.run)
+            module.add_options(parser)
+        else:
+            module.add_options(parser, rest)
+
+
+def _add_gap(parser: argparse.ArgumentParser, words: tuple[str, ...]) -> None:
+    parser.description = (
+        'Compare recordings of a real camera with the simulation of the same scenes. '
+        'The gap is the difference between the two.'
+    )
+    parser.epilog = 'example: flexx2 gap diagnose recordings --out diagnosis'
+    commands = parser.add_subparsers(dest='gap_command', required=True, metavar='COMMAND')
+    texts = dict(GAP_COMMANDS)
+    if (folder := checkout()) is None:
+        del texts['benchmark']
+    elif str(folder) not in sys.path:
+        sys.path.append(str(folder))
+    _add_commands(commands, texts, 'gap_', words)
 
 
 def run(argv: Sequence[str] | None) -> int:

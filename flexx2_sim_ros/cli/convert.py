@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.common import messages, progress_bar
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.errors import InputError, printable, shown
 
 _DESCRIPTION = """\
@@ -25,108 +25,52 @@ _EXAMPLES = """examples:
   flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
 
 
+_OPTIONS = """
+source A: recording to read
+target B: recording to write: a name that ends in .npz, .mcap or .db3, or a new folder
+--camera CAMERA: from a bag: which camera, by its name or by the topic of its depth image; to a
+    bag: name of the camera
+--storage mcap|sqlite3: format of a bag in a folder (default %(default)s)
+--usecase MODE: the camera's mode, if A does not say
+--profile NAME: the camera, which must have the mode: a shipped profile or the path of one
+    (default: the mode may be that of any camera)
+--calibration FILE: the lens, if A does not say it or is wrong: a file of camera_calibration,
+    OpenCV, Open3D, librealsense, Azure Kinect or Kalibr, an echoed camera info, or 3 x 3 numbers
+    (default for images: the only YAML file in the folder)
+--intrinsics FX FY CX CY: the lens in pixels, without distortion, instead of --calibration
+--rectified: depth of A is rectified: it has the projection matrix P of the camera info or
+    calibration, and no distortion (default: only for a topic image_rect)
+--infrared TOPIC: from a bag: the topic of the infrared image of the camera, if A does not say
+--radial: depth of A is measured along the ray of each pixel: convert it to depth along the optical
+    axis
+--mask FILE: PNG of the size of the images: the ground truth of its black pixels is unknown
+    (default: mask.png in a folder of images)
+--clean TOPIC: from a bag: the topic of the clean depth images, if it has another name than
+    clean/depth_image
+--partial-truth: NaN in clean_depth means unknown ground truth (default: no return)
+--unit METRES: for images and other .npz: metres per unit of depth (default 0.001; 1 for .npz of
+    floating-point numbers)
+--rate HZ: frames per second, if A has no stamps (default: that of the mode, or 30)
+--key NAME=OTHER: for other .npz: read the key NAME from OTHER in A; may be repeated
+"""
+
+
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.description = _DESCRIPTION
     parser.epilog = _EXAMPLES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.add_argument('source', metavar='A', help='recording to read')
-    parser.add_argument(
-        'target',
-        metavar='B',
-        help='recording to write: a name that ends in .npz, .mcap or .db3, or a new folder',
-    )
-    parser.add_argument(
-        '--camera',
-        help='from a bag: which camera, by its name or by the topic of '
-        'its depth image; to a bag: name of the camera',
-    )
-    parser.add_argument(
-        '--storage',
-        choices=('mcap', 'sqlite3'),
-        default='mcap',
-        help='format of a bag in a folder (default %(default)s)',
-    )
-    _add_given(parser)
-
-
-def _add_given(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument('--usecase', metavar='MODE', help="the camera's mode, if A does not say")
-    parser.add_argument(
-        '--profile',
-        metavar='NAME',
-        help='the camera, which must have the mode: a shipped profile or the path of one '
-        '(default: the mode may be that of any camera)',
-    )
-    parser.add_argument(
-        '--calibration',
-        type=Path,
-        metavar='FILE',
-        help='the lens, if A does not say it or is wrong: a file of camera_calibration, OpenCV, '
-        'Open3D, librealsense, Azure Kinect or Kalibr, an echoed camera info, or 3 x 3 numbers '
-        '(default for images: the only YAML file in the folder)',
-    )
-    parser.add_argument(
-        '--intrinsics',
-        type=number(-1e6, 1e6),
-        nargs=4,
-        metavar=('FX', 'FY', 'CX', 'CY'),
-        help='the lens in pixels, without distortion, instead of --calibration',
-    )
-    parser.add_argument(
-        '--rectified',
-        action=argparse.BooleanOptionalAction,
-        help='depth of A is rectified: it has the projection matrix P of the camera info or '
-        'calibration, and no distortion (default: only for a topic image_rect)',
-    )
-    parser.add_argument(
-        '--infrared',
-        metavar='TOPIC',
-        help='from a bag: the topic of the infrared image of the camera, if A does not say',
-    )
-    parser.add_argument(
-        '--radial',
-        action='store_true',
-        help='depth of A is measured along the ray of each pixel: convert it to depth along the '
-        'optical axis',
-    )
-    parser.add_argument(
-        '--mask',
-        type=Path,
-        metavar='FILE',
-        help='PNG of the size of the images: the ground truth of its black pixels is unknown '
-        '(default: mask.png in a folder of images)',
-    )
-    parser.add_argument(
-        '--clean',
-        metavar='TOPIC',
-        help='from a bag: the topic of the clean depth images, if it has another name '
-        'than clean/depth_image',
-    )
-    parser.add_argument(
-        '--partial-truth',
-        action='store_true',
-        help='NaN in clean_depth means unknown ground truth (default: no return)',
-    )
-    parser.add_argument(
-        '--unit',
-        type=number(0, 1000, above=True),
-        metavar='METRES',
-        help='for images and other .npz: metres per unit of depth (default 0.001; 1 for .npz of '
-        'floating-point numbers)',
-    )
-    parser.add_argument(
-        '--rate',
-        type=number(0, 1e6, above=True),
-        metavar='HZ',
-        help='frames per second, if A has no stamps (default: that of the mode, or 30)',
-    )
-    parser.add_argument(
-        '--key',
-        action='append',
-        default=[],
-        metavar='NAME=OTHER',
-        help='for other .npz: read the key NAME from OTHER in A; may be repeated',
+    add_table(
+        parser,
+        _OPTIONS,
+        storage='mcap',
+        calibration=Path,
+        intrinsics=number(-1e6, 1e6),
+        rectified={'action': argparse.BooleanOptionalAction},
+        mask=Path,
+        unit=number(0, 1000, above=True),
+        rate=number(0, 1e6, above=True),
+        key={'action': 'append', 'default': []},
     )
 
 
@@ -146,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Convert with a progress bar, and print what was converted."""
     from flexx2_sim_ros.profiles.files import find_profile
     from flexx2_sim_ros.recording.convert import convert
-    from flexx2_sim_ros.recording.given import Given
+    from flexx2_sim_ros.recording.corrections import Given
 
     given = Given(
         arguments.usecase,

@@ -5,12 +5,24 @@ from pathlib import Path
 
 from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
 from flexx2_sim_ros.cli.common import plain_table
+from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.effects import Effect, load_effects, registry
 from flexx2_sim_ros.effects.presets import bounds, markdown, preset_files
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+
+_OPTIONS = """
+--sources: list the source of each effect instead of its parameters
+--markdown: print the page docs/effects.md
+--write-presets DIR: write a YAML file for each effect, and typical.yaml
+"""
+_SHOW = """
+name NAME: an effect, see flexx2 effects
+--out PNG: picture to write (default: NAME.png)
+--effects FILE: draw the effect as a file has it (default: at its typical strength)
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -22,18 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = 'examples: flexx2 effects --sources, flexx2 effects show multipath'
     form = parser.add_mutually_exclusive_group()
-    form.add_argument(
-        '--sources',
-        action='store_true',
-        help='list the source of each effect instead of its parameters',
-    )
-    form.add_argument('--markdown', action='store_true', help='print the page docs/effects.md')
-    form.add_argument(
-        '--write-presets',
-        metavar='DIR',
-        type=Path,
-        help='write a YAML file for each effect, and typical.yaml',
-    )
+    add_table(form, _OPTIONS, write_presets=Path)
     actions = parser.add_subparsers(metavar='show', dest='action')
     show = actions.add_parser(
         'show',
@@ -42,15 +43,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'it, and this change as a curve against the quantity that it depends on.',
         epilog='example: flexx2 effects show multipath --out multipath.png',
     )
-    show.add_argument('name', metavar='NAME', help='an effect, see flexx2 effects')
-    show.add_argument(
-        '--out', metavar='PNG', type=Path, help='picture to write (default: NAME.png)'
-    )
-    show.add_argument(
-        '--effects',
-        metavar='FILE',
-        help='draw the effect as a file has it (default: at its typical strength)',
-    )
+    add_table(show, _SHOW, out=Path)
     show.set_defaults(run=run_show)
 
 

@@ -6,13 +6,13 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.cli.effects_profiles import DRAW_PROFILE
-from flexx2_sim_ros.cli.effects_scene import speed
 from flexx2_sim_ros.cli.effects_view import (
     deviation_over_time,
     EffectView,
     look,
     mean_over_time,
     near_edges,
+    speed,
 )
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.physics.frame_state import Stage

@@ -4,12 +4,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.cli.effects_scene import CHART, speed
 from flexx2_sim_ros.cli.effects_view import (
+    CHART,
     deviation_over_time,
     EffectView,
     mean_over_time,
     near_edges,
+    speed,
     STEEP,
 )
 import numpy as np

@@ -11,12 +11,12 @@ from flexx2_sim_ros.atomic import (
     whole_files,
     write_text,
 )
-from flexx2_sim_ros.cli.argument_types import number
-from flexx2_sim_ros.cli.common import add_force, add_profile, messages, progress_bar
+from flexx2_sim_ros.cli.common import messages, progress_bar
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError, printable, shown_path
 from flexx2_sim_ros.export import ExportTarget, MapperNoise, measure_noise, Parameters, TARGETS
-from flexx2_sim_ros.export.noise import ANGLES
+from flexx2_sim_ros.export.mapper_noise import ANGLES
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import Profile
 from rich import box
@@ -25,61 +25,40 @@ from rich.table import Table
 
 _ALL = 'all'
 _CELL = 0.05  # metres, the default of octomap_server and nvblox
+_ANGLES = ', '.join(f'{angle:g}' for angle in ANGLES)
+_OPTIONS = f"""
+Write the noise of a mode as parameters of a mapper or simulator: {', '.join(TARGETS)}. The
+parameters are fitted by least squares over the range of the mode. The command prints the worst
+deviation of each fit, and what the target cannot hold. Without TARGET it lists the targets.
+
+target TARGET: what to write for; {_ALL}: a file for each, in a folder
+--profile
+--usecase USECASE: mode (default: that of flexx2 simulate)
+--effects FILE: effects beyond the noise model, e.g. effects.yaml of a diagnosis; what they change
+    on a white wall is measured by simulation
+--distances NEAR FAR: distances to fit for, metres (default: the range of the mode); the fewer, the
+    better a target of one number fits
+--incidence DEG: incidence angle to fit for (default: all of {_ANGLES})
+--cell METRES: edge length of the map's cells (default {_CELL:g})
+--out PATH: file, or folder for all (default: by target)
+--force
+
+examples: flexx2 export elevation_mapping --usecase Mode_5_30fps, flexx2 export all --effects
+diagnosis/effects.yaml --out exported/
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Write the noise of a mode as parameters of a mapper or simulator: '
-        f'{", ".join(TARGETS)}. The parameters are fitted by least squares over the range of the '
-        'mode. The command prints the worst deviation of each fit, and what the target cannot '
-        'hold. Without TARGET it lists the targets.'
+    add_table(
+        parser,
+        _OPTIONS,
+        target={'nargs': '?', 'choices': (*TARGETS, _ALL)},
+        distances=number(0, 1000),
+        incidence=number(0, 80),
+        cell={'type': number(0.001, 10), 'default': _CELL},
+        out=Path,
     )
-    parser.epilog = (
-        'examples: flexx2 export elevation_mapping --usecase Mode_5_30fps, '
-        'flexx2 export all --effects diagnosis/effects.yaml --out exported/'
-    )
-    parser.add_argument(
-        'target',
-        metavar='TARGET',
-        nargs='?',
-        choices=(*TARGETS, _ALL),
-        help=f'what to write for; {_ALL}: a file for each, in a folder',
-    )
-    add_profile(parser)
-    parser.add_argument('--usecase', help='mode (default: that of flexx2 simulate)')
-    parser.add_argument(
-        '--effects',
-        metavar='FILE',
-        help='effects beyond the noise model, e.g. effects.yaml of a diagnosis; what they change '
-        'on a white wall is measured by simulation',
-    )
-    parser.add_argument(
-        '--distances',
-        metavar=('NEAR', 'FAR'),
-        nargs=2,
-        type=number(0, 1000),
-        help='distances to fit for, metres (default: the range of the mode); the fewer, the '
-        'better a target of one number fits',
-    )
-    parser.add_argument(
-        '--incidence',
-        metavar='DEG',
-        type=number(0, 80),
-        help='incidence angle to fit for (default: all of '
-        f'{", ".join(f"{angle:g}" for angle in ANGLES)})',
-    )
-    parser.add_argument(
-        '--cell',
-        metavar='METRES',
-        type=number(0.001, 10),
-        default=_CELL,
-        help=f"edge length of the map's cells (default {_CELL:g})",
-    )
-    parser.add_argument(
-        '--out', metavar='PATH', type=Path, help='file, or folder for all (default: by target)'
-    )
-    add_force(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,32 +4,40 @@ import argparse
 from typing import Any
 
 from flexx2_sim_ros.cli import common
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
 
+_OPTIONS = """
+Compare the recordings in FRESH with their simulation, before and after the effects of
+DIAGNOSIS/effects.yaml are simulated. Prints a table with 90 % intervals over recordings, and
+writes check.json and check.html. The exit status is 0 if the gap shrinks and no physical measure
+gets significantly worse, 1 if not, and 2 if something cannot be used. Recordings that were part of
+the diagnosis are refused.
+
+diagnosis
+fresh FRESH: folder of recordings with clean_depth (.npz or bags)
+--out DIR: folder for the results (default: DIAGNOSIS)
+--json: print check.json to standard output, and no table
+--known FILE: effects taken as given (a file as for flexx2 simulate --effects): the simulation has
+    them, and only the rest of the gap is looked at, e.g. after a firmware update or with a filter
+    switched on (default: as in the diagnosis)
+--profile
+--seed
+--jobs
+--scheduler
+--pose-prior METRES DEGREES: how inaccurate the given camera poses are: standard deviations of
+    position and angle (default: as in the diagnosis)
+
+example: flexx2 gap check diagnosis/ fresh/ --out checked/
+"""
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Compare the recordings in FRESH with their simulation, before and after the '
-        'effects of DIAGNOSIS/effects.yaml are simulated. Prints a table with 90 % intervals over '
-        'recordings, and writes check.json and check.html. The exit status is 0 if the gap '
-        'shrinks and no physical measure gets significantly worse, 1 if not, and 2 if something '
-        'cannot be used. Recordings that were part of the diagnosis are refused.'
-    )
-    parser.epilog = 'example: flexx2 gap check diagnosis/ fresh/ --out checked/'
-    common.add_diagnosis(parser)
-    parser.add_argument(
-        'fresh', metavar='FRESH', help='folder of recordings with clean_depth (.npz or bags)'
-    )
-    common.add_out(parser, 'DIAGNOSIS')
-    common.add_json(parser, 'check.json')
-    common.add_known(parser, 'as in the diagnosis')
-    common.add_simulation(parser)
-    common.add_scheduler(parser)
-    common.add_pose_prior(parser, None, 'as in the diagnosis')
+    add_table(parser, _OPTIONS, pose_prior=number(0, 1e3, above=True))
 
 
 def run(arguments: argparse.Namespace) -> int:

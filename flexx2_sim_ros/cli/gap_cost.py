@@ -4,58 +4,45 @@ import argparse
 from typing import Any
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.argument_types import number
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.limits import CONSUMER_SECONDS
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
 
+_OPTIONS = f"""
+Send the recordings in CAMPAIGN and their simulations (as simulated, with each diagnosed effect,
+with all) through what reads depth on a robot: a height grid, an elevation map, an occupancy map,
+the distance of obstacles, or your own. Writes cost.json and cost.html.
+
+campaign CAMPAIGN: folder of recordings with clean_depth
+--diagnosis DIR: folder that flexx2 gap diagnose has written
+--out
+--consumer NAME: what reads depth: a name, or a class in a Python file such as my.py:Grid; can be
+    given several times (default: all that are installed)
+--mounting METRES DEGREES: height of the camera above the ground and angle by which it looks down
+    (default: from the ground in the ground truth)
+--limit SECONDS: how long a consumer may take for a recording (default {CONSUMER_SECONDS:g})
+--json: print cost.json to standard output, and no table
+--profile
+--seed
+--jobs
+
+example: flexx2 gap cost recordings/ --diagnosis diagnosis/ --out cost/
+"""
+
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Send the recordings in CAMPAIGN and their simulations (as simulated, with '
-        'each diagnosed effect, with all) through what reads depth on a robot: a height grid, an '
-        'elevation map, an occupancy map, the distance of obstacles, or your own. Writes '
-        'cost.json and cost.html.'
+    add_table(
+        parser,
+        _OPTIONS,
+        diagnosis={'required': True},
+        consumer={'action': 'append', 'default': []},
+        mounting=number(-1e3, 1e3),
+        limit={'type': number(0, 1e6, above=True), 'default': CONSUMER_SECONDS},
     )
-    parser.epilog = 'example: flexx2 gap cost recordings/ --diagnosis diagnosis/ --out cost/'
-    parser.add_argument(
-        'campaign', metavar='CAMPAIGN', help='folder of recordings with clean_depth'
-    )
-    parser.add_argument(
-        '--diagnosis',
-        required=True,
-        metavar='DIR',
-        help='folder that flexx2 gap diagnose has written',
-    )
-    common.add_out(parser)
-    parser.add_argument(
-        '--consumer',
-        action='append',
-        default=[],
-        metavar='NAME',
-        help='what reads depth: a name, or a class in a Python file such as my.py:Grid; can be '
-        'given several times (default: all that are installed)',
-    )
-    parser.add_argument(
-        '--mounting',
-        nargs=2,
-        type=number(-1e3, 1e3),
-        metavar=('METRES', 'DEGREES'),
-        help='height of the camera above the ground and angle by which it looks down (default: '
-        'from the ground in the ground truth)',
-    )
-    parser.add_argument(
-        '--limit',
-        type=number(0, 1e6, above=True),
-        default=CONSUMER_SECONDS,
-        metavar='SECONDS',
-        help=f'how long a consumer may take for a recording (default {CONSUMER_SECONDS:g})',
-    )
-    common.add_json(parser, 'cost.json')
-    common.add_simulation(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -3,52 +3,48 @@
 import argparse
 
 from flexx2_sim_ros.cli import common
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 _COMPILING = 'compiling: takes a minute or two, once (flexx2 compile does it ahead) ...'
+_OPTIONS = """
+Find the effects that explain the gap. The result says for example that an effect removes 61 % of
+the gap: this fraction of the difference goes away, on recordings that were not used for the fit,
+once the effect is simulated. An alternative explanation is another effect that may be present: the
+recordings do not rule it out. CAMPAIGN is a folder of recordings (.npz or bags) with their ground
+truth, clean_depth; each shows one scene. DIR gets report.html, diagnosis.json (docs/diagnosis.md)
+and effects.yaml (for flexx2 simulate --effects and the node), with curves, tables and maps as the
+recordings show them.
+
+campaign CAMPAIGN: folder of recordings
+--out
+--without NAME: do not consider this effect (may be repeated)
+--profile
+--seed
+--jobs
+--scheduler
+--pose-prior METRES DEGREES: how inaccurate the given camera poses are: standard deviations of
+    position and angle (default: as they seem to be)
+--known
+--forms catalogue|quick|all: curves, tables, maps and numbers of the named effects that are fitted:
+    none, those that need few simulations (default), or all, which takes minutes for each effect
+--cost: measure what the gap costs a robot as well, as flexx2 gap cost does; the report gets a
+    section about it
+
+example: flexx2 gap diagnose recordings --out diagnosis
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Find the effects that explain the gap. The result says for example that '
-        'an effect removes 61 % of the gap: this fraction of the difference goes away, on '
-        'recordings that were not used for the fit, once the effect is simulated. An '
-        'alternative explanation is another effect that may be present: the recordings do not '
-        'rule it out. '
-        'CAMPAIGN is a folder of recordings (.npz or bags) with their ground truth, '
-        'clean_depth; each shows one scene. DIR gets report.html, diagnosis.json '
-        '(docs/diagnosis.md) and effects.yaml (for flexx2 simulate --effects and the node), with '
-        'curves, tables and maps as the recordings show them.'
-    )
-    parser.epilog = 'example: flexx2 gap diagnose recordings --out diagnosis'
-    parser.add_argument('campaign', metavar='CAMPAIGN', help='folder of recordings')
-    common.add_out(parser)
-    parser.add_argument(
-        '--without',
-        action='append',
-        default=[],
-        metavar='NAME',
-        help='do not consider this effect (may be repeated)',
-    )
-    common.add_simulation(parser)
-    common.add_scheduler(parser)
-    common.add_pose_prior(parser, None, 'as they seem to be')
-    common.add_known(parser)
-    parser.add_argument(
-        '--forms',
-        choices=('catalogue', 'quick', 'all'),
-        default='quick',
-        help='curves, tables, maps and numbers of the named effects that are fitted: none, those '
-        'that need few simulations (default), or all, which takes minutes for each effect',
-    )
-    parser.add_argument(
-        '--cost',
-        action='store_true',
-        help='measure what the gap costs a robot as well, as flexx2 gap cost does; the report '
-        'gets a section about it',
+    add_table(
+        parser,
+        _OPTIONS,
+        without={'action': 'append', 'default': []},
+        pose_prior=number(0, 1e3, above=True),
+        forms='quick',
     )
 
 

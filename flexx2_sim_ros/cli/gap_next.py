@@ -7,51 +7,46 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import check_outputs, output_folder, write_text
 from flexx2_sim_ros.cli import common
+from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 _FILE, _PAGE = 'next.json', 'next.html'
 _ROWS = 10
+_OPTIONS = f"""
+Simulate the explanations that DIAGNOSIS leaves open in recordings that you could make next, and
+diagnose each together with the recordings of CAMPAIGN. The ranking says how often that names the
+right cause. Prints the suggestion and the ranking, and writes {_FILE} and {_PAGE} with pictures of
+what each explanation would look like. For some causes no set-up of the plan is enough. How often a
+suggestion came true on a blind camera is in docs/diagnose_your_flexx2.md.
+
+diagnosis
+campaign CAMPAIGN: folder of the recordings that were diagnosed
+--out DIR: folder for the results (default: DIAGNOSIS)
+--plan FILE: what could be recorded (default: config/gap_plan.yaml)
+--truth KIND: ground truth that you can make: exact, scan, planes, tape or laser (may be repeated).
+    Default: scan if the poses of the campaign come from a scan, tape and laser if it has planes,
+    otherwise exact
+--scene FILE: a scene of your own to rank as well: an .npz file as for flexx2 simulate (may be
+    repeated)
+--profile
+--seed
+--jobs
+
+example: flexx2 gap next diagnosis/ campaign/ --truth tape
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Simulate the explanations that DIAGNOSIS leaves open in recordings that you '
-        'could make next, and diagnose each together with the recordings of CAMPAIGN. The ranking '
-        'says how often that names the right cause. Prints the suggestion and the ranking, and '
-        f'writes {_FILE} and {_PAGE} with pictures of what each explanation would look like. For '
-        'some causes no set-up of the plan is enough. How often a suggestion came true on a blind '
-        'camera is in docs/diagnose_your_flexx2.md.'
+    add_table(
+        parser,
+        _OPTIONS,
+        out={'required': False},
+        truth={'action': 'append', 'default': []},
+        scene={'action': 'append', 'default': []},
     )
-    parser.epilog = 'example: flexx2 gap next diagnosis/ campaign/ --truth tape'
-    common.add_diagnosis(parser)
-    parser.add_argument(
-        'campaign', metavar='CAMPAIGN', help='folder of the recordings that were diagnosed'
-    )
-    common.add_out(parser, 'DIAGNOSIS')
-    parser.add_argument(
-        '--plan', metavar='FILE', help='what could be recorded (default: config/gap_plan.yaml)'
-    )
-    parser.add_argument(
-        '--truth',
-        action='append',
-        default=[],
-        metavar='KIND',
-        help='ground truth that you can make: exact, scan, planes, tape or laser (may be '
-        'repeated). Default: scan if the poses of the campaign come from a scan, tape and laser '
-        'if it has planes, otherwise exact',
-    )
-    parser.add_argument(
-        '--scene',
-        action='append',
-        default=[],
-        metavar='FILE',
-        help='a scene of your own to rank as well: an .npz file as for flexx2 simulate (may be '
-        'repeated)',
-    )
-    common.add_simulation(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -5,37 +5,31 @@ from dataclasses import replace
 from pathlib import Path
 
 from flexx2_sim_ros.cli import common
+from flexx2_sim_ros.cli.options import add_table, whole_number
 
 CHECKLIST, PAGE, TABLE = 'checklist.md', 'plan.html', 'table.yaml'
+_OPTIONS = f"""
+Write a checklist for one hour with a camera: what to set up, which command records it, and what
+ground truth it needs; and a table of how weak an effect may be and still be found. See
+docs/diagnose_your_flexx2.md.
+
+--out DIR: gets {CHECKLIST} and {PAGE}
+--plan FILE: your own plan (default: config/gap_plan.yaml)
+--usecase MODE: mode to record in (default: the plan's; of the shipped plan, the camera's usual one
+    if it lacks that)
+--compute: compute the table for this plan and camera, and write it to {TABLE}. Takes about ten
+    minutes; an interrupted run resumes
+--profile
+--seed
+--jobs
+
+example: flexx2 gap plan --out plan/
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Write a checklist for one hour with a camera: what to set up, which command '
-        'records it, and what ground truth it needs; and a table of how weak an effect may be and '
-        'still be found. See docs/diagnose_your_flexx2.md.'
-    )
-    parser.epilog = 'example: flexx2 gap plan --out plan/'
-    parser.add_argument('--out', required=True, metavar='DIR', help=f'gets {CHECKLIST} and {PAGE}')
-    parser.add_argument(
-        '--plan', metavar='FILE', help='your own plan (default: config/gap_plan.yaml)'
-    )
-    parser.add_argument(
-        '--usecase',
-        metavar='MODE',
-        help="mode to record in (default: the plan's; of the shipped plan, the camera's usual one "
-        'if it lacks that)',
-    )
-    parser.add_argument(
-        '--compute',
-        action='store_true',
-        help=f'compute the table for this plan and camera, and write it to {TABLE}. Takes about '
-        'ten minutes; an interrupted run resumes',
-    )
-    common.add_profile(parser)
-    common.add_seed(parser, most=10**6)
-    common.add_jobs(parser)
+    add_table(parser, _OPTIONS, out={'required': True}, seed=whole_number(0, 10**6))
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,28 +4,31 @@ import argparse
 from pathlib import Path
 
 from flexx2_sim_ros import atomic
-from flexx2_sim_ros.cli.common import add_force
+from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import InputError, shown_path
 
 SIZES = 'A4', 'A3', 'A2'
+_OPTIONS = """
+Write a PDF to print at 100 % on a sheet of the given size, and beside it a .yaml that describes it
+for flexx2 gap truth --board. Two rulers on the sheet show whether the print is true to scale. See
+docs/truth.md.
+
+--out PDF: file to write
+--size: size of the sheet (default A3: found up to 2 m; A2 for more)
+--force
+
+example: flexx2 gap target --out target.pdf --size A3
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Write a PDF to print at 100 % on a sheet of the given size, and beside it a '
-        '.yaml that describes it for flexx2 gap truth --board. Two rulers on the sheet show '
-        'whether the print is true to scale. See docs/truth.md.'
+    add_table(
+        parser,
+        _OPTIONS,
+        out={'required': True},
+        size={'choices': SIZES, 'default': 'A3', 'action': 'store'},
     )
-    parser.epilog = 'example: flexx2 gap target --out target.pdf --size A3'
-    parser.add_argument('--out', required=True, metavar='PDF', help='file to write')
-    parser.add_argument(
-        '--size',
-        choices=SIZES,
-        default='A3',
-        help='size of the sheet (default A3: found up to 2 m; A2 for more)',
-    )
-    add_force(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

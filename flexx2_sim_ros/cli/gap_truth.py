@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.argument_types import number
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.errors import each_once, InputError, printable, shown
 from flexx2_sim_ros.profiles.files import find_profile
 
@@ -25,136 +25,91 @@ _PLACES = (
     'pose_accuracy',
 )
 _UPS = '+x', '-x', '+y', '-y', '+z', '-z'
+_OPTIONS = """
+Register each RECORDING (.npz, a bag, or a folder of them) to a room, a printed board or planes,
+and write it to DIR with clean_depth and its accuracy. Writes truth.yaml and truth.html as well. An
+interrupted run resumes. See docs/truth.md.
+
+recordings RECORDING: .npz file, bag, or folder of these
+
+example: flexx2 gap truth bags/ --scan room.ply --out campaign/
+"""
+_POSE = """
+--out
+--pose X,Y,Z,QX,QY,QZ,QW: rough pose of the camera in the room in the first frame (optical frame,
+    metres), within 0.3 m and 20 degrees; once for all recordings or once for each (default:
+    searched in the whole room). If the first number is negative, write --pose=-1,...
+"""
+_REST = """
+--up AXIS: the room's axis that points up, for finding poses: +z, or +y for .glb (default)
+--camera NAME: the camera of a bag that has several
+--profile
+--motion auto|still|moving: whether the camera moved (default: auto, detected)
+--room-error METRES: standard deviation of the room's surfaces (default 0.003; 0 with --planes)
+--lens-error FRACTION: standard deviation of the focal length, with --board (default 0.003)
+--uptime SECONDS: time from power-on to the first frame of the earliest recording; the others
+    follow from their stamps (default: counted from the earliest recording)
+--jobs
+--scheduler
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Register each RECORDING (.npz, a bag, or a folder of them) to a room, a '
-        'printed board or planes, and write it to DIR with clean_depth and its accuracy. '
-        'Writes truth.yaml and truth.html as well. An interrupted run resumes. See docs/truth.md.'
-    )
-    parser.epilog = 'example: flexx2 gap truth bags/ --scan room.ply --out campaign/'
-    parser.add_argument(
-        'recordings', nargs='+', metavar='RECORDING', help='.npz file, bag, or folder of these'
-    )
+    add_table(parser, _OPTIONS, recordings={'nargs': '+'})
     _add_rooms(parser)
-    common.add_out(parser)
-    parser.add_argument(
-        '--pose',
-        action='append',
-        default=[],
-        metavar='X,Y,Z,QX,QY,QZ,QW',
-        help='rough pose of the camera in the room in the first frame (optical frame, metres), '
-        'within 0.3 m and 20 degrees; once for all recordings or once for each (default: searched '
-        'in the whole room). If the first number is negative, write --pose=-1,...',
-    )
+    add_table(parser, _POSE, pose={'action': 'append', 'default': []})
     _add_poses(parser)
-    parser.add_argument(
-        '--up',
-        choices=_UPS,
-        metavar='AXIS',
-        help="the room's axis that points up, for finding poses: +z, or +y for .glb (default)",
+    add_table(
+        parser,
+        _REST,
+        up={'choices': _UPS},
+        motion='auto',
+        room_error=number(0, 1),
+        lens_error=number(0, 0.1),
+        uptime=number(0, 1e6),
     )
-    parser.add_argument('--camera', metavar='NAME', help='the camera of a bag that has several')
-    common.add_profile(parser)
-    parser.add_argument(
-        '--motion',
-        choices=('auto', 'still', 'moving'),
-        default='auto',
-        help='whether the camera moved (default: auto, detected)',
-    )
-    parser.add_argument(
-        '--room-error',
-        type=number(0, 1),
-        metavar='METRES',
-        help="standard deviation of the room's surfaces (default 0.003; 0 with --planes)",
-    )
-    parser.add_argument(
-        '--lens-error',
-        type=number(0, 0.1),
-        metavar='FRACTION',
-        help='standard deviation of the focal length, with --board (default 0.003)',
-    )
-    parser.add_argument(
-        '--uptime',
-        type=number(0, 1e6),
-        metavar='SECONDS',
-        help='time from power-on to the first frame of the earliest recording; the others follow '
-        'from their stamps (default: counted from the earliest recording)',
-    )
-    common.add_jobs(parser)
-    common.add_scheduler(parser)
+
+
+_ROOMS = """
+--scan MESH: the room as a triangle mesh in metres: .ply, .obj, .glb or .stl
+--scene FILE: the room as a MuJoCo model: MJCF (.xml) or .urdf
+--board FILE: a printed target that the gray images show, as flexx2 gap target describes it
+    (target.yaml)
+--planes FILE: planes of the room, with distances and angles that were measured (planes.yaml)
+"""
 
 
 def _add_rooms(parser: argparse.ArgumentParser) -> None:
     room = parser.add_mutually_exclusive_group(required=True)
-    room.add_argument(
-        '--scan',
-        metavar='MESH',
-        help='the room as a triangle mesh in metres: .ply, .obj, .glb or .stl',
-    )
-    room.add_argument(
-        '--scene', metavar='FILE', help='the room as a MuJoCo model: MJCF (.xml) or .urdf'
-    )
-    room.add_argument(
-        '--board',
-        metavar='FILE',
-        help='a printed target that the gray images show, as flexx2 gap target describes it '
-        '(target.yaml)',
-    )
-    room.add_argument(
-        '--planes',
-        metavar='FILE',
-        help='planes of the room, with distances and angles that were measured (planes.yaml)',
-    )
+    add_table(room, _ROOMS)
+
+
+_POSES = """
+--trajectory FILE: rough poses with stamps, as of motion capture: text (lines t x y z qx qy qz qw,
+    TUM) or .csv with these columns; seconds, metres, in the room. A folder has a file for each
+    recording, of the same name
+--odometry TOPIC: rough poses from the bags: nav_msgs/Odometry or geometry_msgs/PoseStamped
+--tf PARENT,CHILD: rough poses from the bags' TF: the room's frame and the body's
+"""
+_END = """
+--camera-in-body X,Y,Z,QX,QY,QZ,QW: pose of the camera (optical frame) in the frame of the tracked
+    body (default: the poses are those of the camera)
+--pose-accuracy METRES,DEGREES: standard deviations of these poses, such as 0.002,0.2 of motion
+    capture: they are used as they are, and not fitted (default: they are rough). Needs
+    --clock-offset
+--clock-offset SECONDS: how far the clock of the recording is ahead of that of these poses; 0 for
+    one clock. What the motion shows beyond it is the latency of the images (default: auto, found
+    from the motion, latency included)
+--relative: use only the motions, because the poses are in another frame than the room, as those of
+    odometry
+"""
 
 
 def _add_poses(parser: argparse.ArgumentParser) -> None:
     told = parser.add_mutually_exclusive_group()
-    told.add_argument(
-        '--trajectory',
-        metavar='FILE',
-        help='rough poses with stamps, as of motion capture: text (lines t x y z qx qy qz qw, '
-        'TUM) or .csv with these columns; seconds, metres, in the room. A folder has a file for '
-        'each recording, of the same name',
-    )
-    told.add_argument(
-        '--odometry',
-        metavar='TOPIC',
-        help='rough poses from the bags: nav_msgs/Odometry or geometry_msgs/PoseStamped',
-    )
-    told.add_argument(
-        '--tf',
-        metavar='PARENT,CHILD',
-        help="rough poses from the bags' TF: the room's frame and the body's",
-    )
-    parser.add_argument(
-        '--camera-in-body',
-        metavar='X,Y,Z,QX,QY,QZ,QW',
-        help='pose of the camera (optical frame) in the frame of the tracked body (default: the '
-        'poses are those of the camera)',
-    )
-    parser.add_argument(
-        '--pose-accuracy',
-        metavar='METRES,DEGREES',
-        help='standard deviations of these poses, such as 0.002,0.2 of motion capture: they are '
-        'used as they are, and not fitted (default: they are rough). Needs --clock-offset',
-    )
-    parser.add_argument(
-        '--clock-offset',
-        type=_seconds_or_auto,
-        metavar='SECONDS',
-        help='how far the clock of the recording is ahead of that of these poses; 0 for one '
-        'clock. What the motion shows beyond it is the latency of the images (default: auto, '
-        'found from the motion, latency included)',
-    )
-    parser.add_argument(
-        '--relative',
-        action='store_true',
-        help='use only the motions, because the poses are in another frame than the room, as '
-        'those of odometry',
-    )
+    add_table(told, _POSES)
+    add_table(parser, _END, clock_offset=_seconds_or_auto)
 
 
 def _seconds_or_auto(text: str) -> float | None:

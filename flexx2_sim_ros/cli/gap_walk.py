@@ -4,43 +4,39 @@ import argparse
 from typing import Any
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.argument_types import number, whole_number
+from flexx2_sim_ros.cli.options import add_table, number, whole_number
 from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
+
+_OPTIONS = """
+Let simulated robots walk over stairs, rubble and gaps with footholds chosen on the height grid
+that their cameras see: with perfect depth, with the noise model, and with the diagnosed effects
+added. Writes walk.json and the figure walk.png. Forces are not simulated; docs/robots.md says when
+a walk fails. Needs pip install "flexx2_sim_ros[batch]".
+
+diagnosis DIAGNOSIS: folder that flexx2 gap diagnose has written
+--out
+--walks WALKS: walks for each terrain and step height (default %(default)s)
+--steps METRES: step heights (default: 0.03, 0.06, ... 0.15)
+--robot NAME: go1, go2 or a YAML file (default go1)
+--json: print walk.json to standard output, and no table
+--profile
+--seed
+--jobs
+
+example: flexx2 gap walk diagnosis/ --out walk/
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Let simulated robots walk over stairs, rubble and gaps with footholds chosen '
-        'on the height grid that their cameras see: with perfect depth, with the noise model, and '
-        'with the diagnosed effects added. Writes walk.json and the figure walk.png. Forces are '
-        'not simulated; docs/robots.md says when a walk fails. Needs pip install '
-        '"flexx2_sim_ros[batch]".'
+    add_table(
+        parser,
+        _OPTIONS,
+        walks={'type': whole_number(1, 100_000), 'default': 200},
+        steps={'nargs': '+', 'type': number(0, 0.5)},
+        robot='go1',
     )
-    parser.epilog = 'example: flexx2 gap walk diagnosis/ --out walk/'
-    parser.add_argument(
-        'diagnosis', metavar='DIAGNOSIS', help='folder that flexx2 gap diagnose has written'
-    )
-    common.add_out(parser)
-    parser.add_argument(
-        '--walks',
-        type=whole_number(1, 100_000),
-        default=200,
-        help='walks for each terrain and step height (default %(default)s)',
-    )
-    parser.add_argument(
-        '--steps',
-        nargs='+',
-        type=number(0, 0.5),
-        metavar='METRES',
-        help='step heights (default: 0.03, 0.06, ... 0.15)',
-    )
-    parser.add_argument(
-        '--robot', default='go1', metavar='NAME', help='go1, go2 or a YAML file (default go1)'
-    )
-    common.add_json(parser, 'walk.json')
-    common.add_simulation(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

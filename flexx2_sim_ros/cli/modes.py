@@ -3,7 +3,8 @@
 import argparse
 import math
 
-from flexx2_sim_ros.cli.common import add_profile, plain_table
+from flexx2_sim_ros.cli.common import plain_table
+from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import BUILT_IN, find_profile, shipped
 from flexx2_sim_ros.profiles.modes import Mode
@@ -12,16 +13,19 @@ from rich.console import Console
 
 _TEXT = ('mode', 'noise of', 'source')
 _WHOLE = ('mode', 'noise of', 'range [m]', 'MHz')
+_OPTIONS = f"""
+List the modes: rate, range, modulation, raw frames, and the noise model with its coefficients.
+Shipped profiles: {', '.join(shipped())}.
+
+--profile
+
+example: flexx2 modes --profile kinect_v2
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.epilog = 'example: flexx2 modes --profile kinect_v2'
-    parser.description = (
-        'List the modes: rate, range, modulation, raw frames, and the noise model '
-        f'with its coefficients. Shipped profiles: {", ".join(shipped())}.'
-    )
-    add_profile(parser)
+    add_table(parser, _OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,8 +9,8 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder
-from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.common import messages
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError, printable
 from rich import box
@@ -25,62 +25,32 @@ _DESCRIPTION = (
 _SHOW_SECONDS = 0.25
 _DRAIN_SECONDS = 2.0
 _IDLE = 5
+_OPTIONS = """
+bag BAG: new folder, without an ending (default: flexx2_ and the time)
+--seconds SECONDS: stop this long after the first message (default: record until Ctrl-C)
+--wait SECONDS: longest time to wait for the first message (default %(default)s)
+--storage mcap|sqlite3: format of the bag (default %(default)s)
+--compression zstd|none: of MCAP bags, without loss (default zstd; none for sqlite3)
+--cameras NAME: record only these (namespaces or nodes)
+--also TOPIC: record more topics; wildcards allowed: '*/point_cloud_0' '*/depth_noise_0' /odom
+--queue MB: memory for messages that wait for the disk (default %(default)g)
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.description = _DESCRIPTION
     parser.epilog = 'example: flexx2 record walk --seconds 10'
-    parser.add_argument(
-        'bag',
-        nargs='?',
-        type=Path,
-        metavar='BAG',
-        help='new folder, without an ending (default: flexx2_ and the time)',
-    )
-    parser.add_argument(
-        '--seconds',
-        type=number(0, 1e9, above=True),
-        help='stop this long after the first message (default: record until Ctrl-C)',
-    )
-    parser.add_argument(
-        '--wait',
-        type=number(0, 1e9, above=True),
-        default=30.0,
-        metavar='SECONDS',
-        help='longest time to wait for the first message (default %(default)s)',
-    )
-    parser.add_argument(
-        '--storage',
-        choices=('mcap', 'sqlite3'),
-        default='mcap',
-        help='format of the bag (default %(default)s)',
-    )
-    parser.add_argument(
-        '--compression',
-        choices=('zstd', 'none'),
-        help='of MCAP bags, without loss (default zstd; none for sqlite3)',
-    )
-    parser.add_argument(
-        '--cameras',
-        nargs='+',
-        default=[],
-        metavar='NAME',
-        help='record only these (namespaces or nodes)',
-    )
-    parser.add_argument(
-        '--also',
-        nargs='+',
-        default=[],
-        metavar='TOPIC',
-        help="record more topics; wildcards allowed: '*/point_cloud_0' '*/depth_noise_0' /odom",
-    )
-    parser.add_argument(
-        '--queue',
-        type=number(0, 1e6, above=True),
-        default=256.0,
-        metavar='MB',
-        help='memory for messages that wait for the disk (default %(default)g)',
+    add_table(
+        parser,
+        _OPTIONS,
+        bag={'nargs': '?', 'type': Path},
+        seconds=number(0, 1e9, above=True),
+        wait={'type': number(0, 1e9, above=True), 'default': 30.0},
+        storage='mcap',
+        cameras={'nargs': '+', 'default': []},
+        also={'nargs': '+', 'default': []},
+        queue={'type': number(0, 1e6, above=True), 'default': 256.0},
     )
 
 

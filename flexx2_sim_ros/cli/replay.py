@@ -5,46 +5,38 @@ from collections.abc import Callable
 import time
 from typing import Any
 
-from flexx2_sim_ros.cli.argument_types import number
 from flexx2_sim_ros.cli.common import messages
+from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import printable
 from rich.console import Console
 
 _ACKNOWLEDGE_SECONDS = 5.0
 _DISCOVERY_SECONDS = 0.5
+_OPTIONS = """
+Publish the messages of a rosbag2 bag at the pace of their stamps, and a /clock that fits them.
+Ends at the end of the bag. Needs ROS 2.
+
+bag BAG: a folder, or a .mcap or .db3 file
+--rate RATE: real-time factor (default %(default)s)
+--loop: start again at the end, until Ctrl-C
+--topics TOPIC: publish only these; wildcards allowed
+--wait SECONDS: longest time to wait until every topic has a subscriber (default %(default)s)
+--no-clock: do not publish /clock
+
+example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Publish the messages of a rosbag2 bag at the pace of their stamps, and a '
-        '/clock that fits them. Ends at the end of the bag. Needs ROS 2.'
+    add_table(
+        parser,
+        _OPTIONS,
+        rate={'type': number(0, 1e6, above=True), 'default': 1.0},
+        topics={'nargs': '+', 'default': []},
+        wait={'type': number(0, 1e6), 'default': 2.0},
     )
-    parser.epilog = "example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'"
-    parser.add_argument('bag', metavar='BAG', help='a folder, or a .mcap or .db3 file')
-    parser.add_argument(
-        '--rate',
-        type=number(0, 1e6, above=True),
-        default=1.0,
-        help='real-time factor (default %(default)s)',
-    )
-    parser.add_argument('--loop', action='store_true', help='start again at the end, until Ctrl-C')
-    parser.add_argument(
-        '--topics',
-        nargs='+',
-        default=[],
-        metavar='TOPIC',
-        help='publish only these; wildcards allowed',
-    )
-    parser.add_argument(
-        '--wait',
-        type=number(0, 1e6),
-        default=2.0,
-        metavar='SECONDS',
-        help='longest time to wait until every topic has a subscriber (default %(default)s)',
-    )
-    parser.add_argument('--no-clock', action='store_true', help='do not publish /clock')
 
 
 def run(arguments: argparse.Namespace) -> int:

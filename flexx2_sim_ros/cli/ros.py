@@ -1,13 +1,17 @@
-"""Common parts of the subcommands that need ROS."""
+"""Common parts of the subcommands that need ROS, and nodes as their child processes."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 import importlib.util
+from pathlib import Path
 import signal
+import subprocess
+import sys
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.nodes.transport import make_room_for_images
+from flexx2_sim_ros.nodes.runtime import make_room_for_images
+from flexx2_sim_ros.processes import watched_environment
 from flexx2_sim_ros.signals import exit_status, SIGNALS
 
 
@@ -72,3 +76,71 @@ def ros() -> Iterator[Stop]:
         rclpy.try_shutdown()
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+Processes = dict[str, 'subprocess.Popen[bytes]']
+
+
+def camera_command(camera: str) -> list[str]:
+    """Return the command that starts the camera node of a robot's camera."""
+    return ['flexx2_camera', '--ros-args', '-r', f'__ns:=/{camera}']
+
+
+@contextmanager
+def nodes(commands: Mapping[str, Sequence[str]], folder: Path) -> Iterator[Processes]:
+    """
+    Run nodes as separate processes, with their logs in a folder.
+
+    All end with the block and with this process, even if it is killed.
+
+    Parameters
+    ----------
+    commands : mapping of str to sequence of str
+        By the log's name: a module of ``flexx2_sim_ros.nodes`` and its arguments.
+    folder : pathlib.Path
+        For the logs.
+
+    Yields
+    ------
+    dict of str to subprocess.Popen
+        The processes.
+
+    """
+    processes: Processes = {}
+    try:
+        for name, (module, *rest) in commands.items():
+            with (folder / f'{name}.log').open('wb') as log:
+                # Nothing is written to stdin. It closes with this process, which ends the node.
+                # In a separate session, so that a terminal's Ctrl-C goes only to this process.
+                processes[name] = subprocess.Popen(
+                    [sys.executable, '-m', f'flexx2_sim_ros.nodes.{module}', *rest],
+                    stdin=subprocess.PIPE,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    env=watched_environment(),
+                    start_new_session=True,
+                )
+        yield processes
+    finally:
+        for process in processes.values():
+            if process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+        for process in processes.values():
+            assert process.stdin is not None
+            process.stdin.close()
+            try:
+                process.wait(timeout=5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def check(processes: Processes, folder: Path) -> None:
+    """Raise `InputError` with the last line of the log if a process has ended."""
+    for name, process in processes.items():
+        if process.poll() is not None:
+            log = (folder / f'{name}.log').read_text(errors='replace').strip().splitlines()
+            raise InputError(
+                f'{name} ended with exit code {process.returncode}: '
+                f'{log[-1] if log else "no output"} (log: {folder / name}.log)'
+            )

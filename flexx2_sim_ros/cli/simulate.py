@@ -8,8 +8,8 @@ import zlib
 
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
-from flexx2_sim_ros.cli.argument_types import MOST_FRAMES, SEEDS, whole_number
-from flexx2_sim_ros.cli.common import add_profile, messages, MOST_SEED
+from flexx2_sim_ros.cli.common import messages
+from flexx2_sim_ros.cli.options import add_table, MOST_FRAMES, MOST_SEED, SEEDS, whole_number
 from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.effects.time_offset import time_offset_of
@@ -28,69 +28,45 @@ _LONGEST_UPTIME = 1e6  # seconds
 _STARTS = 1_000_000  # seconds from which a scene has its own
 # Besides those of the scene itself: with three dimensions, one image a frame.
 _MAY_BE_STACKS = {'amplitude', 'known', 'clean_sigma', 'incidence', 'reflectivity_spread'}
+_OPTIONS = f"""
+Read clean depth and write what the camera would have recorded. IN.npz has clean_depth (H, W) or
+(T, H, W) in metres, NaN where there is no return, K (3, 3), optionally reflectivity (0..1) and
+stamp (T,) in seconds, or stamp_ns. OUT.npz is a recording: depth (T, H, W) float32 metres with NaN
+for invalid, clean_depth, K, stamp, usecase, seed, effects if any, and all other keys of IN
+(docs/recordings.md).
+
+input IN.npz: scene to read
+output OUT.npz: recording to write
+--usecase USECASE: mode (default {DEFAULT_USECASE}, or the first of the profile); see flexx2 modes
+--profile
+--effects FILE: effects beyond the noise model: a YAML file, or the name of a preset, e.g. typical;
+    see flexx2 effects
+--draw SEED: draw a camera from the distributions of --effects, a file that flexx2 gap randomise
+    has written; the same as --effects FILE#SEED
+--frames FRAMES: number of frames (default: as many as clean_depth or stamp has, else
+    {_DEFAULT_FRAMES})
+--seed SEED: seed of the noise (default 0)
+--name NAME: camera name; cameras with different names have independent noise
+--start SECONDS: stamp of the first frame, if IN has no stamps; noise depends on seed, name and
+    stamp (default: whole seconds from a checksum of the scene, so that scenes get different noise)
+--uptime SECONDS: time since power-on at the first frame, for warm_up_drift (default: uptime of IN,
+    else the parameter of the effect)
+
+example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Read clean depth and write what the camera would have recorded. IN.npz has '
-        'clean_depth (H, W) or (T, H, W) in metres, NaN where there is no return, K (3, 3), '
-        'optionally reflectivity (0..1) and stamp (T,) in seconds, or stamp_ns. OUT.npz is a '
-        'recording: depth (T, H, W) float32 metres with NaN for invalid, clean_depth, K, stamp, '
-        'usecase, seed, effects if any, and all other keys of IN (docs/recordings.md).'
-    )
-    parser.epilog = (
-        'example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300'
-    )
-    parser.add_argument('input', metavar='IN.npz', help='scene to read')
-    parser.add_argument('output', metavar='OUT.npz', help='recording to write')
-    parser.add_argument(
-        '--usecase',
-        help=f'mode (default {DEFAULT_USECASE}, or the first of the profile); see flexx2 modes',
-    )
-    add_profile(parser)
-    parser.add_argument(
-        '--effects',
-        metavar='FILE',
-        help='effects beyond the noise model: a YAML '
-        'file, or the name of a preset, e.g. typical; see flexx2 effects',
-    )
-    parser.add_argument(
-        '--draw',
-        type=whole_number(0, MOST_SEED),
-        metavar='SEED',
-        help='draw a camera from the distributions of --effects, a file that flexx2 gap '
-        'randomise has written; the same as --effects FILE#SEED',
-    )
-    parser.add_argument(
-        '--frames',
-        type=whole_number(1, MOST_FRAMES),
-        help='number of frames (default: as many as clean_depth or stamp has, '
-        f'else {_DEFAULT_FRAMES})',
-    )
-    parser.add_argument(
-        '--seed', type=whole_number(*SEEDS), default=0, help='seed of the noise (default 0)'
-    )
-    parser.add_argument(
-        '--name',
-        default='',
-        help='camera name; cameras with different names have independent noise',
-    )
-    parser.add_argument(
-        '--start',
-        type=float,
-        metavar='SECONDS',
-        help='stamp of the first frame, '
-        'if IN has no stamps; noise depends on seed, name and stamp (default: whole '
-        'seconds from a checksum of the scene, so that scenes get different noise)',
-    )
-    parser.add_argument(
-        '--uptime',
-        type=float,
-        metavar='SECONDS',
-        help='time since power-on at '
-        'the first frame, for warm_up_drift (default: uptime of IN, else the '
-        'parameter of the effect)',
+    add_table(
+        parser,
+        _OPTIONS,
+        draw=whole_number(0, MOST_SEED),
+        frames=whole_number(1, MOST_FRAMES),
+        seed={'type': whole_number(*SEEDS), 'default': 0},
+        name='',
+        start=float,
+        uptime=float,
     )
 
 

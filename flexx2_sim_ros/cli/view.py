@@ -15,88 +15,51 @@ import tempfile
 from typing import Any
 import webbrowser
 
-from flexx2_sim_ros.cli.argument_types import whole_number
-from flexx2_sim_ros.cli.children import camera_command, check, nodes
-from flexx2_sim_ros.cli.common import add_profile
-from flexx2_sim_ros.cli.ros import ros
+from flexx2_sim_ros.cli.options import add_table, whole_number
+from flexx2_sim_ros.cli.ros import camera_command, check, nodes, ros
 from flexx2_sim_ros.errors import InputError, shown
 
 _CAMERAS = ('front_left', 'front_right')
 _EVERYWHERE = ('0.0.0.0', '::', '')
+_OPTIONS = """
+Serve a page that shows depth, what it is compared with, their difference and the point cloud of
+all cameras. Without PATH it shows the cameras that stream now (needs ROS 2): on the page you
+switch modes and drive the robot with W A S D. PATH is a recording (.npz or bag) or a folder of
+recordings: their depth is compared with the ground truth and with a simulation at it. If PATH is a
+folder that flexx2 gap diagnose has written, CAMPAIGN is the folder of its recordings: their depth
+is also compared with a simulation with the diagnosed effects.
+
+path PATH: recording, folder or diagnosis
+campaign CAMPAIGN: recordings of the diagnosis
+--profile
+--demo: also start a Go1 with two camera nodes
+--scene SCENE: scene of the demo: lab, stairs, corner, board, rubble, or an MJCF file (default lab)
+--renderer RENDERER: renderer of the demo: auto, egl, osmesa or ray (default %(default)s)
+--cameras NAME: show only these (namespaces or nodes; in bags: names of cameras)
+--cmd-vel TOPIC: topic for driving (default %(default)s)
+--host HOST: address to serve on (default %(default)s: this machine only); for any other address
+    the page asks for a token, which is part of the printed URL
+--no-token: do not ask for a token: everybody who reaches the address can open the page and drive
+    the robot
+--port PORT: default %(default)s; 0 chooses a free one
+--no-browser: print the address without opening a browser
+
+examples: flexx2 view --demo; flexx2 view walk; flexx2 view diagnosis recordings
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
-    parser.description = (
-        'Serve a page that shows depth, what it is compared with, their difference '
-        'and the point cloud of all cameras. Without PATH it shows the cameras that stream now '
-        '(needs ROS 2): on the page you switch modes and drive the robot with W A S D. PATH is a '
-        'recording (.npz or bag) or a folder of recordings: their depth is compared with the '
-        'ground truth and with a simulation at it. If PATH is a folder that flexx2 gap diagnose '
-        'has written, CAMPAIGN is the folder of its recordings: their depth is also compared '
-        'with a simulation with the diagnosed effects.'
-    )
-    parser.epilog = (
-        'examples: flexx2 view --demo; flexx2 view walk; flexx2 view diagnosis recordings'
-    )
-    parser.add_argument(
-        'path', nargs='?', type=Path, metavar='PATH', help='recording, folder or diagnosis'
-    )
-    parser.add_argument(
-        'campaign', nargs='?', type=Path, metavar='CAMPAIGN', help='recordings of the diagnosis'
-    )
-    add_profile(parser)
-    parser.add_argument(
-        '--demo', action='store_true', help='also start a Go1 with two camera nodes'
-    )
-    parser.add_argument(
-        '--scene',
-        help='scene of the demo: lab, stairs, corner, board, rubble, or an MJCF file '
-        '(default lab)',
-    )
-    parser.add_argument(
-        '--renderer',
-        default='auto',
-        help='renderer of the demo: auto, egl, osmesa or ray (default %(default)s)',
-    )
-    parser.add_argument(
-        '--cameras',
-        nargs='+',
-        default=[],
-        metavar='NAME',
-        help='show only these (namespaces or nodes; in bags: names of cameras)',
-    )
-    parser.add_argument(
-        '--cmd-vel',
-        default='/cmd_vel',
-        metavar='TOPIC',
-        help='topic for driving (default %(default)s)',
-    )
-    _add_serving(parser)
-
-
-def _add_serving(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        '--host',
-        default='127.0.0.1',
-        help='address to serve on (default %(default)s: this machine only); '
-        'for any other address the page asks for a token, which is part of the '
-        'printed URL',
-    )
-    parser.add_argument(
-        '--no-token',
-        action='store_true',
-        help='do not ask for a token: everybody who reaches the address can open the page and '
-        'drive the robot',
-    )
-    parser.add_argument(
-        '--port',
-        type=whole_number(0, 65535),
-        default=8172,
-        help='default %(default)s; 0 chooses a free one',
-    )
-    parser.add_argument(
-        '--no-browser', action='store_true', help='print the address without opening a browser'
+    add_table(
+        parser,
+        _OPTIONS,
+        path={'nargs': '?', 'type': Path},
+        campaign={'nargs': '?', 'type': Path},
+        renderer='auto',
+        cameras={'nargs': '+', 'default': []},
+        cmd_vel='/cmd_vel',
+        host='127.0.0.1',
+        port={'type': whole_number(0, 65535), 'default': 8172},
     )
 
 

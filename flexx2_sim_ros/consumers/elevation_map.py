@@ -3,7 +3,7 @@
 from typing import ClassVar, NamedTuple
 
 from flexx2_sim_ros.consumers.consumer import CameraView
-from flexx2_sim_ros.consumers.steps import edge_error, height_errors, STEP
+from flexx2_sim_ros.consumers.height_grid import edge_error, height_errors, STEP
 from flexx2_sim_ros.physics.compiled import loop
 import numpy as np
 

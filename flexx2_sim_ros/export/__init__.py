@@ -3,34 +3,24 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from flexx2_sim_ros.export import (
-    elevation_mapping,
-    elevation_mapping_cupy,
-    gazebo,
-    isaac_lab,
-    mujoco_playground,
-    nvblox,
-    octomap_server,
-    rtabmap,
-)
-from flexx2_sim_ros.export.noise import MapperNoise, measure_noise
-from flexx2_sim_ros.export.target import ExportTarget, Parameters
+from flexx2_sim_ros.export import mappers, simulators
+from flexx2_sim_ros.export.export_target import ExportTarget, Parameters
+from flexx2_sim_ros.export.mapper_noise import MapperNoise, measure_noise
 
 __all__ = ['TARGETS', 'MapperNoise', 'Parameters', 'ExportTarget', 'measure_noise']
-# A file each.
 TARGETS: Mapping[str, ExportTarget] = MappingProxyType(
     {
         target.name: target
         for target in (
-            elevation_mapping.STRUCTURED_LIGHT,
-            elevation_mapping.PERFECT,
-            elevation_mapping_cupy.TARGET,
-            octomap_server.TARGET,
-            rtabmap.TARGET,
-            nvblox.TARGET,
-            gazebo.TARGET,
-            isaac_lab.TARGET,
-            mujoco_playground.TARGET,
+            mappers.STRUCTURED_LIGHT,
+            mappers.PERFECT,
+            mappers.ELEVATION_MAPPING_CUPY,
+            mappers.OCTOMAP_SERVER,
+            mappers.RTABMAP,
+            mappers.NVBLOX,
+            simulators.GAZEBO,
+            simulators.ISAAC_LAB,
+            simulators.MUJOCO_PLAYGROUND,
         )
     }
 )

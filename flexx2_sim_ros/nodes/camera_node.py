@@ -15,20 +15,19 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.camera_info import decode_camera_info, size_words
 from flexx2_sim_ros.messages.decoding import check_stamp, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs
+from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs, EventGroup
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
-from flexx2_sim_ros.nodes.event_group import EventGroup
+from flexx2_sim_ros.nodes.diagnostics import Statistics
 from flexx2_sim_ros.nodes.gating import FrameGate
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 from flexx2_sim_ros.nodes.late_frames import LateFrames
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
 from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.nodes.plausibility import ReflectivityUnit
-from flexx2_sim_ros.nodes.report import Statistics
 from flexx2_sim_ros.nodes.runtime import Throttle
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.subscriptions import Input
-from flexx2_sim_ros.nodes.transforms import FramePublisher, optical_transform
+from flexx2_sim_ros.nodes.tf_frames import FramePublisher, optical_transform
 from flexx2_sim_ros.nodes.twins import claim_name
 from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP

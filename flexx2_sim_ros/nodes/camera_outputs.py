@@ -1,15 +1,16 @@
-"""The topics on which a camera node publishes its frames."""
+"""The topics on which a camera node publishes its frames, and when their events are handled."""
 
+import math
+import time
 from typing import Any
 
-from flexx2_sim_ros.camera.frame import Frame
-from flexx2_sim_ros.camera.gray import gray_image
+from flexx2_sim_ros.camera.frame import Frame, gray_image
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
-from flexx2_sim_ros.nodes.event_group import EventGroup
 from flexx2_sim_ros.physics.geometry import pixel_rays, points
 from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -91,3 +92,29 @@ class CameraOutputs:
 
 def _is_wanted(publisher: Any) -> bool:
     return bool(publisher.get_subscription_count() > 0)
+
+
+_PERIOD = 0.5  # s
+_LOOK = 0.02  # s, long enough to wait for events and to handle those that are there
+
+
+class EventGroup(ReentrantCallbackGroup):
+    """
+    Let the executor look for events of publishers twice a second only.
+
+    After each callback, rclpy collects all that it waits for anew, and each publisher has two
+    events. An event, such as a subscription with an incompatible quality of service, remains until
+    it is handled, so it can wait.
+    """
+
+    def __init__(self) -> None:
+        """Let the first look be at once."""
+        super().__init__()
+        self._looked = -math.inf
+
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether it is time to look."""
+        now = time.monotonic()
+        if now - self._looked >= _PERIOD:
+            self._looked = now
+        return now - self._looked < _LOOK

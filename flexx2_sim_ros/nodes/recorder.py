@@ -25,8 +25,7 @@ from flexx2_sim_ros.recording.bag_cameras import (
     unknown_topics,
 )
 from flexx2_sim_ros.recording.bag_remains import Message
-from flexx2_sim_ros.recording.gaps import find_gaps, Gaps
-from flexx2_sim_ros.recording.sink import BagSink
+from flexx2_sim_ros.recording.sink import BagSink, find_gaps, Gaps
 from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration

@@ -1,6 +1,7 @@
-"""Start and end a node the way a process manager expects it."""
+"""Start and end a node the way a process manager expects it; shared memory for its images."""
 
 from collections.abc import Callable
+import os
 import signal
 import sys
 import time
@@ -8,7 +9,7 @@ from traceback import format_exception
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, unquoted
-from flexx2_sim_ros.nodes.transport import make_room_for_images
+from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.signals import SIGNALS
 
 _REPEAT_SECONDS = 5.0
@@ -116,3 +117,21 @@ class Throttle:
             return False
         self._said[key] = now
         return True
+
+
+PROFILE_VARIABLES = (
+    'FASTRTPS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_DEFAULT_PROFILES_FILE',
+    'FASTDDS_BUILTIN_TRANSPORTS',
+)
+
+
+def make_room_for_images() -> None:
+    """
+    Give the publishers of this process more shared memory; to be called before ``rclpy.init``.
+
+    ``config/fastdds.xml`` explains why. A user's own configuration of Fast DDS, in any of its
+    environment variables, has priority. Other middleware ignores it.
+    """
+    if not any(os.environ.get(name) for name in PROFILE_VARIABLES):
+        os.environ[PROFILE_VARIABLES[0]] = str(config_dir() / 'fastdds.xml')

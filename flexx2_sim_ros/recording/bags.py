@@ -15,9 +15,8 @@ from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import DEPTH_ENCODINGS, EVENTS, INPUTS
 from flexx2_sim_ros.recording.bag_choice import choose_camera, survey_bag
 from flexx2_sim_ros.recording.bag_files import Bag
-from flexx2_sim_ros.recording.bag_lens import BagLens
+from flexx2_sim_ros.recording.bag_lens import BagLens, looked_up, view_of
 from flexx2_sim_ros.recording.calibration import Calibration
-from flexx2_sim_ros.recording.clean_view import looked_up, view_of
 from flexx2_sim_ros.recording.matching import ABSENT, match, Topic
 from flexx2_sim_ros.recording.reader import Content, Layout, ONE_EACH, RecordingReader, TIMES
 from flexx2_sim_ros.recording.stamps import stamps_of

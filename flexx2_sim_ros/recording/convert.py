@@ -11,8 +11,8 @@ from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_writer import check_bag_name, SUFFIXES, write_bag
 from flexx2_sim_ros.recording.calibration import WAY_OUT
-from flexx2_sim_ros.recording.given import complete, Given
-from flexx2_sim_ros.recording.images import has_images, ImageRecording, mask_beside
+from flexx2_sim_ros.recording.corrections import complete, Given
+from flexx2_sim_ros.recording.image_folders import has_images, ImageRecording, mask_beside
 from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
 from flexx2_sim_ros.recording.other_archive import OtherArchive

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.npz_arrays import open_npz
-from flexx2_sim_ros.recording.given import Given, in_metres
+from flexx2_sim_ros.recording.corrections import Given, in_metres
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from flexx2_sim_ros.recording.given import in_metres
+from flexx2_sim_ros.recording.corrections import in_metres
 from flexx2_sim_ros.recording.reader import ASSUMED, Content, Layout, ONE_EACH, RecordingReader
 from flexx2_sim_ros.recording.stamps import in_time
 import numpy as np

@@ -12,9 +12,8 @@ import time
 from typing import Any, Protocol
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.view.access import Access
+from flexx2_sim_ros.view.access import Access, Adjust, Choose, Drawn, Drive, parse
 from flexx2_sim_ros.view.packing import pack, ViewedFrame
-from flexx2_sim_ros.view.requests import Adjust, Choose, Drawn, Drive, parse
 from flexx2_sim_ros.view.web import Guarded, WebServer
 from tornado.iostream import StreamClosedError
 from tornado.web import HTTPError

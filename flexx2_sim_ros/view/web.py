@@ -14,7 +14,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.view.access import Access
-from flexx2_sim_ros.view.colours import depth_table, difference_table, INVALID
+from flexx2_sim_ros.view.packing import depth_table, difference_table, INVALID
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler

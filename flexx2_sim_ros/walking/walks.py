@@ -23,8 +23,8 @@ from flexx2_sim_ros.robots.robot import DEFAULT_ROBOT, load_robot, Robot
 from flexx2_sim_ros.robots.trot import Gait, trunk_pose
 from flexx2_sim_ros.walking.cameras import WalkingCamera, WalkViews
 from flexx2_sim_ros.walking.footsteps import Feet, Footstep, footsteps, Grid, land, plan, roughness
-from flexx2_sim_ros.walking.rendering import render
 from flexx2_sim_ros.walking.terrain import draw_terrain, Terrain
+from flexx2_sim_ros.walking.terrain_view import render
 import numpy as np
 import warp as wp
 

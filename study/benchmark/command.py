@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from flexx2_sim_ros.cli.argument_types import MOST_JOBS, whole_number
 from flexx2_sim_ros.cli.common import command_line
+from flexx2_sim_ros.cli.options import MOST_JOBS, whole_number
 from rich.console import Console
 
 _CONFUSION = 'benchmark_confusion.png'

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.characterize.analysis import Characterization, Divergence, ModeResult
-from flexx2_sim_ros.characterize.axial import NAMES
-from flexx2_sim_ros.characterize.surfaces import NAMES as SHARES
+from flexx2_sim_ros.characterize.axial_fit import NAMES
+from flexx2_sim_ros.characterize.surface_fit import NAMES as SHARES
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir

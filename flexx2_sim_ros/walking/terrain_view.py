@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.rendering.cameras import add_camera, check_view, FAR, NEAR, set_view
+from flexx2_sim_ros.rendering.pinholes import add_camera, check_view, FAR, NEAR, set_view
 from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.robots.robot import CameraMount
 from flexx2_sim_ros.walking.terrain import Terrain

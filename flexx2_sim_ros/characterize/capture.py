@@ -7,10 +7,10 @@ from pathlib import Path
 from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.characterize.conditions import Condition, LEAST_PERCENT
-from flexx2_sim_ros.characterize.workers import in_processes
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.physics.geometry import centred, Reprojection
+from flexx2_sim_ros.processes import in_processes
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode, Profile
 from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingWriter
@@ -207,7 +207,7 @@ def _render(
     setups: Sequence[tuple[float, float]], camera: Intrinsics, renderer: str
 ) -> dict[tuple[float, float], np.ndarray]:
     # Imported here: planning and fitting need no MuJoCo.
-    from flexx2_sim_ros.rendering.cameras import board_model
+    from flexx2_sim_ros.rendering.pinholes import board_model
     from flexx2_sim_ros.rendering.renderer import open_renderer
     from flexx2_sim_ros.rendering.scenes import BOARD_DISTANCES, place_board
     import mujoco

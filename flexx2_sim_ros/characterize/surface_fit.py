@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.characterize.axial import AxialFit
+from flexx2_sim_ros.characterize.axial_fit import AxialFit
 from flexx2_sim_ros.characterize.tiles import Tiles
 from flexx2_sim_ros.profiles.modes import NoiseModel, SurfaceNoise
 import numpy as np

@@ -12,7 +12,7 @@ from flexx2_sim_ros.characterize import figures
 from flexx2_sim_ros.characterize.analysis import Cell, Characterization
 from flexx2_sim_ros.characterize.assumptions import check_assumptions
 from flexx2_sim_ros.characterize.histogram import noise_histogram
-from flexx2_sim_ros.characterize.tables import (
+from flexx2_sim_ros.characterize.paper_tables import (
     DASH,
     divergence,
     four_tables,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import re
 
 from flexx2_sim_ros.export.fits import NoiseFit
-from flexx2_sim_ros.export.noise import MapperNoise
+from flexx2_sim_ros.export.mapper_noise import MapperNoise
 from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 

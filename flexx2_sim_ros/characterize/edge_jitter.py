@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.characterize.board import Board, MARGIN_SHARE, SMALLEST_MARGIN
-from flexx2_sim_ros.characterize.divergence import kl_floor
+from flexx2_sim_ros.characterize.board_finding import Board, MARGIN_SHARE, SMALLEST_MARGIN
 from flexx2_sim_ros.characterize.plane import straighten
+from flexx2_sim_ros.characterize.tiles import kl_floor
 from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
@@ -352,47 +352,3 @@ def edge_sigma(depth: np.ndarray, columns: slice) -> float:
     )
     edge = measure_edge(edge_positions(depth, site), site)
     return 0.0 if edge is None else edge.sigma
-
-
-def procedure_bias(
-    sigma: float,
-    step: float,
-    noise: float,
-    tilt_px: float = 4.0,
-    frames: int = 200,
-    rows: int = 150,
-    seed: int = 0,
-) -> float:
-    """
-    Measure what the paper's procedure itself makes of a known jitter.
-
-    An ideal edge, nearly upright and nowhere on whole pixels, is displaced by a Gaussian in every
-    row and frame, seen by pixels of Gaussian depth noise, and measured.
-
-    Parameters
-    ----------
-    sigma : float
-        Jitter put in, pixels.
-    step, noise : float
-        The depth step at the edge and the depth noise on either side, same unit.
-    tilt_px : float
-        How far the edge leans over its rows.
-    frames, rows, seed : int
-        Size of the experiment.
-
-    Returns
-    -------
-    float
-        sigma_x that comes out, pixels.
-
-    """
-    generator = np.random.default_rng(seed)
-    width = 29
-    true = (
-        width / 2
-        + np.linspace(-0.5, 0.5, rows) * tilt_px
-        + sigma * generator.standard_normal((frames, rows))
-    )
-    depth = np.where(np.arange(width) > true[..., None], step, 0.0)
-    depth = (depth + noise * generator.standard_normal(depth.shape)).astype(np.float32)
-    return edge_sigma(depth, slice(0, width))

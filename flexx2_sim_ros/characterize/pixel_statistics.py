@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.characterize.board import Board
+from flexx2_sim_ros.characterize.board_finding import Board
 from flexx2_sim_ros.characterize.moments import Moments
 import numpy as np
 

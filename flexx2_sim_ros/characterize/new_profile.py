@@ -6,8 +6,8 @@ from typing import Any
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.characterize.analysis import Characterization, LATERAL_PERCENTILE, ModeResult
-from flexx2_sim_ros.characterize.axial import NAMES
-from flexx2_sim_ros.characterize.surfaces import FEWEST_BOARDS
+from flexx2_sim_ros.characterize.axial_fit import NAMES
+from flexx2_sim_ros.characterize.surface_fit import FEWEST_BOARDS
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import is_mode_name, ProfileFile, sigma_problem
 from flexx2_sim_ros.profiles.modes import Mode, NoiseModel, Profile

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 import math
 from pathlib import Path
 
-from flexx2_sim_ros.characterize import board as boards
+from flexx2_sim_ros.characterize import board_finding as boards
 from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts
-from flexx2_sim_ros.characterize.board import Board
+from flexx2_sim_ros.characterize.board_finding import Board
 from flexx2_sim_ros.characterize.conditions import Condition, parse_name
-from flexx2_sim_ros.characterize.lateral import Edge
+from flexx2_sim_ros.characterize.edge_jitter import Edge
 from flexx2_sim_ros.characterize.moments import Moments
-from flexx2_sim_ros.characterize.pixels import pixel_statistics, Pixels
+from flexx2_sim_ros.characterize.pixel_statistics import pixel_statistics, Pixels
 from flexx2_sim_ros.characterize.plane import fit_plane, Plane
 from flexx2_sim_ros.characterize.single_pass import read_frames
 from flexx2_sim_ros.characterize.tiles import SPATIAL_SIDE, spatial_tiles, temporal_tiles, Tiles

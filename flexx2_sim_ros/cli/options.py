@@ -1,0 +1,145 @@
+"""The options of a command: their types, and a table of them that reads like its help."""
+
+import argparse
+from collections.abc import Callable, Iterator
+import math
+from typing import Any
+
+from flexx2_sim_ros.processes import available_cores
+from flexx2_sim_ros.profiles.files import PROFILE_HELP
+
+SEEDS = -(2**63), 2**63 - 1
+MOST_JOBS = 1024
+MOST_FRAMES = 10_000_000  # Four days at 30 Hz.
+_LONGEST = 20  # characters of a value that an error repeats
+
+
+def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:
+    """
+    Return an argument type: a whole number in a range.
+
+    Parameters
+    ----------
+    low : int
+        The least.
+    high : int, optional
+        The most; None for any.
+
+    """
+
+    def convert(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = low - 1
+        if value < low or (high is not None and value > high):
+            limit = f'of at least {low}' if high is None else f'from {low} to {high}'
+            raise argparse.ArgumentTypeError(f'must be a whole number {limit}, got {_short(text)}')
+        return value
+
+    return convert
+
+
+def number(low: float, high: float, *, above: bool = False) -> Callable[[str], float]:
+    """
+    Return an argument type: a finite number in a range.
+
+    Parameters
+    ----------
+    low, high : float
+        The least and the most.
+    above : bool
+        Whether `low` itself is out of range.
+
+    """
+
+    def convert(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (low <= value <= high) or (above and value == low):
+            limit = f'above {low:g}, up to {high:g}' if above else f'from {low:g} to {high:g}'
+            raise argparse.ArgumentTypeError(f'must be a number {limit}, got {_short(text)}')
+        return value
+
+    return convert
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= _LONGEST else f'{text[:_LONGEST]}...')
+
+
+MOST_SEED = 10**9 - 1  # of the diagnosis
+# Rows of other tables that have a name alone.
+_SHARED = f"""
+diagnosis DIAGNOSIS: folder that flexx2 gap diagnose has written
+--profile NAME: {PROFILE_HELP}
+--seed SEED: seed of the simulations (default 0)
+--force: write over what is there
+--jobs JOBS: number of processes (default: one per core)
+--out DIR: folder for the results
+--scheduler ADDRESS: use the Dask cluster of this scheduler, e.g. tcp://host:8786; its workers must
+    see the recordings at the same paths
+--known FILE: effects taken as given (a file as for flexx2 simulate --effects): the simulation has
+    them, and only the rest of the gap is looked at, e.g. after a firmware update or with a filter
+    switched on (default: none)
+"""
+_SHARED_MORE: dict[str, dict[str, Any]] = {
+    '--profile': {'default': ''},
+    '--seed': {'type': whole_number(0, MOST_SEED), 'default': 0},
+    '--jobs': {'type': whole_number(1, MOST_JOBS), 'default': available_cores()},
+    '--out': {'required': True},
+}
+
+
+def add_table(parser: Any, table: str, **more: Any) -> None:
+    """
+    Add what a table lists to a parser, or to a group of it.
+
+    A row is ``NAME: help``, ``NAME METAVAR: help`` with one metavar for each value, or ``NAME
+    one|another: help``. Rows that are indented go on with the help above. Without a metavar, a
+    name with dashes is a switch. A name alone is an option that several commands have. Empty lines
+    may part off a description above the rows and an example below them.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser or argument group
+        What gets the options.
+    table : str
+        The rows.
+    **more
+        By name, without dashes in front and with ``_`` for others: a dict of what else argparse
+        gets; or the type, a function; or the default, anything else.
+
+    """
+    parts = table.strip('\n').split('\n\n')
+    if len(parts) == 3:
+        parser.description, parser.epilog = (one.replace('\n', ' ') for one in parts[::2])
+    shared = {head.partition(' ')[0]: (head, text) for head, text in _rows(_SHARED.strip('\n'))}
+    for row, text in _rows(parts[len(parts) // 2]):
+        head, text = (row, text) if text else shared[row]
+        name, _, values = head.partition(' ')
+        given: dict[str, Any] = {'help': text}
+        if row == name and row in shared:
+            given |= _SHARED_MORE.get(row, {})
+        if '|' in values:
+            given['choices'] = tuple(values.split('|'))
+        elif ' ' in values:
+            given['metavar'] = tuple(values.split(' '))
+            given['nargs'] = len(given['metavar'])
+        elif values:
+            given['metavar'] = values
+        elif name.startswith('-'):
+            given['action'] = 'store_true'
+        own = more.pop(name.lstrip('-').replace('-', '_'), {})
+        if not isinstance(own, dict):
+            own = {'type' if callable(own) else 'default': own}
+        parser.add_argument(name, **{**given, **own})
+    assert not more, f'no row has {", ".join(more)}'
+
+
+def _rows(rows: str) -> Iterator[tuple[str, str]]:
+    for row in rows.replace('\n    ', ' ').split('\n'):
+        head, _, text = row.partition(': ')
+        yield head, text
