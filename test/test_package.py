@@ -292,6 +292,23 @@ def test_library_imports_no_ros(tmp_path: Path) -> None:
     assert not ros_packages() & {name.split('.')[0] for name in loaded.split()}
 
 
+@pytest.mark.skipif(importlib.util.find_spec('warp') is None, reason='needs warp-lang')
+def test_a_batch_needs_no_numba_and_no_simulator(tmp_path: Path) -> None:
+    """Assert that importing it imports none of them, and that all effects run without numba."""
+    apart = "{'numba', 'rclpy', 'mujoco', 'matplotlib', 'rosbags', 'sklearn'} & set(sys.modules)"
+    program = f"""
+import sys, numpy as np
+from {NAME}.batch import BatchCamera
+print({apart})
+from {NAME}.effects import registry
+own = {{name: None for name, kind in registry().items() if kind.batched is not None}}
+seen = BatchCamera(2, effects=own, device='cpu')(np.full((2, 24, 32), 1.2, np.float32))
+print({apart}, len(own) > 20, np.isfinite(seen).any())
+"""
+    printed = run(sys.executable, '-c', program, cwd=tmp_path, PYTHONPATH=ROOT).splitlines()
+    assert [line for line in printed if line.startswith('set')] == ['set()', 'set() True True']
+
+
 def without(names: tuple[str, ...], module: str, *arguments: str) -> str:
     """Return a program that runs a module's `main` where libraries are not installed."""
     return f"""
