@@ -17,6 +17,7 @@ _OPTIONAL = {
     'rosbags': '"rosbags>=0.11"',
     'scipy': 'scipy',
     'sklearn': 'scikit-learn',
+    'threadpoolctl': 'threadpoolctl',
     'trimesh': 'trimesh',
     'warp': 'warp-lang',
 }

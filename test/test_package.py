@@ -16,6 +16,7 @@ import zipfile
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import executable
+import numpy as np
 from programs import first_line
 import pytest
 import yaml
@@ -309,6 +310,10 @@ print({apart}, len(own) > 20, np.isfinite(seen).any())
     assert [line for line in printed if line.startswith('set')] == ['set()', 'set() True True']
 
 
+# What `pip install .` does not bring.
+OF_EXTRAS = ('matplotlib', 'mujoco', 'rclpy', 'rosbags', 'sklearn', 'threadpoolctl', 'tornado')
+
+
 def without(names: tuple[str, ...], module: str, *arguments: str) -> str:
     """Return a program that runs a module's `main` where libraries are not installed."""
     return f"""
@@ -329,6 +334,8 @@ sys.exit(main())
     [
         ('cli.main', ('modes',), ''),
         ('cli.main', ('effects',), ''),
+        ('cli.main', ('simulate', 'scene.npz', 'out.npz'), ''),
+        ('cli.main', ('export', 'octomap_server'), ''),
         ('cli.main', ('convert', 'bag.mcap', 'out.npz'), 'rosbags'),
         ('cli.main', ('characterize', 'capture', 'campaign'), 'mujoco'),
         ('nodes.go1_cameras', (), 'mujoco'),
@@ -340,7 +347,8 @@ def test_optional_libraries_are_imported_only_where_needed(
     if module.startswith('nodes'):
         pytest.importorskip('rclpy')
     (tmp_path / 'bag.mcap').touch()
-    program = without(('mujoco', 'rosbags'), module, *arguments)
+    np.savez(tmp_path / 'scene.npz', clean_depth=np.full((24, 32), 1.5), K=np.eye(3))
+    program = without(('mujoco', 'rosbags') if missing else OF_EXTRAS, module, *arguments)
     done = subprocess.run(
         [sys.executable, '-c', program],
         capture_output=True,

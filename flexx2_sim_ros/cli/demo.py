@@ -32,7 +32,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'Start go1_cameras and two flexx2_camera nodes as processes, switch through '
         'the measured modes (all modes, if none was measured) while they stream, print rates, '
         'latency and noise, and write a '
-        'picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).'
+        'picture. Needs ROS 2 (pip install "flexx2_sim_ros[all,ros]", or a sourced ROS 2 Jazzy).'
     )
     parser.epilog = 'example: flexx2 demo --seconds 5 --out demo_output'
     parser.add_argument(

@@ -16,7 +16,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         'on the height grid that their cameras see: with perfect depth, with the noise model, and '
         'with the diagnosed effects added. Writes walk.json and the figure walk.png. Forces are '
         'not simulated; docs/robots.md says when a walk fails. Needs pip install '
-        '"flexx2_sim_ros[batch]".'
+        '"flexx2_sim_ros[gap,mujoco]".'
     )
     parser.epilog = 'example: flexx2 gap walk diagnosis/ --out walk/'
     parser.add_argument(
