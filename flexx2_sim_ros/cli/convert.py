@@ -47,6 +47,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default='mcap',
         help='format of a bag in a folder (default %(default)s)',
     )
+    parser.add_argument(
+        '--process',
+        type=Path,
+        metavar='FILE',
+        help='process the depth: a YAML file of stages (docs/recordings.md)',
+    )
     _add_given(parser)
 
 
@@ -144,6 +150,8 @@ def _keys(pairs: list[str]) -> dict[str, str]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Convert with a progress bar, and print what was converted."""
+    from flexx2_sim_ros.processing import Chain, load_chain
+    from flexx2_sim_ros.processing.recorded import ProcessedRecording
     from flexx2_sim_ros.profiles.files import find_profile
     from flexx2_sim_ros.recording.convert import convert
     from flexx2_sim_ros.recording.given import Given
@@ -163,6 +171,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.rectified,
         None if arguments.profile is None else find_profile(arguments.profile),
     )
+    chain = Chain(()) if arguments.process is None else load_chain(arguments.process)
     console = messages(soft_wrap=True)
     with progress_bar(console) as progress:
         written = convert(
@@ -172,6 +181,9 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.storage,
             given,
             progress,
+            (lambda reader: ProcessedRecording(reader, chain))
+            if chain.stages
+            else lambda one: one,
         )
     for reader, path in written:
         for note in dict.fromkeys(reader.notes):

@@ -33,6 +33,7 @@ def convert(
     storage: str = 'mcap',
     given: Given = NOTHING,
     progress: Progress = lambda text, share: None,
+    processed: Callable[[RecordingReader], RecordingReader] = lambda reader: reader,
 ) -> list[tuple[RecordingReader, Path]]:
     """
     Write a recording in another format, without loss and in bounded memory.
@@ -54,6 +55,8 @@ def convert(
         What the file does not say.
     progress : callable
         Called with what is being done, and the fraction of it that is done.
+    processed : callable
+        Returns what is written of a recording.
 
     Returns
     -------
@@ -87,11 +90,12 @@ def convert(
         return [
             pair
             for name, path in paths.items()
-            for pair in convert(source, path, name, storage, given, progress)
+            for pair in convert(source, path, name, storage, given, progress, processed)
         ]
     progress(f'reading {source.name}', 0.0)
     reader = complete(*_open(source, camera, given, images))
     _check_lens(reader)
+    reader = processed(reader)
     written = partial(progress, f'writing {target.name}')
     if target.suffix == '.npz':
         write_npz(reader, target, written)
