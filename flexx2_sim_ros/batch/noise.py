@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.batch.camera import BatchCamera
 from flexx2_sim_ros.batch.drawn import can_be_drawn_again
-from flexx2_sim_ros.batch.exchange import device_of, kind_of
+from flexx2_sim_ros.batch.exchange import device_of, from_warp, kind_of
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.camera.arguments import as_effects
 from flexx2_sim_ros.effects import Effect, Randomisation, registry
@@ -15,9 +15,11 @@ from flexx2_sim_ros.effects.registry import randomisation_at
 from flexx2_sim_ros.effects.time_offset import arriving_late
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.limits import is_finite
+from flexx2_sim_ros.processing import Chain, load_chain, parse_chain
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
 import numpy as np
+import warp as wp
 
 RANDOMISED = 'randomised'
 # Of every effect: from off to twice typical, as `flexx2 gap randomise` draws what a diagnosis
@@ -73,6 +75,9 @@ class DepthNoise:
         From how many cameras a reset chooses.
     invalid_value : str
         What invalid pixels are, ``zero`` or ``nan``.
+    process : str, path or list, optional
+        What your program does to the images: a file of `flexx2_sim_ros.processing`, or its list of
+        stages. It runs in NumPy: from a GPU, the images go through the CPU.
     **camera
         Further arguments of `BatchCamera`: ``name``, ``K``, ``device``, ``step_s``.
 
@@ -99,6 +104,7 @@ class DepthNoise:
         progress: float = 1.0,
         pool: int = 1024,  # assumed: enough that environments seldom share one
         invalid_value: str = 'zero',
+        process: Any = None,
         **camera: Any,
     ) -> None:
         """Look up the camera, and what is drawn."""
@@ -111,6 +117,12 @@ class DepthNoise:
                 raise InputError('latency: must be in the effects here, since they have no kernel')
             self._drawn = with_more(self._drawn, *arriving_late(latency))
         self._options = {'usecase': mode, 'seed': seed, 'invalid_value': invalid_value, **camera}
+        self._processing = None
+        if process is not None:
+            chain = parse_chain(process) if isinstance(process, list) else load_chain(process)
+            step_s = camera.get('step_s') or 1 / self._profile.mode(modes[0]).rate_hz
+            self._processing = _Processing(chain, step_s, invalid_value)
+            self._options['invalid_value'] = 'nan'
         self._pool = pool if self._drawn is not None and self._drawn.distributions else 1
         self._progress = 1.0
         self._state: Mapping[str, Any] | None = None
@@ -130,12 +142,13 @@ class DepthNoise:
             (N, H, W), (N, 1, H, W) or (N, H, W, 1) float32, metres along the optical axis; NaN,
             infinities, zero and negative values mean no return.
         reflectivity, out, steps
-            As `BatchCamera` takes them; ``out=depth`` writes in place.
+            As `BatchCamera` takes them; ``out=depth`` writes in place, but not with ``process``.
 
         Returns
         -------
         array
-            Like ``depth``; invalid pixels are `invalid_value`.
+            Like ``depth``, of the size of the processed images; invalid pixels are
+            `invalid_value`.
 
         Raises
         ------
@@ -145,6 +158,11 @@ class DepthNoise:
         """
         camera = self.camera or self.make(len(depth), device_of(kind_of('depth', depth), depth))
         self._like = depth
+        if self._processing is not None:
+            if out is not None:
+                raise InputError('out: must be left out with process, got some')
+            seen = camera(depth, reflectivity, steps=steps)
+            return self._processing.images(seen, steps, camera.device)
         seen = camera(depth, reflectivity, out=out, steps=steps)
         if out is not None:
             return out
@@ -182,6 +200,8 @@ class DepthNoise:
         mask = like.new_zeros(size).bool() if hasattr(like, 'new_zeros') else np.zeros(size, bool)
         mask[slice(None) if envs is None else envs] = True
         self.camera.reset(mask)
+        if self._processing is not None:
+            self._processing.reset(np.asarray(mask.cpu() if hasattr(mask, 'cpu') else mask))
 
     def set_progress(self, progress: float) -> None:
         """
@@ -257,6 +277,39 @@ class DepthNoise:
         camera.stamps.assign(np.array(state['stamps'], np.int64))
         if camera.drawn is not None:
             camera.drawn.restore(state)
+
+
+class _Processing:
+    # A chain for images of all libraries, and the time of its steps.
+
+    def __init__(self, chain: Chain, step_s: float, invalid_value: str) -> None:
+        self._chain, self._step_ns = chain, round(step_s * 1e9)
+        self._keeps_nan = invalid_value == 'nan'
+        self._time = 0
+        self._last: Any = None  # (N, h, w)
+        self._is_new = True
+
+    def reset(self, mask: np.ndarray) -> None:
+        self._chain.reset(mask)
+        self._is_new = True
+
+    def images(self, seen: Any, steps: int | None, device: Any) -> Any:
+        kind = kind_of('depth', seen)
+        images = seen.numpy() if kind == 'warp' else seen
+        images = np.asarray(images.cpu() if kind == 'torch' else images)
+        channel = None
+        if images.ndim == 4:
+            channel = 3 if images.shape[3] == 1 else 1
+            images = images.squeeze(channel)
+        self._time += self._step_ns * (1 if steps is None else steps)
+        if steps != 0 or self._is_new:
+            found = self._chain.step(images, self._time)
+            self._last = self._last if found is None else found
+        self._is_new = False
+        out = self._last if self._keeps_nan else np.nan_to_num(self._last)
+        if channel is not None:
+            out = np.expand_dims(out, channel)
+        return from_warp(kind, wp.array(out, dtype=wp.float32, device=device))
 
 
 def _effects_of(effects: Any, has_phases: bool) -> tuple[Randomisation | None, Any]:
