@@ -1,15 +1,21 @@
-"""The core and its extras have wheels for computers of robots and for macOS."""
+"""What the package depends on is there: wheels for robots and macOS, keys of rosdep."""
 
+import os
 from pathlib import Path
 import runpy
 import subprocess
 import sys
+import tomllib
 from typing import Any
+import urllib.request
+from xml.etree import ElementTree
 
 import pytest
 import setuptools
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
+ROSDISTRO = 'https://raw.githubusercontent.com/ros/rosdistro/master'
 # The oldest system that has wheels of all of them: Jetson (JetPack 6) and Raspberry Pi OS 12 have
 # glibc 2.35 and 2.36.
 PLATFORMS = {
@@ -61,3 +67,49 @@ def test_what_is_left_out_on_a_robot_has_no_wheel_there(declared: dict[str, Any]
         if marker:
             said = resolved(name, '--no-deps', platforms=tuple(PLATFORMS['aarch64']))
             assert 'No matching distribution' in said
+
+
+def rosdistro(path: str) -> dict[str, Any]:
+    """Return a YAML file of rosdistro: of a checkout in FLEXX2_ROSDISTRO, or from GitHub."""
+    checkout = os.environ.get('FLEXX2_ROSDISTRO')
+    if checkout:
+        text = Path(checkout, path).read_bytes()
+    else:
+        try:
+            with urllib.request.urlopen(f'{ROSDISTRO}/{path}', timeout=20) as answer:
+                text = answer.read()
+        except OSError:
+            pytest.skip('rosdistro cannot be reached: FLEXX2_ROSDISTRO names a checkout')
+    return dict(yaml.load(text, getattr(yaml, 'CSafeLoader', yaml.SafeLoader)))  # noqa: S506
+
+
+@pytest.mark.parametrize(('distribution', 'ubuntu'), [('jazzy', 'noble'), ('lyrical', 'resolute')])
+def test_rosdep_knows_all_keys_without_pip(distribution: str, ubuntu: str) -> None:
+    keys = {
+        str(one.text)
+        for one in ElementTree.parse(ROOT / 'package.xml').findall('*')
+        if one.tag.endswith('depend')
+    }
+    released = {
+        name
+        for repository, one in rosdistro(f'{distribution}/distribution.yaml')[
+            'repositories'
+        ].items()
+        for name in (one.get('release') or {}).get('packages', [repository])
+        if one.get('release')
+    }
+    known = {**rosdistro('rosdep/base.yaml'), **rosdistro('rosdep/python.yaml')}
+    for key in sorted(keys - released):
+        rule = known[key]['ubuntu']
+        if isinstance(rule, dict):
+            rule = rule.get(ubuntu, rule.get('*'))
+        assert rule, key
+        assert 'pip' not in rule, key
+
+
+def test_pixi_takes_what_there_is(declared: dict[str, Any]) -> None:
+    content = tomllib.loads((ROOT / 'pixi.toml').read_text())
+    own = content['pypi-dependencies']['flexx2_sim_ros']
+    assert set(own['extras']) <= set(declared['extras_require'])
+    programs = {one.split(' = ')[0] for one in declared['entry_points']['console_scripts']}
+    assert {task.split()[0] for task in content['tasks'].values()} == programs
