@@ -24,6 +24,7 @@ EXTRAS = {
     'cost': [f'pyoctomap>=1.2.2{HAS_WHEEL}'],
     'figures': ['matplotlib>=3.7'],
     'gap': ['matplotlib>=3.7', 'rosbags>=0.11', 'scikit-learn>=1.4', 'threadpoolctl>=3.1'],
+    'hdf5': ['h5py>=3.8'],
     'menagerie': ['mujoco-menagerie'],
     'mujoco': ['mujoco>=3.5'],
     'truth': [f'embreex>=2.17{HAS_WHEEL}', 'opencv-python-headless>=4.7', 'trimesh>=4.5'],

@@ -11,6 +11,7 @@ _LONGEST_NAME = 100  # that is compared with others
 _OPTIONAL = {
     'cv2': 'opencv-python-headless',
     'embreex': 'embreex',
+    'h5py': 'h5py',
     'matplotlib': 'matplotlib',
     'mujoco': '"mujoco>=3.5"',
     'PIL': 'pillow',

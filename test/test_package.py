@@ -48,6 +48,7 @@ EXTRAS = {
     'cv2': 'opencv-python-headless',
     'distributed': 'distributed',
     'embreex': 'embreex',
+    'h5py': 'h5py',
     'mujoco_menagerie': 'mujoco-menagerie',
     'pyoctomap': 'pyoctomap',
     'trimesh': 'trimesh',

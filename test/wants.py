@@ -15,6 +15,7 @@ WANTS = {
     'warp': ("warp-lang|'warp'", 'pip install warp-lang'),
     'truth': ("'(cv2|trimesh)'", "pip install '.[truth]'"),
     'tools': ("'(build|mcap|sphinx|twine)'", "pip install '.[test]'"),
+    'hdf5': ("'h5py'", "pip install '.[hdf5]'"),
     'cluster': ('extra cluster', "pip install '.[cluster]'"),
     'menagerie': ("'mujoco_menagerie'", "pip install '.[menagerie]'"),
     'torch': ("'torch'", 'pip install torch'),
@@ -37,7 +38,7 @@ WANTS = {
 OTHER = 'other'
 # What whole test files import. These files are skipped where it is not installed, as in a ROS
 # workspace, where rosdep and pip install what the nodes, bags and tests need and no more.
-OF_EXTRAS = ('cv2', 'mcap', 'trimesh', 'warp')
+OF_EXTRAS = ('cv2', 'h5py', 'mcap', 'trimesh', 'warp')
 
 
 def want_of(reason: str) -> str:

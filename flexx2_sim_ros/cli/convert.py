@@ -10,8 +10,8 @@ from flexx2_sim_ros.errors import InputError, printable, shown
 _DESCRIPTION = """\
 Convert a recording to another format, without loss. A and B are .npz recordings
 or rosbag2 bags: a folder, or a single .mcap or .db3 file. A can also be a .bag
-file of ROS 1, a folder of 16-bit PNG files or one of them, or an .npz file of
-another program. Bags of pmd-royale-ros, pico_flexx_driver, realsense-ros and
+file of ROS 1, a folder of 16-bit PNG files or one of them, or an .npz or HDF5
+file of another program. Bags of pmd-royale-ros, pico_flexx_driver, realsense-ros and
 Azure Kinect work without options. A damaged bag is read up to the damage. From
 a bag with several cameras, B.npz becomes B_<camera>.npz for each camera.
 """
@@ -22,6 +22,7 @@ _EXAMPLES = """examples:
   flexx2 convert images/ wall.npz --usecase NFOV_unbinned_30fps --rate 15
   flexx2 convert no_camera_info wall.npz --intrinsics 210.6 212.9 111.5 85.5
   flexx2 convert frame.png frame.npz --unit 0.0002 --mask known.png
+  flexx2 convert demos.hdf5 a.npz --key depth=data/demo_0/obs/front_depth
   flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
 
 
@@ -132,7 +133,7 @@ def _add_given(parser: argparse.ArgumentParser) -> None:
         action='append',
         default=[],
         metavar='NAME=OTHER',
-        help='for other .npz: read the key NAME from OTHER in A; may be repeated',
+        help='for other .npz and HDF5: read the key NAME from OTHER in A; may be repeated',
     )
 
 

@@ -15,7 +15,7 @@ from flexx2_sim_ros.recording.given import complete, Given
 from flexx2_sim_ros.recording.images import has_images, ImageRecording, mask_beside
 from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
-from flexx2_sim_ros.recording.other_archive import OtherArchive
+from flexx2_sim_ros.recording.other_archive import ARCHIVES, OtherArchive
 from flexx2_sim_ros.recording.reader import RecordingReader
 from flexx2_sim_ros.recording.tidying import tidy
 import numpy as np
@@ -41,8 +41,8 @@ def convert(
     Parameters
     ----------
     source : str or pathlib.Path
-        As for `open_recording`, or a folder of 16-bit PNG files, or one of them; see
-        `ImageRecording`.
+        As for `open_recording`, or a folder of 16-bit PNG files, or one of them (see
+        `ImageRecording`), or an HDF5 file (see `OtherArchive`).
     target : str or pathlib.Path
         An ``.npz`` file (replaced if it exists), a ``.mcap`` or ``.db3`` file, or a folder for a
         bag. From a bag with several cameras, if none is chosen, ``out.npz`` becomes
@@ -75,8 +75,11 @@ def convert(
         check_bag_name(target, 'an .npz, .mcap or .db3 file, or ')
     images = has_images(source)
     lens = None if images else given.lens
-    cameras = [] if images else recording_cameras(source, given.infrared, lens is not None)
-    if camera is not None and target.suffix == '.npz' and (images or source.suffix == '.npz'):
+    archive = source.suffix in ARCHIVES
+    cameras = (
+        [] if images or archive else recording_cameras(source, given.infrared, lens is not None)
+    )
+    if camera is not None and target.suffix == '.npz' and (images or archive):
         raise InputError(
             f'--camera: must be left out where neither A nor B is a bag, got {shown(camera)}'
         )
@@ -101,7 +104,7 @@ def convert(
         write_npz(reader, target, written)
     else:
         # In a bag it selects a camera, also by a topic; a name has no slash at its start.
-        from_bag = not images and source.suffix != '.npz'
+        from_bag = not images and not archive
         name = camera.strip('/') if camera and from_bag else camera
         write_bag(reader, target, storage, name, written)
     return [(reader, target)]
@@ -112,7 +115,7 @@ def _open(
 ) -> tuple[RecordingReader, Given]:
     for option in ('clean', 'infrared'):
         value = getattr(given, option)
-        if value is not None and (images or source.suffix == '.npz'):
+        if value is not None and (images or source.suffix in ARCHIVES):
             raise InputError(f'--{option}: must be left out where A is no bag, got {shown(value)}')
     if images:
         if given.keys:
@@ -120,8 +123,8 @@ def _open(
         return tidy(ImageRecording(source, given), units=False), replace(
             given, mask=given.mask or mask_beside(source)
         )
-    if source.suffix == '.npz':
-        if given.of_files or given.of_lens:
+    if source.suffix in ARCHIVES:
+        if given.of_files or given.of_lens or source.suffix != '.npz':
             return tidy(OtherArchive(source, given), given.unit is None), given
         return open_recording(source), given
     if given.of_files:
