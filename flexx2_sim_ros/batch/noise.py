@@ -207,8 +207,8 @@ class DepthNoise:
         """
         Scale the strength of all effects, and their latency, to where the training is.
 
-        The noise model stays as it was measured. Environments keep their cameras. It takes about
-        half a millisecond for each camera of the pool, in steps of 1 %, and allocates nothing.
+        The noise model stays as it was measured. Environments keep their cameras. It goes in steps
+        of 1 %; each takes a third of a millisecond for each camera of the pool.
 
         Parameters
         ----------
