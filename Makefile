@@ -10,7 +10,7 @@ JAZZY ?= /opt/ros/jazzy
 ifeq ($(MACHINE),x86_64)
 # A sourced ROS must not put its own packages before those of .venv.
 unexport PYTHONPATH AMENT_PREFIX_PATH
-PACKAGES := -c constraints.txt -e '.[ros,test]'
+PACKAGES := -c constraints.txt -e '.[all,ros,test]'
 else
 # There are wheels of ROS for x86-64 only. Each command gets the ROS that is sourced, or else that
 # in JAZZY; its messages were compiled for numpy 1.
@@ -18,7 +18,7 @@ SHELL := /bin/bash
 ifndef AMENT_PREFIX_PATH
 export BASH_ENV := $(JAZZY)/setup.bash
 endif
-PACKAGES := -e '.[view]' 'numpy<2'
+PACKAGES := -e '.[all]' 'numpy<2'
 endif
 
 .PHONY: demo shell test matrix lint docs bench torture mutants release clean

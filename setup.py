@@ -15,6 +15,56 @@ SHARE = Path('share') / NAME
 # Version, maintainer and licence are in package.xml alone.
 MANIFEST = ElementTree.parse(HERE / 'package.xml').getroot()
 MAINTAINER = MANIFEST.find('maintainer')
+HAS_WHEEL = '; platform_machine != "aarch64"'
+
+# Parts of the package that need more; `all` is all of them, but ROS.
+EXTRAS = {
+    'bags': ['rosbags>=0.11'],
+    'cluster': ['distributed>=2024.1'],
+    'cost': [f'pyoctomap>=1.2.2{HAS_WHEEL}'],
+    'figures': ['matplotlib>=3.7'],
+    'gap': ['matplotlib>=3.7', 'rosbags>=0.11', 'scikit-learn>=1.4', 'threadpoolctl>=3.1'],
+    'hdf5': ['h5py>=3.8'],
+    'menagerie': ['mujoco-menagerie'],
+    'mujoco': ['mujoco>=3.5'],
+    'truth': [f'embreex>=2.17{HAS_WHEEL}', 'opencv-python-headless>=4.7', 'trimesh>=4.5'],
+    'view': ['tornado>=6.4'],
+}
+EXTRAS['truth'] += EXTRAS['gap']
+EXTRAS['all'] = sorted({one for extra in EXTRAS.values() for one in extra})
+EXTRAS['ros'] = [
+    'ros-jazzy-common-interfaces',
+    'ros-jazzy-rclpy[fastrtps]',
+    'rosbags>=0.11',
+    'tornado>=6.4',
+]
+EXTRAS['test'] = [
+    'build',
+    'colcon-common-extensions',
+    'flake8',
+    'flake8-blind-except',
+    'flake8-builtins',
+    'flake8-class-newline',
+    'flake8-comprehensions',
+    'flake8-deprecated',
+    'flake8-docstrings',
+    'flake8-import-order',
+    'flake8-quotes',
+    'foxglove-sdk>=0.30',
+    'furo',
+    'hypothesis',
+    'mcap',
+    'mypy',
+    'myst-parser',
+    'pydocstyle',
+    'pypdfium2',
+    'pytest',
+    'pytest-xdist',
+    'ruff',
+    'sphinx',
+    'twine',
+    'types-PyYAML',
+]
 
 shared_files: dict[str, list[str]] = {}
 for path in sorted([*(HERE / 'config').rglob('*'), *(HERE / 'launch').glob('*.launch.py')]):
@@ -61,63 +111,17 @@ setup(
         (str(SHARE), ['package.xml']),
         *shared_files.items(),
     ],
+    # Each has wheels for x86-64, aarch64 and macOS: test/test_platforms.py.
     install_requires=[
-        'matplotlib>=3.7',
-        'mujoco>=3.5',
         'numba>=0.59',
         'numpy>=1.26',
         'pillow>=10.0',
         'PyYAML>=6.0.1',
         'rich>=13.0',
-        'rosbags>=0.11',
-        'scikit-learn>=1.4',
         'scipy>=1.11',
-        'threadpoolctl>=3.1',
+        'warp-lang>=1.17',
     ],
-    extras_require={
-        'batch': ['warp-lang>=1.17'],
-        'cluster': ['distributed>=2024.1'],
-        'cost': ['pyoctomap>=1.2.2'],
-        'menagerie': ['mujoco-menagerie'],
-        'ros': ['ros-jazzy-common-interfaces', 'ros-jazzy-rclpy[fastrtps]', 'tornado>=6.4'],
-        'test': [
-            'build',
-            'colcon-common-extensions',
-            'distributed>=2024.1',
-            'embreex>=2.17',
-            'flake8',
-            'flake8-blind-except',
-            'flake8-builtins',
-            'flake8-class-newline',
-            'flake8-comprehensions',
-            'flake8-deprecated',
-            'flake8-docstrings',
-            'flake8-import-order',
-            'flake8-quotes',
-            'foxglove-sdk>=0.30',
-            'furo',
-            'hypothesis',
-            'mcap',
-            'mujoco-menagerie',
-            'mypy',
-            'myst-parser',
-            'opencv-python-headless>=4.7',
-            'pydocstyle',
-            'pyoctomap>=1.2.2',
-            'pypdfium2',
-            'pytest',
-            'pytest-xdist',
-            'ruff',
-            'sphinx',
-            'tornado>=6.4',
-            'trimesh>=4.5',
-            'twine',
-            'types-PyYAML',
-            'warp-lang>=1.17',
-        ],
-        'truth': ['embreex>=2.17', 'opencv-python-headless>=4.7', 'trimesh>=4.5'],
-        'view': ['tornado>=6.4'],
-    },
+    extras_require=EXTRAS,
     entry_points={
         'console_scripts': [
             'flexx2 = flexx2_sim_ros.cli.main:main',

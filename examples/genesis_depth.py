@@ -1,8 +1,9 @@
 """
 Depth images of Genesis with the noise of a Flexx2.
 
-Run it where Genesis, torch and ``flexx2_sim_ros`` are installed (``pip install genesis-world
-torch``): ``python examples/genesis_depth.py``. The first picture compiles for minutes on a CPU.
+Run it where Genesis, torch and ``flexx2_sim_ros[figures]`` are installed
+(``pip install genesis-world torch``): ``python examples/genesis_depth.py``. The first picture
+compiles for minutes on a CPU.
 Genesis gives depth along the optical axis, and the far plane for nothing. The intrinsics that it
 gives count from the corner of the first pixel.
 """

@@ -1,8 +1,8 @@
 """
 Depth images of gym-quadruped (plain MuJoCo) with the noise of a Flexx2.
 
-Run it where gym-quadruped and ``flexx2_sim_ros`` are installed, with MUJOCO_GL=egl on a machine
-without a display: ``python examples/gym_quadruped_depth.py``.
+Run it where gym-quadruped and ``flexx2_sim_ros[figures]`` are installed, with
+MUJOCO_GL=egl on a machine without a display: ``python examples/gym_quadruped_depth.py``.
 ``Camera.depth_image`` of gym-quadruped is not the depth that this needs: it holds distances along
 the ray, computed with a focal length that takes MuJoCo's vertical field of view for the
 horizontal one. MuJoCo's own renderer gives depth along the optical axis, and the distance of the

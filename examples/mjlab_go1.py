@@ -1,7 +1,7 @@
 """
 A Go1 velocity task of mjlab with two Flexx2 and a height grid as observations.
 
-Run it where mjlab and ``flexx2_sim_ros[batch]`` are installed: ``python examples/mjlab_go1.py``.
+Run it where mjlab and ``flexx2_sim_ros[figures]`` are installed: ``python examples/mjlab_go1.py``.
 It prints the observations of each group and draws one robot's images to ``mjlab_go1.png``.
 """
 
@@ -86,7 +86,7 @@ class GroundHeights:
     An observation term: heights of the ground ahead, from the depth images of all cameras.
 
     Its ``params`` are ``lens``, the intrinsics of the images, and ``noise``, the arguments of
-    `BatchCamera` by the camera's name, or None for a grid without noise. Seeds and names that
+    `DepthNoise` by the camera's name, or None for a grid without noise. Seeds and names that
     are those of the images give the same noise as in the images.
     """
 
@@ -161,7 +161,7 @@ def task(
     lens = Intrinsics.from_field_of_view(width, height, 56.0, 44.0)
 
     noise = {
-        name: {'usecase': USECASE, 'name': name, 'K': lens.matrix, 'effects': effects}
+        name: {'mode': USECASE, 'name': name, 'K': lens.matrix, 'effects': effects}
         for name in CAMERAS
     }
     cfg = unitree_go1_rough_env_cfg()

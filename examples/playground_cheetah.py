@@ -1,7 +1,7 @@
 """
 Depth images by MJX rays in environments of mujoco_playground, each with the noise of a Flexx2.
 
-Run it where playground and ``flexx2_sim_ros[batch]`` are installed:
+Run it where playground and ``flexx2_sim_ros[figures]`` are installed:
 ``python examples/playground_cheetah.py``.
 ``mjx.ray`` returns how many lengths of the ray's direction a surface is away, and -1 where it hits
 nothing. With directions of length 1 this is the distance along the ray. With directions whose part

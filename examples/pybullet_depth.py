@@ -1,7 +1,8 @@
 """
 Depth images of PyBullet with the noise of a Flexx2.
 
-Run it where PyBullet and ``flexx2_sim_ros`` are installed: ``python examples/pybullet_depth.py``.
+Run it where PyBullet and ``flexx2_sim_ros[figures]`` are installed:
+``python examples/pybullet_depth.py``.
 PyBullet's depth image is a z-buffer, which is not depth: a wall at 2.5 m has the value 0.98.
 """
 

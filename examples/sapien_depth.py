@@ -1,8 +1,9 @@
 """
 Depth images of SAPIEN (the simulator of ManiSkill) with the noise of a Flexx2.
 
-Run it where SAPIEN and ``flexx2_sim_ros`` are installed: ``python examples/sapien_depth.py``. It
-needs a Vulkan driver. Without a GPU, let VK_ICD_FILENAMES name one that computes on the CPU:
+Run it where SAPIEN and ``flexx2_sim_ros[figures]`` are installed:
+``python examples/sapien_depth.py``. It needs a Vulkan driver. Without a GPU, let
+VK_ICD_FILENAMES name one that computes on the CPU:
 lavapipe of Mesa 24.3 or later, or Chromium's vk_swiftshader_icd.json.
 SAPIEN's picture ``Position`` is in the axes of OpenGL: depth is minus its z, not its z. Its w is
 the z-buffer.

@@ -11,12 +11,14 @@ _LONGEST_NAME = 100  # that is compared with others
 _OPTIONAL = {
     'cv2': 'opencv-python-headless',
     'embreex': 'embreex',
+    'h5py': 'h5py',
     'matplotlib': 'matplotlib',
     'mujoco': '"mujoco>=3.5"',
     'PIL': 'pillow',
     'rosbags': '"rosbags>=0.11"',
     'scipy': 'scipy',
     'sklearn': 'scikit-learn',
+    'threadpoolctl': 'threadpoolctl',
     'trimesh': 'trimesh',
     'warp': 'warp-lang',
 }

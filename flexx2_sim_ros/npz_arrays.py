@@ -16,8 +16,8 @@ from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.limits import file_limit_bytes
 import numpy as np
 
-LIMIT = 'FLEXX2_NPZ_LIMIT_MB'
-_LIMIT_MB = 512
+LIMIT = 'FLEXX2_NPZLIMIT_MB'
+LIMIT_MB = 512
 _BLOCK = 1 << 20
 _UNREADABLE = (
     OSError,
@@ -184,7 +184,7 @@ def decode_npy(content: bytes, where: str) -> np.ndarray:
 def _check_sizes(archive: zipfile.ZipFile) -> None:
     total = sum(info.file_size for info in archive.infolist())
     packed = Path(str(archive.filename)).stat().st_size
-    most = file_limit_bytes(LIMIT, _LIMIT_MB, packed)
+    most = file_limit_bytes(LIMIT, LIMIT_MB, packed)
     if total > most:
         raise InputError(
             f'{shown_path(str(archive.filename))}: must not decompress to more than '

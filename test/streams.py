@@ -69,7 +69,9 @@ FLEXX2 = flexx2().intrinsics
 WHITE = flexx2().sensor.full_scale_amplitude
 DEPTH, INFO, CLOUD = 'depth_image_0', 'camera_info', 'point_cloud_0'
 GRAY, NOISE = 'gray_image_0', 'depth_noise_0'
+SMALL, SMALL_INFO = 'processed/depth_image', 'processed/camera_info'
 OUTPUTS = {DEPTH: Image, INFO: CameraInfo, CLOUD: PointCloud2, GRAY: Image, NOISE: Image}
+OUTPUTS |= {SMALL: Image, SMALL_INFO: CameraInfo}
 
 # Conditions are met in milliseconds; this is for a machine that is busy with something else.
 _PATIENCE = 60.0

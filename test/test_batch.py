@@ -12,6 +12,7 @@ from boards import board, edge_sigma, K, mean_kl
 from flexx2_sim_ros.batch import (
     BatchCamera,
     bounce_kernels,
+    DepthNoise,
     edge_kernels,
     geometry_kernels,
     history_kernels,
@@ -344,15 +345,20 @@ def test_kernels_compile_for_cuda(module: object, tmp_path: Path) -> None:
 
 def test_the_examples_run() -> None:
     page = (Path(__file__).resolve().parents[1] / 'docs' / 'batch.md').read_text(encoding='utf-8')
-    many, threads, late = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
+    many, line, threads, late = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
     done: dict = {}
     exec(compile(many, 'docs/batch.md', 'exec'), done)  # noqa: S102
     assert np.isfinite(done['seen']).all()
     assert done['cameras'].usecases[:2] == ('Mode_9_20fps', 'Mode_5_30fps')
+    exec(compile(line, 'docs/batch.md', 'exec'), done)  # noqa: S102
+    assert done['seen'].shape == done['clean'].shape
+    assert done['state']['progress'] == 0.3
     exec(compile(threads, 'docs/batch.md', 'exec'), done)  # noqa: S102
     np.testing.assert_array_equal(
         done['frames'], BatchCamera(64, seed=1, device='cpu')(done['clean'])
     )
     exec(compile(late, 'docs/batch.md', 'exec'), done)  # noqa: S102
     assert (done['age'] // 1_000_000).tolist() == [40, 40, 60]
-    assert doctest.testmod(sys.modules[BatchCamera.__module__]).attempted == 3
+    for one, count in ((BatchCamera, 3), (DepthNoise, 3)):
+        tried = doctest.testmod(sys.modules[one.__module__])
+        assert (tried.attempted, tried.failed) == (count, 0)

@@ -147,7 +147,7 @@ def test_observation_term(base: type, library: str) -> None:
         noisy_depth(base),
         {
             'depth': lambda env: env.image,
-            'camera': {'usecase': 'Mode_9_20fps', 'effects': effects, 'seed': 5, 'K': matrix},
+            'camera': {'mode': 'Mode_9_20fps', 'effects': effects, 'seed': 5, 'K': matrix},
         },
         base,
         made,

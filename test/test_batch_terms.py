@@ -76,7 +76,7 @@ def counted(step: int, kind: str) -> dict[str, Any]:
 def test_computing_twice_in_a_step_changes_nothing(step_s: Any, kind: str) -> None:
     """Assert it with a delay and a filter, over steps that nobody computes, and a reset."""
     effects = {'time_offset': {'latency': 0.0, 'delay': 0.06}, 'temporal_filter': {'share': 0.5}}
-    camera = {'usecase': 'Mode_9_30fps', 'effects': effects, 'step_s': step_s}
+    camera = {'mode': 'Mode_9_30fps', 'effects': effects, 'step_s': step_s}
     env = environment()
     once, twice = made_of(env, name='left', **camera), made_of(env, name='left', **camera)
     for step in (0, 1, 2, 3, 4, 6, 9, 10, 11, 12):
@@ -103,7 +103,7 @@ def test_computing_twice_in_a_step_changes_nothing(step_s: Any, kind: str) -> No
 def test_a_delay_is_of_simulated_time() -> None:
     env = environment()
     effects = {'time_offset': {'latency': 0.0, 'delay': 3 * STEP}}
-    term = made_of(env, usecase='Mode_9_30fps', effects=effects, step_s=STEP)
+    term = made_of(env, mode='Mode_9_30fps', effects=effects, step_s=STEP)
     for step in range(0, 30, 2):  # an environment that computes every other step
         env.common_step_counter = step
         env.image = CLEAN + np.float32(0.05 * step)

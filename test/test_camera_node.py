@@ -2,11 +2,13 @@
 
 from collections.abc import Callable
 import math
+from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Mode
 from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.physics.geometry import pixel_rays
+from flexx2_sim_ros.processing import load_chain
 from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 import pytest
@@ -29,6 +31,8 @@ from streams import (
     NOISE,
     same,
     SECOND,
+    SMALL,
+    SMALL_INFO,
     START,
     stream,
     WHITE,
@@ -402,3 +406,28 @@ def test_each_subscription_of_another_quality_of_service_is_a_warning() -> None:
                 Image, f'{seen.name}/{topic}', lambda message: None, lasting
             )
             seen.spin_until(lambda topic=topic: seen.logged(topic, 'incompatible QoS'), topic)
+
+
+def test_depth_is_processed_as_a_file_says(tmp_path: Path) -> None:
+    """Assert the node and `Chain` agree, over frames and where stamps go back."""
+    path = tmp_path / 'chain.yaml'
+    path.write_text(
+        'schema: 1\nprocess: [{crop: {left: 24}}, {decimate: {factor: 4}}, '
+        '{fill: {method: temporal}}, {normalise: {high: 2.0}}]\n'
+    )
+    with stream(DEPTH, SMALL, SMALL_INFO, usecase='Mode_9_30fps', process=str(path)) as seen:
+        stamps = [START + k * SECOND // 30 for k in range(5)]
+        for stamp in (*stamps, START - SECOND):
+            seen.show(boards(), stamp)
+        chain = load_chain(path)
+        wanted = [
+            chain.step(depth, stamp)
+            for depth, stamp in zip(seen.depths(), (*stamps, START - SECOND), strict=True)
+        ]
+        found = [array_of(message) for message in seen.messages(SMALL)]
+        np.testing.assert_array_equal(found, wanted)
+        info = seen.messages(SMALL_INFO)[-1]
+        small = chain.lens(FLEXX2)
+        assert (info.width, info.height) == (50, 43)
+        np.testing.assert_allclose(np.reshape(info.k, (3, 3)), small.matrix)
+        assert info.header == seen.messages(SMALL)[-1].header

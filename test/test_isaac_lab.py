@@ -29,7 +29,7 @@ INSTALLED = Path(FOUND.origin).parent
 # Isaac Lab 2.3 has its packages in a folder `source`.
 ROOT = next(one for one in (INSTALLED / 'source/isaaclab/isaaclab', INSTALLED) if one.is_dir())
 CLEAN = np.full((2, 24, 32, 1), 1.2, np.float32)
-CAMERA = {'usecase': 'Mode_5_30fps', 'K': [[30.0, 0, 15.5], [0, 30.0, 11.5], [0, 0, 1]]}
+CAMERA = {'mode': 'Mode_5_30fps', 'K': [[30.0, 0, 15.5], [0, 30.0, 11.5], [0, 0, 1]]}
 
 
 def parsed(path: str) -> list[ast.AST]:

@@ -67,11 +67,12 @@ class Environment:
 
 
 ENVIRONMENTS = (
-    Environment('base', '', (), (CORE, 'flexx2_sim_ros.rendering.renderer', 'mujoco')),
+    Environment('base', '', (), (CORE, BATCH)),
+    Environment('all', '[all]', (), (CORE, 'flexx2_sim_ros.rendering.renderer', 'mujoco')),
     # ROS 2 Jazzy has wheels for these two.
     Environment(
         'ros',
-        '[ros]',
+        '[all,ros]',
         (),
         ('flexx2_sim_ros.nodes.flexx2_camera', 'rclpy'),
         ('3.11', '3.12'),
@@ -79,21 +80,21 @@ ENVIRONMENTS = (
     ),
     Environment(
         'mjlab',
-        '[batch]',
+        '[figures]',
         ('mjlab',),
         (BATCH, 'mjlab.envs', 'mujoco_warp'),
         tests=('test_example_mjlab.py',),
     ),
     Environment(
         'playground',
-        '[batch]',
+        '[figures]',
         ('playground',),
         (BATCH, 'mujoco_playground', 'mujoco.mjx'),
         tests=('test_example_playground.py',),
     ),
     Environment(
         'isaaclab',
-        '[batch]',
+        '',
         ('isaaclab',),
         (BATCH,),
         ('3.11', '3.12'),
@@ -102,23 +103,30 @@ ENVIRONMENTS = (
     ),
     Environment(
         'gym-quadruped',
-        '',
+        '[figures]',
         ('gym-quadruped',),
         (CORE, 'gym_quadruped'),
         tests=('test_example_gym_quadruped.py',),
     ),
     Environment(
-        'pybullet', '', ('pybullet',), (CORE,), ('3.11',), tests=('test_example_pybullet.py',)
+        'pybullet',
+        '[figures]',
+        ('pybullet',),
+        (CORE,),
+        ('3.11',),
+        tests=('test_example_pybullet.py',),
     ),
-    Environment('sapien', '', ('sapien',), (CORE, 'sapien'), tests=('test_example_sapien.py',)),
+    Environment(
+        'sapien', '[figures]', ('sapien',), (CORE, 'sapien'), tests=('test_example_sapien.py',)
+    ),
     Environment(
         'genesis',
-        '',
+        '[figures]',
         ('genesis-world', 'torch'),
         (CORE, 'genesis'),
         tests=('test_example_genesis.py',),
     ),
-    Environment('torch', '[batch]', ('torch',), (BATCH, 'torch')),
+    Environment('torch', '', ('torch',), (BATCH, 'torch')),
 )
 CASES = [(one, python) for one in ENVIRONMENTS for python in one.pythons]
 

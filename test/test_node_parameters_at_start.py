@@ -24,7 +24,7 @@ pytestmark = pytest.mark.usefixtures('ros')
 _numbers = itertools.count()
 
 
-@pytest.mark.parametrize('name', ['effects', 'profile'])
+@pytest.mark.parametrize('name', ['effects', 'process', 'profile'])
 def test_no_file_gives_a_traceback_at_the_start(
     name: str, tmp_path: Path, child_env: dict[str, str]
 ) -> None:

@@ -16,6 +16,7 @@ import zipfile
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import executable
+import numpy as np
 from programs import first_line, run_python
 import pytest
 import yaml
@@ -47,6 +48,7 @@ EXTRAS = {
     'cv2': 'opencv-python-headless',
     'distributed': 'distributed',
     'embreex': 'embreex',
+    'h5py': 'h5py',
     'mujoco_menagerie': 'mujoco-menagerie',
     'pyoctomap': 'pyoctomap',
     'trimesh': 'trimesh',
@@ -292,6 +294,27 @@ def test_library_imports_no_ros(tmp_path: Path) -> None:
     assert not ros_packages() & {name.split('.')[0] for name in loaded.split()}
 
 
+@pytest.mark.skipif(importlib.util.find_spec('warp') is None, reason='needs warp-lang')
+def test_a_batch_needs_no_numba_and_no_simulator(tmp_path: Path) -> None:
+    """Assert that importing it imports none of them, and that all effects run without numba."""
+    apart = "{'numba', 'rclpy', 'mujoco', 'matplotlib', 'rosbags', 'sklearn'} & set(sys.modules)"
+    program = f"""
+import sys, numpy as np
+from {NAME}.batch import BatchCamera
+print({apart})
+from {NAME}.effects import registry
+own = {{name: None for name, kind in registry().items() if kind.batched is not None}}
+seen = BatchCamera(2, effects=own, device='cpu')(np.full((2, 24, 32), 1.2, np.float32))
+print({apart}, len(own) > 20, np.isfinite(seen).any())
+"""
+    printed = run(sys.executable, '-c', program, cwd=tmp_path, PYTHONPATH=ROOT).splitlines()
+    assert [line for line in printed if line.startswith('set')] == ['set()', 'set() True True']
+
+
+# What `pip install .` does not bring.
+OF_EXTRAS = ('matplotlib', 'mujoco', 'rclpy', 'rosbags', 'sklearn', 'threadpoolctl', 'tornado')
+
+
 def without(names: tuple[str, ...], module: str, *arguments: str) -> str:
     """Return a program that runs a module's `main` where libraries are not installed."""
     return f"""
@@ -312,6 +335,8 @@ sys.exit(main())
     [
         ('cli.main', ('modes',), ''),
         ('cli.main', ('effects',), ''),
+        ('cli.main', ('simulate', 'scene.npz', 'out.npz'), ''),
+        ('cli.main', ('export', 'octomap_server'), ''),
         ('cli.main', ('convert', 'bag.mcap', 'out.npz'), 'rosbags'),
         ('cli.main', ('characterize', 'capture', 'campaign'), 'mujoco'),
         ('nodes.go1_cameras', (), 'mujoco'),
@@ -323,7 +348,8 @@ def test_optional_libraries_are_imported_only_where_needed(
     if module.startswith('nodes'):
         pytest.importorskip('rclpy')
     (tmp_path / 'bag.mcap').touch()
-    program = without(('mujoco', 'rosbags'), module, *arguments)
+    np.savez(tmp_path / 'scene.npz', clean_depth=np.full((24, 32), 1.5), K=np.eye(3))
+    program = without(('mujoco', 'rosbags') if missing else OF_EXTRAS, module, *arguments)
     done = run_python('-c', program, cwd=tmp_path, env={**os.environ, 'PYTHONPATH': str(ROOT)})
     if missing:
         assert done.returncode in (1, 2)

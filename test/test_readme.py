@@ -47,6 +47,7 @@ ELSEWHERE = {
     "flexx2 replay walk --rate 0.5 --topics '*/clean/*'": 'test_replay.py',
     'flexx2 convert walk walk.npz --camera front_left': 'test_bags.py',
     'flexx2 compile': 'test_drop_in.py',
+    'flexx2 convert out.npz processed.npz --process chain.yaml': 'test_processing.py',
     'ros2 launch flexx2_sim_ros go1.launch.py rviz:=true': 'test_drop_in.py',
     'ros2 launch flexx2_sim_ros flexx2_driver.launch.py': 'test_drop_in.py',
     'flexx2 view --demo': 'test_view.py',
@@ -149,7 +150,8 @@ def test_command(command: str, tmp_path: Path) -> None:
                 assert [float(row[2]) for row in rows] == pytest.approx([1.0] * 3, abs=0.03)
 
 
-PROGRAMS = blocks('python')
+# test_processing.py runs what needs a chain.
+PROGRAMS = [program for program in blocks('python') if 'chain.yaml' not in program]
 TESTS = [program for program in PROGRAMS if 'def test_' in program]
 
 

@@ -10,11 +10,12 @@ WANTS = {
     'browser': ('no Chromium', 'apt install chromium'),
     'shared': (r'shared.* is not there', _REAL),
     'opengl': ('no OpenGL', 'apt install libegl1 libgl1-mesa-dri, or libosmesa6'),
-    'ros': ('rclpy', "pip install '.[ros]', or a sourced ROS 2 Jazzy"),
+    'ros': ('rclpy', "pip install '.[all,ros]', or a sourced ROS 2 Jazzy"),
     'gpu': ('no GPU', 'an NVIDIA GPU with its driver'),
-    'warp': ("warp-lang|'warp'", "pip install '.[batch]'"),
+    'warp': ("warp-lang|'warp'", 'pip install warp-lang'),
     'truth': ("'(cv2|trimesh)'", "pip install '.[truth]'"),
     'tools': ("'(build|mcap|sphinx|twine)'", "pip install '.[test]'"),
+    'hdf5': ("'h5py'", "pip install '.[hdf5]'"),
     'cluster': ('extra cluster', "pip install '.[cluster]'"),
     'menagerie': ("'mujoco_menagerie'", "pip install '.[menagerie]'"),
     'torch': ("'torch'", 'pip install torch'),
@@ -37,7 +38,7 @@ WANTS = {
 OTHER = 'other'
 # What whole test files import. These files are skipped where it is not installed, as in a ROS
 # workspace, where rosdep and pip install what the nodes, bags and tests need and no more.
-OF_EXTRAS = ('cv2', 'mcap', 'trimesh', 'warp')
+OF_EXTRAS = ('cv2', 'h5py', 'mcap', 'trimesh', 'warp')
 
 
 def want_of(reason: str) -> str:

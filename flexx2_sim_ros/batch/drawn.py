@@ -1,6 +1,7 @@
 """A pool of cameras drawn from a randomisation; each environment has one of them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from flexx2_sim_ros.batch import drawn_kernels
@@ -60,12 +61,12 @@ class DrawnCameras:
         _check(randomisation)
         self.cameras: list[tuple[Effect, ...]] = randomisation.draw(pool, seed)
         self._seed = seed % 2**30
-        self._pool = _on_device(self.cameras, device)
-        offsets = [time_offset_of(own) for own in self.cameras]
+        self._rows: Rows | None = None
+        self._pool = wp.zeros(pool, dtype=Effects, device=device)
         self._latencies, self._delays = (
-            wp.array(values, dtype=wp.int64, device=device)
-            for values in ([o.latency_ns for o in offsets], [o.delay_ns for o in offsets])
+            wp.zeros(pool, dtype=wp.int64, device=device) for _ in range(2)
         )
+        self._write(self.cameras)
         self._counts, self.drawn = (
             wp.zeros(num_envs, dtype=wp.int32, device=device) for _ in range(2)
         )
@@ -88,25 +89,57 @@ class DrawnCameras:
         parts = self._pool, self._seed, self._counts, self.drawn
         launch(drawn_kernels.draw, mask.size, mask, *parts)
 
+    def scale(self, share: float) -> None:
+        """Multiply the strengths of all cameras, as they were drawn, by 0 to 1."""
+        self._write(
+            [
+                tuple(replace(effect, strength=share * effect.strength) for effect in own)
+                for own in self.cameras
+            ]
+        )
+        self._give_all()
+
+    def _write(self, cameras: Sequence[Sequence[Effect]]) -> None:
+        offsets = [time_offset_of(own) for own in cameras]
+        self._pool.assign(np.array([effects_row(own) for own in cameras]))
+        self._latencies.assign(np.array([one.latency_ns for one in offsets]))
+        self._delays.assign(np.array([one.delay_ns for one in offsets]))
+
+    def state(self) -> dict[str, list[int]]:
+        """Return which camera each environment has, and how many it has had."""
+        return {'drawn': self.drawn.numpy().tolist(), 'counts': self._counts.numpy().tolist()}
+
+    def restore(self, state: Mapping[str, Sequence[int]]) -> None:
+        """Give each environment the camera that it had when `state` returned this."""
+        self.drawn.assign(np.array(state['drawn'], np.int32))
+        self._counts.assign(np.array(state['counts'], np.int32))
+        self._give_all()
+
+    def _give_all(self) -> None:
+        if self._rows is not None:
+            with wp.ScopedDevice(self.drawn.device):
+                self.give(wp.ones(self.drawn.size, dtype=wp.bool), self._rows)
+        wp.synchronize_device(self.drawn.device)  # The next frame may be of another stream.
+
     def give(self, mask: wp.array, rows: Rows) -> None:
         """Write the effects of their cameras into the rows of the chosen environments."""
+        self._rows = rows
         pool = self._pool, self.drawn, self._latencies, self._delays
         own = rows.effects, rows.latencies, rows.delays
         launch(drawn_kernels.take, mask.size, mask, *pool, *own)
 
 
-def _on_device(cameras: Sequence[Sequence[Effect]], device: Any) -> wp.array:
-    rows = np.array([effects_row(own) for own in cameras])
-    return wp.array(rows, dtype=Effects, device=device)
+def can_be_drawn_again(effect: Effect) -> bool:
+    """Return whether an effect, as it is, may change its strength while a batch runs."""
+    return effect.has_kernel and not _ONCE & set(effect.batched or ())
 
 
 def _check(randomisation: Randomisation) -> None:
     drawn = {(one.effect, one.parameter) for one in randomisation.distributions}
     for effect in randomisation.effects:
-        needs = set(effect.batched or ())
         # The kernel of scattered light is computed once from its width.
-        kernel = 'scatter' in needs and (effect.name, 'width') in drawn
-        if kernel or _ONCE & needs or not effect.has_kernel:
+        kernel = 'scatter' in (effect.batched or ()) and (effect.name, 'width') in drawn
+        if kernel or not can_be_drawn_again(effect):
             raise InputError(
                 f'randomisation: {effect.name}: cannot be drawn again while a batch runs; draw '
                 'once, with set_effects(randomisation.draw(num_envs, seed))'

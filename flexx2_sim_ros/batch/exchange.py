@@ -71,7 +71,7 @@ def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type, d
     own = (value.dtype.__name__ if kind == 'warp' else str(value.dtype)).removeprefix('torch.')
     if own != np.dtype(dtype).name:
         raise InputError(f'{name}: must be {np.dtype(dtype).name}, got {own}')
-    place = _device_of(kind, value)
+    place = device_of(kind, value)
     if place != device:
         raise InputError(f'{name}: must be on {device}, where the camera is, got on {place}')
     return kind
@@ -129,7 +129,8 @@ def given_images(
     return kind, (depth, reflectivity, out)
 
 
-def _device_of(kind: str, value: Any) -> Any:
+def device_of(kind: str, value: Any) -> Any:
+    """Return the Warp device of an array of this kind."""
     if kind == 'numpy':
         return wp.get_device('cpu')
     if kind == 'torch':

@@ -4,8 +4,7 @@ from functools import cache
 import pkgutil
 from typing import Any
 
-from flexx2_sim_ros.batch.camera import BatchCamera
-import numpy as np
+from flexx2_sim_ros.batch.noise import DepthNoise
 
 _PREFIX = 'NoisyDepth-'
 
@@ -15,41 +14,29 @@ class NoisyDepth:
 
     def __init__(self, cfg: Any, env: Any) -> None:
         """Make the cameras."""
-        options = {
-            'invalid_value': 'zero',
-            'device': str(env.device),
-            **(cfg.params.get('camera') or {}),  # Isaac Lab 3 fills in None
-        }
+        options = {'device': str(env.device), **(cfg.params.get('camera') or {})}
+        self._progress = options.pop('progress', None)
         if options.get('name') is None:
             # By the order of the terms in their environment, which is the same in each run.
             number = env._flexx2_terms = getattr(env, '_flexx2_terms', 0) + 1
             options['name'] = f'term {number}' if number > 1 else ''
-        self._noise = BatchCamera(env.num_envs, **options)
-        self._like: Any = None
+        self.noise = DepthNoise(**options)
+        self.noise.make(env.num_envs, options['device'])
         self._step: int | None = None
 
     def __call__(self, env: Any, depth: Any, camera: Any = None) -> Any:
         """Return the environments' images with noise; they are the caller's to keep."""
-        clean = self._like = depth(env)
         step, before = _step_of(env), self._step
         # Counters go back when an environment is made anew.
         passed = 1 if step is None or before is None or step < before else step - before
         self._step = step
-        seen = self._noise(clean, steps=passed)
-        return seen.clone() if hasattr(seen, 'clone') else seen.copy()
+        if self._progress is not None:
+            self.noise.set_progress(self._progress(env))
+        return self.noise(depth(env), steps=passed)
 
     def reset(self, env_ids: Any = None) -> None:
-        """Forget what effects keep of these environments (all when left out)."""
-        if self._like is not None:
-            # A mask on the images' device, so that nothing waits for it.
-            size = self._noise.num_envs
-            mask = (
-                self._like.new_zeros(size).bool()
-                if hasattr(self._like, 'new_zeros')
-                else np.zeros(size, bool)
-            )
-            mask[slice(None) if env_ids is None else env_ids] = True
-            self._noise.reset(mask)
+        """Begin an episode in these environments (all when left out)."""
+        self.noise.reset(env_ids)
 
 
 def _step_of(env: Any) -> int | None:
@@ -82,10 +69,10 @@ def noisy_depth(base: type = object) -> type:
     type
         Of terms whose ``params`` are ``depth``, a function of the environment that returns clean
         depth, (N, H, W), (N, 1, H, W) or (N, H, W, 1) float32, metres along the optical axis; and
-        ``camera``, the arguments of `BatchCamera` by name. It returns the same shape; invalid is
-        0 unless ``camera`` says otherwise. Without ``name``, each term of an environment has one
-        of its own. Time is the environment's counter of steps, where it has one. The class
-        is found again by its module and name, also in another process.
+        ``camera``, the arguments of `DepthNoise` by name, of which ``progress`` may be a function
+        of the environment. It returns the same shape. Without ``name``, each term of an
+        environment has one of its own. Time is the environment's counter of steps, where it has
+        one. The class is found again by its module and name, also in another process.
 
     Examples
     --------
@@ -96,7 +83,7 @@ def noisy_depth(base: type = object) -> type:
 
         ObservationTermCfg(func=noisy_depth(ManagerTermBase), params={
             'depth': front,
-            'camera': {'usecase': 'Mode_5_30fps', 'effects': {'heavy_tails': None}}})
+            'camera': {'mode': 'Mode_5_30fps', 'effects': 'randomised'}})
 
     Isaac Lab 2 gives tensors: leave ``.torch`` out there.
 

@@ -22,7 +22,7 @@ _OPTIONS = f"""
 Simulate Go1 robots that walk over stairs, each with two cameras. All images get their noise in one
 batch (flexx2_sim_ros.batch) and are projected to the height grid around each robot (x +-0.5 m, y
 +-0.3 m, every 0.1 m). Prints and draws the errors of the grids with and without noise. Needs pip
-install "flexx2_sim_ros[batch]".
+install "flexx2_sim_ros[figures,mujoco]".
 
 --num-envs NUM_ENVS: number of robots (default %(default)s)
 --frames FRAMES: frames for each grid, {_INTERVAL} s apart (default %(default)s)
@@ -115,9 +115,7 @@ def import_warp() -> Any:
     try:
         import warp
     except ImportError as error:
-        raise InputError(
-            'warp-lang is not installed: pip install "flexx2_sim_ros[batch]"'
-        ) from error
+        raise InputError('warp-lang is not installed: pip install warp-lang') from error
     warp.config.log_level = warp.LOG_WARNING
     return warp
 

@@ -10,8 +10,8 @@ from flexx2_sim_ros.errors import InputError, printable, shown
 _DESCRIPTION = """\
 Convert a recording to another format, without loss. A and B are .npz recordings
 or rosbag2 bags: a folder, or a single .mcap or .db3 file. A can also be a .bag
-file of ROS 1, a folder of 16-bit PNG files or one of them, or an .npz file of
-another program. Bags of pmd-royale-ros, pico_flexx_driver, realsense-ros and
+file of ROS 1, a folder of 16-bit PNG files or one of them, or an .npz or HDF5
+file of another program. Bags of pmd-royale-ros, pico_flexx_driver, realsense-ros and
 Azure Kinect work without options. A damaged bag is read up to the damage. From
 a bag with several cameras, B.npz becomes B_<camera>.npz for each camera.
 """
@@ -22,6 +22,7 @@ _EXAMPLES = """examples:
   flexx2 convert images/ wall.npz --usecase NFOV_unbinned_30fps --rate 15
   flexx2 convert no_camera_info wall.npz --intrinsics 210.6 212.9 111.5 85.5
   flexx2 convert frame.png frame.npz --unit 0.0002 --mask known.png
+  flexx2 convert demos.hdf5 a.npz --key depth=data/demo_0/obs/front_depth
   flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
 
 
@@ -31,6 +32,7 @@ target B: recording to write: a name that ends in .npz, .mcap or .db3, or a new 
 --camera CAMERA: from a bag: which camera, by its name or by the topic of its depth image; to a
     bag: name of the camera
 --storage mcap|sqlite3: format of a bag in a folder (default %(default)s)
+--process FILE: process the depth: a YAML file of stages (docs/recordings.md)
 --usecase MODE: the camera's mode, if A does not say
 --profile NAME: the camera, which must have the mode: a shipped profile or the path of one
     (default: the mode may be that of any camera)
@@ -51,7 +53,7 @@ target B: recording to write: a name that ends in .npz, .mcap or .db3, or a new 
 --unit METRES: for images and other .npz: metres per unit of depth (default 0.001; 1 for .npz of
     floating-point numbers)
 --rate HZ: frames per second, if A has no stamps (default: that of the mode, or 30)
---key NAME=OTHER: for other .npz: read the key NAME from OTHER in A; may be repeated
+--key NAME=OTHER: for other .npz and HDF5: read the key NAME from OTHER in A; may be repeated
 """
 
 
@@ -67,6 +69,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         calibration=Path,
         intrinsics=number(-1e6, 1e6),
         rectified={'action': argparse.BooleanOptionalAction},
+        process=Path,
         mask=Path,
         unit=number(0, 1000, above=True),
         rate=number(0, 1e6, above=True),
@@ -88,6 +91,8 @@ def _keys(pairs: list[str]) -> dict[str, str]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Convert with a progress bar, and print what was converted."""
+    from flexx2_sim_ros.processing import Chain, load_chain
+    from flexx2_sim_ros.processing.recorded import ProcessedRecording
     from flexx2_sim_ros.profiles.files import find_profile
     from flexx2_sim_ros.recording.convert import convert
     from flexx2_sim_ros.recording.corrections import Given
@@ -107,6 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.rectified,
         None if arguments.profile is None else find_profile(arguments.profile),
     )
+    chain = Chain(()) if arguments.process is None else load_chain(arguments.process)
     console = messages(soft_wrap=True)
     with progress_bar(console) as progress:
         written = convert(
@@ -116,6 +122,9 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.storage,
             given,
             progress,
+            (lambda reader: ProcessedRecording(reader, chain))
+            if chain.stages
+            else lambda one: one,
         )
     for reader, path in written:
         for note in dict.fromkeys(reader.notes):

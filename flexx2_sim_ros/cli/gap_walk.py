@@ -12,7 +12,7 @@ _OPTIONS = """
 Let simulated robots walk over stairs, rubble and gaps with footholds chosen on the height grid
 that their cameras see: with perfect depth, with the noise model, and with the diagnosed effects
 added. Writes walk.json and the figure walk.png. Forces are not simulated; docs/robots.md says when
-a walk fails. Needs pip install "flexx2_sim_ros[batch]".
+a walk fails. Needs pip install "flexx2_sim_ros[gap,mujoco]".
 
 diagnosis DIAGNOSIS: folder that flexx2 gap diagnose has written
 --out

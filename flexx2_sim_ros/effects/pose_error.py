@@ -9,11 +9,10 @@ from flexx2_sim_ros.effects.hypothesis import Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.formulas import surfaces
 from flexx2_sim_ros.formulas.scalars import f32, floor, i32, least, most, size, where
-from flexx2_sim_ros.physics.compiled import compiled, loop
+from flexx2_sim_ros.physics.compiled import compiled, inlined, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, tangents
-from numba import njit
 import numpy as np
 
 NEAREST = f32(1e-3)  # depth of a point that the other camera can see, over its depth in this one
@@ -189,7 +188,7 @@ def rotation_of(turn: np.ndarray) -> np.ndarray:
     return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
-@njit(inline='always')
+@inlined
 def _shown_at(p, dx, dy, dz, lens, step, inverse, height, width):
     # The inverse depth of the surface that the old image shows where it sees a point of a ray.
     fx, fy, cx, cy = lens
@@ -199,7 +198,7 @@ def _shown_at(p, dx, dy, dz, lens, step, inverse, height, width):
     return p[row + PAD, column + PAD]
 
 
-@njit(inline='always')
+@inlined
 def _in_front(p, dx, dy, dz, lens, step, inverse, nearest, height, width):
     # The inverse depth of the point of a ray whose place in the old image shows what is seen: of
     # the nearest surface that the ray meets, else ``inverse``, the pixel's own one before. A ray

@@ -150,6 +150,35 @@ class Randomisation:
         return {'effects': effects, 'correlations': pairs}
 
 
+def fixed(effects: Sequence[Effect]) -> Randomisation:
+    """Return a randomisation that always draws the same effects."""
+    return Randomisation(tuple(effects), {one.name: 1.0 for one in effects}, (), np.eye(0))
+
+
+def of_strengths(effects: Sequence[Effect], low: float, high: float) -> Randomisation:
+    """Return a randomisation of effects whose strengths are uniform and independent."""
+    found = [Distribution(one.name, 'strength', low, high) for one in effects]
+    return with_more(fixed(effects), (), found)
+
+
+def with_more(
+    one: Randomisation, effects: Sequence[Effect], found: Sequence[Distribution]
+) -> Randomisation:
+    """Return a randomisation with more effects and independent distributions."""
+    names = set(one.probabilities) & {effect.name for effect in effects}
+    if names:
+        raise InputError(f'effects: must be without {names.pop()}, which is added here')
+    size = len(one.distributions)
+    matrix = np.eye(size + len(found))
+    matrix[:size, :size] = one.correlation
+    return Randomisation(
+        (*one.effects, *effects),
+        {**one.probabilities, **{effect.name: 1.0 for effect in effects}},
+        (*one.distributions, *found),
+        matrix,
+    )
+
+
 def parse_randomisation(
     table: Any, kinds: Mapping[str, type[Effect]], where: str
 ) -> Randomisation:

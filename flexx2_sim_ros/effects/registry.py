@@ -184,6 +184,13 @@ def load_randomisation(path: str | Path) -> Randomisation:
     return parse_randomisation(table, loadable(), where)
 
 
+def randomisation_at(path: str | Path) -> Randomisation | None:
+    """Return the distributions of a file, or None where it is no file or has effects instead."""
+    path = Path(path)
+    is_one = is_regular_file(path) and 'randomisation' in read_config(path)
+    return load_randomisation(path) if is_one else None
+
+
 def _with_maps_of_draws(table: Any, folder: Path, where: str) -> Any:
     # As `_with_maps`, one level deeper.
     effects = table.get('effects') if isinstance(table, Mapping) else None

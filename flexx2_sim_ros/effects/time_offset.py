@@ -8,6 +8,9 @@ from flexx2_sim_ros.effects.between import between, frames_around, is_late_neare
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched
 from flexx2_sim_ros.effects.picture import Picture
+from flexx2_sim_ros.effects.randomisation import Distribution
+from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.limits import is_finite
 from flexx2_sim_ros.physics.frame_state import EffectProtocol, FrameState, Stage
 import numpy as np
 
@@ -89,6 +92,32 @@ class TimeOffset(Effect):
         share = share_of(np.int64(moment - start), np.int64(end - start or 1))
         state.depth = between(depth, other, float(share), (end - start) * 1e-9)
         state.reflectivity = kept[late if is_late_nearer(share) else early][2]
+
+
+def arriving_late(delay: Any) -> tuple[list[TimeOffset], list[Distribution]]:
+    """
+    Return the effect of images that arrive late, and how its delay is drawn.
+
+    Parameters
+    ----------
+    delay : float or sequence of float
+        Seconds, or the lowest and the highest.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+
+    """
+    ends = delay if isinstance(delay, tuple | list) else (delay, delay)
+    if len(ends) != 2 or not all(map(is_finite, ends)) or not 0 <= ends[0] <= ends[1] <= 1:
+        raise InputError(
+            'latency: must be seconds from 0 to 1, or the lowest and the highest, got '
+            f'{shown(delay)}'
+        )
+    low, high = map(float, ends)
+    found = [Distribution(TimeOffset.name, 'delay', low, high)] if low < high else []
+    return [TimeOffset(latency=0.0, delay=low)], found
 
 
 _NO_OFFSET = TimeOffset(latency=0.0)

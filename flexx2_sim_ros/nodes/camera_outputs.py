@@ -5,6 +5,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.camera.frame import Frame, gray_image
+from flexx2_sim_ros.messages.decoding import stamp_nanoseconds
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
 from flexx2_sim_ros.physics.geometry import pixel_rays, points
@@ -48,6 +49,12 @@ class CameraOutputs:
         self._cloud = self._publisher(PointCloud2, '~/point_cloud_0')
         self._gray = self._publisher(Image, '~/gray_image_0')
         self._noise = self._publisher(Image, '~/depth_noise_0')
+        self._processed: Any = None
+        if settings.chain is not None:
+            self._processed = self._publisher(Image, '~/processed/depth_image')
+            self._processed_info = self._publisher(CameraInfo, '~/processed/camera_info')
+            small = settings.chain.lens(settings.intrinsics)
+            self._processed_lens = messages.camera_info_message(Header(), small)
 
     def _publisher(self, kind: type, topic: str) -> Any:
         return self._node.create_publisher(
@@ -62,7 +69,8 @@ class CameraOutputs:
     @property
     def wanted(self) -> bool:
         """Return whether any topic that needs a frame has a subscription."""
-        return any(map(_is_wanted, (self._depth, self._cloud, self._gray, self._noise)))
+        images = self._depth, self._cloud, self._gray, self._noise, self._processed
+        return any(map(_is_wanted, images))
 
     def publish_info(self, head: Header) -> None:
         """Publish the camera info of a frame."""
@@ -71,6 +79,8 @@ class CameraOutputs:
 
     def publish_frame(self, head: Header, frame: Frame) -> None:
         """Publish the images and the cloud that are wanted; changes invalid values in `frame`."""
+        if _is_wanted(self._processed):
+            self._publish_processed(head, frame.depth)
         if self._settings.invalid_is_zero:
             invalid = np.isnan(frame.depth)
             frame.depth[invalid] = 0.0
@@ -89,9 +99,20 @@ class CameraOutputs:
         if _is_wanted(self._noise):
             self._noise.publish(messages.image_message(head, frame.sigma, '32FC1'))
 
+    def _publish_processed(self, head: Header, depth: np.ndarray) -> None:
+        chain: Any = self._settings.chain
+        image = chain.step(depth, stamp_nanoseconds(head.stamp))
+        if image is None:
+            return
+        if self._settings.invalid_is_zero:
+            image[np.isnan(image)] = 0.0
+        self._processed.publish(messages.image_message(head, image, '32FC1'))
+        self._processed_lens.header = head
+        self._processed_info.publish(self._processed_lens)
+
 
 def _is_wanted(publisher: Any) -> bool:
-    return bool(publisher.get_subscription_count() > 0)
+    return publisher is not None and bool(publisher.get_subscription_count() > 0)
 
 
 _PERIOD = 0.5  # s

@@ -11,6 +11,7 @@ from flexx2_sim_ros.messages.camera_info import is_rectified
 from flexx2_sim_ros.nodes.effect_parameters import EffectParameters
 from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.physics.frame_state import check_frequencies
+from flexx2_sim_ros.processing import Chain, load_chain
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode, Profile
 from rcl_interfaces.msg import (
@@ -54,6 +55,8 @@ class CameraParameters:
         Frame that the camera is mounted on; empty if it was not given.
     mount_position, mount_rpy : list of float
         Pose of the lens in that frame: metres; roll, pitch, yaw in radians.
+    chain : Chain or None
+        How depth is processed for ``~/processed/depth_image``, if it is.
 
     Raises
     ------
@@ -93,6 +96,7 @@ class CameraParameters:
         self._declare_formats()
         self.intrinsics = self._declare_intrinsics(profile.intrinsics)
         check_maps(self.effects.chosen, self.intrinsics.width, self.intrinsics.height)
+        self.chain = self._declare_chain()
         for name in _CHOICES:
             self._check(name, node.get_parameter(name).value)
         self._on_change = on_change
@@ -227,6 +231,22 @@ class CameraParameters:
             read_only=True,
         )
         return Intrinsics(default.width, default.height, fx, fy, cx, cy, tuple(distortion))
+
+    def _declare_chain(self) -> Chain | None:
+        path = self._declare(
+            'process',
+            '',
+            'YAML file of stages that make ~/processed/depth_image of the depth.',
+            read_only=True,
+        )
+        if not path:
+            return None
+        try:
+            chain = load_chain(path)
+            chain.lens(self.intrinsics)  # complains
+        except InputError as error:
+            raise InputError(f'process: {error}') from error
+        return chain
 
     def _exposure_descriptor(self) -> ParameterDescriptor:
         shortest, longest = self._profile.mode(self.usecase).exposure_us

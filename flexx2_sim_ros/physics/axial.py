@@ -1,11 +1,10 @@
 """Axial noise and what goes with it: sigma_z, amplitude, confidence, the mode's range."""
 
 from flexx2_sim_ros.formulas import pixels, surfaces
-from flexx2_sim_ros.physics.compiled import compiled, loop
+from flexx2_sim_ros.physics.compiled import compiled, inlined, loop
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.physics.surface import PAD, Surface
 from flexx2_sim_ros.profiles.modes import NoiseModel
-from numba import njit
 import numpy as np
 
 _ZERO = np.float32(0.0)
@@ -166,7 +165,7 @@ def observe(
         )
 
 
-@njit(inline='always')
+@inlined
 def _see(inverse, cosine, spread, rho, normal, limits):
     # Depth, sigma, amplitude and confidence of what a pixel sees.
     range_min, range_max, zero_confidence = limits

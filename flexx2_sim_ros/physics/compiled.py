@@ -1,40 +1,100 @@
-"""Formulas, and loops over images that use them, compiled for the CPU."""
+"""
+Formulas, and loops over images that use them, compiled for the CPU.
+
+numba is imported at the first call of any of them: a batch on a GPU does without it.
+"""
 
 from collections.abc import Callable
-from contextlib import suppress
-import hashlib
+from functools import cached_property
 import math
-import pickle
 from types import CodeType, FunctionType
 from typing import Any
 
 from flexx2_sim_ros.formulas import Backend
-from numba import njit
-from numba.core.caching import FunctionCache, IndexDataCacheFile
 import numpy as np
 
 
-@njit(inline='always')
+class Lazy:
+    """
+    A function that is compiled at its first call, with those that it calls.
+
+    Parameters
+    ----------
+    function : callable
+        In the language of numba.
+    make : callable
+        Compiles it; called once.
+
+    """
+
+    def __init__(self, function: Any, make: Callable[[Any], Any]) -> None:
+        """Compile nothing yet."""
+        self.__doc__ = function.__doc__
+        self._function, self._make = function, make
+
+    @cached_property
+    def made(self) -> Any:
+        """Return the compiled function."""
+        _make_names(self._function)
+        return self._make(self._function)
+
+    def __call__(self, *args: Any) -> Any:
+        """Call the compiled function."""
+        return self.made(*args)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what numba says of it."""
+        if name.startswith('_'):
+            raise AttributeError(name)
+        return getattr(self.made, name)
+
+
+def _make_names(function: Any) -> None:
+    # numba looks functions up in the globals of those that call them.
+    names, codes = function.__globals__, [function.__code__]
+    while codes:
+        code = codes.pop()
+        codes += [one for one in code.co_consts if isinstance(one, CodeType)]
+        for name in code.co_names:
+            value = names.get(name)
+            if isinstance(value, Lazy):
+                names[name] = value.made
+            elif isinstance(called := getattr(value, 'py_func', None), FunctionType):
+                _make_names(called)
+
+
+def _inlined(function: Any) -> Any:
+    from numba import njit
+
+    return njit(inline='always')(function)
+
+
+def inlined(function: Any) -> Lazy:
+    """Compile a function into those that call it: their loops become vector instructions."""
+    return Lazy(function, _inlined)
+
+
+@inlined
 def _where(condition, first, second):  # type: ignore[no-untyped-def]
     return first if condition else second
 
 
-@njit(inline='always')
+@inlined
 def _both(first, second):  # type: ignore[no-untyped-def]
     return first & second
 
 
-@njit(inline='always')
+@inlined
 def _at(image, i):  # type: ignore[no-untyped-def]
     return image[i]
 
 
-@njit(inline='always')
+@inlined
 def _bits_of(x):  # type: ignore[no-untyped-def]
     return np.float32(x).view(np.int32)
 
 
-@njit(inline='always')
+@inlined
 def _float_of(bits):  # type: ignore[no-untyped-def]
     return np.int32(bits).view(np.float32)
 
@@ -59,44 +119,7 @@ _NAMES: dict[str, Any] = {
     'float_of': _float_of,
 }
 
-# Inlined where it is called: loops over images become vector instructions.
-compiled = Backend(_NAMES, lambda value: value, njit(inline='always'))
-
-
-class _Files(IndexDataCacheFile):
-    """Files of numba's cache with a checksum: damaged machine code would run."""
-
-    def _save_data(self, name: str, data: Any) -> None:
-        packed = self._dump(data)  # type: ignore[no-untyped-call]
-        checked = hashlib.sha256(packed).digest(), packed
-        super()._save_data(name, checked)  # type: ignore[no-untyped-call]
-
-    def _load_data(self, name: str) -> Any:
-        digest, packed = super()._load_data(name)  # type: ignore[no-untyped-call]
-        if digest != hashlib.sha256(packed).digest():
-            raise ValueError('damaged')
-        return pickle.loads(packed)  # noqa: S301 (as numba does)
-
-
-class _Cache(FunctionCache):
-    """What numba keeps of a loop on disk, where it can be written."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)  # type: ignore[no-untyped-call]
-        self._cache_file.__class__ = _Files
-
-    def load_overload(self, sig: Any, target_context: Any) -> Any:
-        try:
-            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
-        except Exception:  # Damaged files raise anything. They are written anew.
-            with suppress(OSError):
-                self.flush()  # type: ignore[no-untyped-call]
-            return None
-
-    def save_overload(self, sig: Any, data: Any) -> None:
-        # A full disk stops no camera: the next process compiles again.
-        with suppress(OSError):
-            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+compiled = Backend(_NAMES, lambda value: value, inlined)
 
 
 def loop(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -119,30 +142,12 @@ def loop(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     """
 
-    def compile_loop(function: Callable[..., Any]) -> Any:
-        function.__qualname__ += f'_{digest_of(function)}'
-        compiled_loop = njit(**options)(function)
-        with suppress(RuntimeError):  # No folder can be written.
-            compiled_loop._cache = _Cache(function)
-        return compiled_loop
+    def compile_loop(function: Callable[..., Any]) -> Lazy:
+        def make(one: Callable[..., Any]) -> Any:
+            from flexx2_sim_ros.physics.kept import kept_loop
+
+            return kept_loop(one, options)
+
+        return Lazy(function, make)
 
     return compile_loop
-
-
-def digest_of(function: Any) -> str:
-    """Return eight characters that change with the code of a function or of what it calls."""
-    digest, known, left = hashlib.sha256(), set(), [function]
-    while left:
-        code = left[-1].__code__
-        names = left.pop().__globals__
-        constants = [one for one in code.co_consts if not isinstance(one, CodeType)]
-        digest.update(code.co_code + repr((code.co_names, constants)).encode())
-        for name in code.co_names:
-            value = names.get(name)
-            called = getattr(value, 'py_func', None)
-            if isinstance(called, FunctionType) and called not in known:
-                known.add(called)
-                left.append(called)
-            elif isinstance(value, int | float | tuple | np.generic):
-                digest.update(repr(value).encode())
-    return digest.hexdigest()[:8]

@@ -11,9 +11,8 @@ surfaces get no extra axial noise.
 import math
 
 from flexx2_sim_ros.formulas import edges
-from flexx2_sim_ros.physics.compiled import compiled, loop
+from flexx2_sim_ros.physics.compiled import compiled, inlined, loop
 from flexx2_sim_ros.physics.philox import edge_draw, STREAM_COLUMN_EDGES, STREAM_ROW_EDGES
-from numba import njit
 import numpy as np
 
 _NEVER = np.uint8(255)
@@ -101,7 +100,7 @@ def upright_edges(row_jumps, column_jumps):
     return row_edges[:row_count].copy(), column_edges[:column_count].copy()
 
 
-@njit(inline='always')
+@inlined
 def _displace(arrays, count, along, shift, last, first, pitch):
     # One edge, between positions `along` and `along + 1` of a line of `last + 1` pixels. Pixels
     # are addressed as first + position * pitch. The nearest displaced edge wins. `count` pixels

@@ -9,8 +9,7 @@ beside it, and another implementation, on another device, can repeat it.
 import hashlib
 
 from flexx2_sim_ros.formulas import random_numbers
-from flexx2_sim_ros.physics.compiled import compiled, loop
-from numba import njit
+from flexx2_sim_ros.physics.compiled import compiled, inlined, loop
 import numpy as np
 
 # Second counter word: what the numbers are for. Never renumber. Effects say their own numbers:
@@ -105,7 +104,7 @@ def fill_uniforms(key, stamp_low, stamp_high, stream, out):
             out[i + 2] = _uniform(u2)
 
 
-@njit(inline='always')
+@inlined
 def edge_draw(key, index, stream, stamp_low, stamp_high, laplace):
     """
     Return a draw of unit variance from the block with this counter.

@@ -9,11 +9,10 @@ slopes on either side do not explain.
 from dataclasses import dataclass
 
 from flexx2_sim_ros.formulas import surfaces
-from flexx2_sim_ros.physics.compiled import compiled, loop
+from flexx2_sim_ros.physics.compiled import compiled, inlined, loop
 from flexx2_sim_ros.physics.philox import FAST
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.sensor import Sensor
-from numba import njit
 import numpy as np
 
 PAD = 2
@@ -128,7 +127,7 @@ def find_jumps(p, jump_share, steep_share, row_jumps, column_jumps):
             )
 
 
-@njit(inline='always')
+@inlined
 def slope(p2, p1, p0, n1, n2, jump_share, steep_share):
     """Return the slope of inverse depth at the middle of five pixels in a line."""
     jump_before = is_jump(p2, p1, p0, n1, jump_share, steep_share)

@@ -15,7 +15,7 @@ from flexx2_sim_ros.recording.corrections import complete, Given
 from flexx2_sim_ros.recording.image_folders import has_images, ImageRecording, mask_beside
 from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
-from flexx2_sim_ros.recording.other_archive import OtherArchive
+from flexx2_sim_ros.recording.other_archive import ARCHIVES, OtherArchive
 from flexx2_sim_ros.recording.reader import RecordingReader
 from flexx2_sim_ros.recording.tidying import tidy
 import numpy as np
@@ -33,6 +33,7 @@ def convert(
     storage: str = 'mcap',
     given: Given = NOTHING,
     progress: Progress = lambda text, share: None,
+    processed: Callable[[RecordingReader], RecordingReader] = lambda reader: reader,
 ) -> list[tuple[RecordingReader, Path]]:
     """
     Write a recording in another format, without loss and in bounded memory.
@@ -40,8 +41,8 @@ def convert(
     Parameters
     ----------
     source : str or pathlib.Path
-        As for `open_recording`, or a folder of 16-bit PNG files, or one of them; see
-        `ImageRecording`.
+        As for `open_recording`, or a folder of 16-bit PNG files, or one of them (see
+        `ImageRecording`), or an HDF5 file (see `OtherArchive`).
     target : str or pathlib.Path
         An ``.npz`` file (replaced if it exists), a ``.mcap`` or ``.db3`` file, or a folder for a
         bag. From a bag with several cameras, if none is chosen, ``out.npz`` becomes
@@ -54,6 +55,8 @@ def convert(
         What the file does not say.
     progress : callable
         Called with what is being done, and the fraction of it that is done.
+    processed : callable
+        Returns what is written of a recording.
 
     Returns
     -------
@@ -72,8 +75,11 @@ def convert(
         check_bag_name(target, 'an .npz, .mcap or .db3 file, or ')
     images = has_images(source)
     lens = None if images else given.lens
-    cameras = [] if images else recording_cameras(source, given.infrared, lens is not None)
-    if camera is not None and target.suffix == '.npz' and (images or source.suffix == '.npz'):
+    archive = source.suffix in ARCHIVES
+    cameras = (
+        [] if images or archive else recording_cameras(source, given.infrared, lens is not None)
+    )
+    if camera is not None and target.suffix == '.npz' and (images or archive):
         raise InputError(
             f'--camera: must be left out where neither A nor B is a bag, got {shown(camera)}'
         )
@@ -87,17 +93,18 @@ def convert(
         return [
             pair
             for name, path in paths.items()
-            for pair in convert(source, path, name, storage, given, progress)
+            for pair in convert(source, path, name, storage, given, progress, processed)
         ]
     progress(f'reading {source.name}', 0.0)
     reader = complete(*_open(source, camera, given, images))
     _check_lens(reader)
+    reader = processed(reader)
     written = partial(progress, f'writing {target.name}')
     if target.suffix == '.npz':
         write_npz(reader, target, written)
     else:
         # In a bag it selects a camera, also by a topic; a name has no slash at its start.
-        from_bag = not images and source.suffix != '.npz'
+        from_bag = not images and not archive
         name = camera.strip('/') if camera and from_bag else camera
         write_bag(reader, target, storage, name, written)
     return [(reader, target)]
@@ -108,7 +115,7 @@ def _open(
 ) -> tuple[RecordingReader, Given]:
     for option in ('clean', 'infrared'):
         value = getattr(given, option)
-        if value is not None and (images or source.suffix == '.npz'):
+        if value is not None and (images or source.suffix in ARCHIVES):
             raise InputError(f'--{option}: must be left out where A is no bag, got {shown(value)}')
     if images:
         if given.keys:
@@ -116,8 +123,8 @@ def _open(
         return tidy(ImageRecording(source, given), units=False), replace(
             given, mask=given.mask or mask_beside(source)
         )
-    if source.suffix == '.npz':
-        if given.of_files or given.of_lens:
+    if source.suffix in ARCHIVES:
+        if given.of_files or given.of_lens or source.suffix != '.npz':
             return tidy(OtherArchive(source, given), given.unit is None), given
         return open_recording(source), given
     if given.of_files:

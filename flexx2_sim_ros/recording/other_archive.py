@@ -1,18 +1,21 @@
-"""Recordings in ``.npz`` files of other programs: other keys, units and shapes."""
+"""Recordings in ``.npz`` and HDF5 files of other programs: other keys, units and shapes."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError, shown, unquoted
-from flexx2_sim_ros.npz_arrays import open_npz
+from flexx2_sim_ros.npz_arrays import NpzFile, open_npz
 from flexx2_sim_ros.recording.corrections import Given, in_metres
+from flexx2_sim_ros.recording.hdf5 import open_hdf5, SUFFIXES
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader, STACKS
 import numpy as np
+
+ARCHIVES = ('.npz', *SUFFIXES)
 
 
 class OtherArchive(RecordingReader):
     """
-    An ``.npz`` file of another program, held in memory.
+    An ``.npz`` or HDF5 file of another program, held in memory.
 
     Parameters
     ----------
@@ -30,7 +33,7 @@ class OtherArchive(RecordingReader):
 
     def __init__(self, path: Path, given: Given) -> None:
         """Read the file."""
-        with open_npz(path) as archive:
+        with open_npz(path) if path.suffix == '.npz' else open_hdf5(path) as archive:
             for ours, theirs in given.keys.items():
                 if theirs not in archive.headers:
                     raise InputError(
@@ -39,7 +42,7 @@ class OtherArchive(RecordingReader):
                     )
             names = {
                 key: key
-                for key in archive.headers
+                for key in (archive.headers if isinstance(archive, NpzFile) else archive.usual)
                 if key not in given.keys and key not in given.keys.values()
             }
             arrays = {key: archive.read(name) for key, name in {**names, **given.keys}.items()}
@@ -48,7 +51,7 @@ class OtherArchive(RecordingReader):
         notes: list[str] = []
         if given.rectified is not None and lens is None:
             raise InputError(
-                '--rectified: must come with --calibration for an .npz file, got none'
+                '--rectified: must come with --calibration for an .npz or HDF5 file, got none'
             )
         if lens is not None:
             camera = lens.intrinsics(depth.shape[1:], bool(given.rectified), notes)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, one_sentence
+from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.rendering.pinholes import add_camera, check_view, FAR, NEAR, set_view
@@ -16,9 +17,7 @@ import numpy as np
 
 HOME_KEY = 'home'
 MODELS = ('builtin', 'menagerie')
-
-# Size of the camera, 71.9 x 19.2 x 10.6 mm (data sheet), as half-sizes: depth, width, height.
-_HOUSING = (0.0053, 0.03595, 0.0096)
+_CAMERA = 'flexx2.xml'  # in config/models, with the sizes and their source
 
 
 def build_model(
@@ -125,13 +124,13 @@ def _add_camera(trunk: Any, mount: CameraMount, intrinsics: Intrinsics) -> None:
     axes = np.stack([look, -mount.rotation[:, 0], -mount.rotation[:, 1]], axis=1)
     quat = np.empty(4)
     mujoco.mju_mat2Quat(quat, axes.ravel())
+    housing = mujoco.MjSpec.from_file(str(config_dir() / 'models' / _CAMERA)).geom('housing')
     trunk.add_geom(
         name=f'{mount.name}_housing',
         type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=_HOUSING,
+        size=housing.size,
         quat=quat,
-        # The lens is 1 mm in front of the housing, so the camera does not see its housing.
-        pos=np.asarray(mount.position) - (_HOUSING[0] + 0.001) * look,
+        pos=np.asarray(mount.position) + housing.pos[0] * look,
         mass=0.0,
         contype=0,
         conaffinity=0,

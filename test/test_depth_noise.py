@@ -1,0 +1,188 @@
+"""`depth_noise`: one line, in any training program."""
+
+import copy
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from batches import scenes
+from flexx2_sim_ros.batch import BatchCamera, depth_noise, noisy_depth
+from flexx2_sim_ros.effects import Randomisation, save_randomisation
+from flexx2_sim_ros.effects.randomisation import fixed, of_strengths
+from flexx2_sim_ros.effects.registry import registry
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.processing import parse_chain
+import numpy as np
+import pytest
+
+CLEAN = np.full((6, 24, 32), 1.2, np.float32)
+BIAS = {'offset': {'bias': 0.1}}
+
+
+def drawn_offsets() -> Randomisation:
+    """Return cameras that differ in an offset of up to 10 mm."""
+    return of_strengths([registry()['offset']()], 0.0, 2.0)
+
+
+def offset_of(seen: Any) -> np.ndarray:
+    """Return (N,) metres by which images differ from the clean ones."""
+    return np.array(np.median(np.asarray(seen), axis=(1, 2)) - CLEAN[0, 0, 0])
+
+
+@pytest.mark.parametrize('effects', [(), 'typical', {'time_offset': {'delay': 0.04}}])
+def test_effects_that_are_not_drawn_are_those_of_the_batch(effects: Any) -> None:
+    clean = scenes(4)[:, 60:84, 80:112]
+    options = {'effects': effects, 'seed': [3, 1, 4, 1], 'device': 'cpu'}
+    noise = depth_noise('flexx2', mode='Mode_5_30fps', **options)
+    batch = BatchCamera(4, 'Mode_5_30fps', invalid_value='zero', **options)
+    for step in range(4):
+        moving = clean + np.float32(0.01 * step)
+        np.testing.assert_array_equal(noise(moving), batch(moving))
+        if step == 2:
+            noise.reset([1])
+            batch.reset(np.arange(4) == 1)
+
+
+def test_randomised_cameras_differ_and_change_at_a_reset() -> None:
+    noise = depth_noise('flexx2', mode='Mode_9_30fps', effects='randomised', pool=64)
+    noise(CLEAN)
+    before = noise.camera.drawn.drawn.numpy().copy()
+    assert len(set(before)) > 2
+    noise.reset(np.arange(6) < 3)
+    after = noise.camera.drawn.drawn.numpy()
+    np.testing.assert_array_equal(after[3:], before[3:])
+    assert not np.array_equal(after[:3], before[:3])
+    # A profile whose frequencies are not known leaves out the effects that need them.
+    other = depth_noise('realsense_d435', mode='Depth_848x480_30fps', effects='randomised', pool=8)
+    assert np.isfinite(other(CLEAN)).all()
+
+
+def test_progress_scales_the_strength_of_each_camera() -> None:
+    noise = depth_noise(effects=drawn_offsets(), pool=32, progress=0.5)
+    half = offset_of(noise(CLEAN))
+    noise.set_progress(1.0)
+    full = offset_of(noise(CLEAN))
+    noise.set_progress(0.0)
+    none = offset_of(noise(CLEAN))
+    assert full.max() > 0.004
+    np.testing.assert_allclose(half, 0.5 * full, atol=0.003)
+    np.testing.assert_allclose(none, 0, atol=0.003)
+    fixed_one = depth_noise(effects=BIAS, progress=0.3)
+    assert abs(offset_of(fixed_one(CLEAN)) - 0.03).max() < 0.003
+    for wrong in (1.1, -0.1, np.nan, 'half'):
+        with pytest.raises(InputError, match='progress: must be a number from 0 to 1'):
+            noise.set_progress(wrong)
+    with pytest.raises(InputError, match='progress: must be 1'):
+        depth_noise(effects={'pose_error': None}, progress=0.5)
+
+
+def test_latency_is_drawn_for_each_environment() -> None:
+    noise = depth_noise(mode='Mode_9_30fps', latency=(0.0, 0.2), step_s=0.02, pool=64)
+    for step in range(16):
+        noise(CLEAN + np.float32(0.01 * step))
+    camera = noise.camera
+    ages = camera.stamps.numpy() - 20_000_000 - camera.image_stamps.numpy()
+    assert len(set(ages)) > 2
+    assert ages.max() <= 200_000_000 + 34_000_000  # and the time to the next frame
+    exact = depth_noise(effects=drawn_offsets(), latency=0.06, step_s=0.02, pool=4)
+    exact(CLEAN)
+    assert set(exact.camera._rows.delays.numpy()) == {60_000_000}
+    for wrong in (-1, (0.3, 0.1), 'long', (1, 2, 3)):
+        with pytest.raises(InputError, match='latency: must be seconds'):
+            depth_noise(latency=wrong)
+    with pytest.raises(InputError, match='effects: must be without time_offset'):
+        depth_noise(effects={'time_offset': None}, latency=0.1)
+
+
+def test_a_checkpoint_goes_on() -> None:
+    options: dict[str, Any] = {'effects': drawn_offsets(), 'pool': 32, 'seed': 7}
+    noise = depth_noise(**options)
+    noise(CLEAN)
+    noise.reset([1, 2])
+    noise.set_progress(0.7)
+    state = json.loads(json.dumps(noise.state_dict()))
+    wanted = [np.array(noise(CLEAN)) for _ in range(2)]
+    for load_first in (True, False):
+        other = depth_noise(**options)
+        if load_first:
+            other.load_state_dict(state)
+        else:
+            other(CLEAN)
+            other.reset()
+            other.load_state_dict(state)
+        assert other.camera is None or other.state_dict() == state
+        np.testing.assert_array_equal([other(CLEAN) for _ in range(2)], wanted)
+        np.testing.assert_array_equal(copy.deepcopy(other)(CLEAN), other(CLEAN))
+    with pytest.raises(InputError, match='state: must be of 6 environments'):
+        noise.load_state_dict({**state, 'stamps': [0]})
+    with pytest.raises(InputError, match='state: must be one of state_dict'):
+        noise.load_state_dict({'weights': 1})
+
+
+def test_a_file_of_distributions_and_a_curriculum_of_the_environment(tmp_path: Path) -> None:
+    path = tmp_path / 'mine.yaml'
+    save_randomisation(path, fixed([registry()['offset'].from_mapping({'bias': 0.1})]))
+    env = SimpleNamespace(num_envs=6, device='cpu', image=CLEAN, share=0.0)
+    camera = {'effects': str(path), 'progress': lambda env: env.share}
+    term = noisy_depth()(SimpleNamespace(params={'camera': camera}), env)
+    for env.share in (0.0, 0.4, 1.0):
+        seen = term(env, lambda env: env.image)
+        assert abs(offset_of(seen) - 0.1 * env.share).max() < 0.003
+
+
+def test_images_of_torch_are_written_in_place() -> None:
+    torch = pytest.importorskip('torch')
+    noise = depth_noise(effects=BIAS)
+    clean = torch.from_numpy(CLEAN.copy())
+    kept = noise(clean)
+    assert noise(clean, out=clean) is clean
+    assert not torch.equal(kept, clean)
+    assert abs(offset_of(clean) - 0.1).max() < 0.003
+    noise.reset(torch.tensor([0, 2]))
+    noise.reset(torch.arange(6) > 3)
+
+
+def test_images_of_jax_come_back_as_such() -> None:
+    jax = pytest.importorskip('jax')
+    noise = depth_noise(effects='typical', device='cpu')
+    seen = noise(jax.numpy.asarray(CLEAN))
+    assert isinstance(seen, jax.Array)
+    noise.reset(jax.numpy.arange(6) > 3)
+    np.testing.assert_array_equal(seen, depth_noise(effects='typical', device='cpu')(CLEAN))
+
+
+@pytest.mark.parametrize('library', ['numpy', 'torch', 'jax'])
+def test_images_are_processed_as_your_program_does(library: str) -> None:
+    stages = [
+        {'decimate': {'factor': 4}},
+        {'fill': {'method': 'temporal'}},
+        {'rate': {'hz': 25.0}},
+    ]
+    stages += [{'normalise': {'high': 2.0, 'invalid': -1.0}}]
+    options: dict[str, Any] = {'mode': 'Mode_9_30fps', 'step_s': 0.02, 'device': 'cpu'}
+    noise = depth_noise(process=stages, **options)
+    plain = depth_noise(invalid_value='nan', **options)
+    made, wanted = parse_chain(stages), None
+    clean = scenes(6)[:, 60:84, 80:112]
+    given: Any = clean[:, None]
+    if library == 'torch':
+        given = pytest.importorskip('torch').from_numpy(given)
+    elif library == 'jax':
+        given = pytest.importorskip('jax').numpy.asarray(given)
+    for step in range(1, 6):
+        found = noise(given)
+        assert type(found) is type(given)
+        assert tuple(found.shape) == (6, 1, 6, 8)
+        seen = made.step(plain(clean), step * 20_000_000)
+        wanted = wanted if seen is None else seen  # held where the rate leaves a step out
+        np.testing.assert_array_equal(np.asarray(found)[:, 0], wanted)
+        if step == 3:
+            again = noise(given, steps=0)
+            np.testing.assert_array_equal(np.asarray(again), np.asarray(found))
+            plain(clean, steps=0)
+    noise.reset([1])
+    with pytest.raises(InputError, match='out: must be left out'):
+        noise(given, out=given)
+    with pytest.raises(InputError, match='crop.left: must be'):
+        depth_noise(process=[{'crop': {'left': -1}}])

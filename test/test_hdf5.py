@@ -1,0 +1,99 @@
+"""HDF5 files of imitation-learning sets, and folders of RGB-D data sets, as recordings."""
+
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros import npz_arrays
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.recording import load_recording
+from made_images import save
+import numpy as np
+import pytest
+
+h5py = pytest.importorskip('h5py')
+LENS = ['--intrinsics', '20', '20', '15.5', '11.5']
+DEPTH = np.random.default_rng(2).uniform(0.5, 2.0, (5, 24, 32)).astype(np.float32)
+KEY = 'data/demo_0/obs/front_depth'
+
+
+def written(path: Path, **more: Any) -> Path:
+    """Write a file as robomimic and its kin do."""
+    with h5py.File(path, 'w') as file:
+        file[KEY] = DEPTH[..., np.newaxis]
+        file.create_dataset('data/demo_1/obs/front_depth', data=2 * DEPTH, compression='gzip')
+        file['data/demo_0/t'] = np.arange(5) * 0.05
+        file['data/demo_0/names'] = ['a', 'b']  # objects, which are not read
+        for name, value in more.items():
+            file[name] = value
+    return path
+
+
+def converted(path: Path, *words: str) -> int:
+    """Run `flexx2 convert` to a.npz beside the file."""
+    return main(['convert', str(path), str(path.with_name('a.npz')), *words])
+
+
+def test_an_episode_becomes_a_recording(tmp_path: Path) -> None:
+    path = written(tmp_path / 'demos.hdf5')
+    assert converted(path, '--key', f'depth={KEY}', '--key', 'stamp=data/demo_0/t', *LENS) == 0
+    found = load_recording(tmp_path / 'a.npz')
+    np.testing.assert_array_equal(found.depth, DEPTH)
+    np.testing.assert_allclose(found.stamp, np.arange(5) * 0.05)
+    other = 'depth=data/demo_1/obs/front_depth'
+    assert converted(path, '--key', other, '--rate', '20', *LENS) == 0
+    np.testing.assert_array_equal(load_recording(tmp_path / 'a.npz').depth, 2 * DEPTH)
+    # Keys of a recording that lie in no group need no option.
+    counts = (DEPTH[0] * 1000).astype(np.uint16)
+    plain = written(tmp_path / 'plain.h5', depth=counts, K=np.diag([20.0, 20.0, 1.0]))
+    assert converted(plain) == 0
+    np.testing.assert_allclose(load_recording(tmp_path / 'a.npz').depth[0], DEPTH[0], atol=1e-3)
+
+
+def test_files_that_cannot_be_used_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def said(path: Path, *words: str) -> str:
+        assert converted(path, *words, *LENS) == 2
+        assert not path.with_name('a.npz').exists()
+        return capsys.readouterr().err
+
+    broken = tmp_path / 'broken.h5'
+    broken.write_bytes(b'\x89HDF\r\n\x1a\n' + bytes(50))
+    assert 'broken.h5: cannot be read' in said(broken)
+    assert 'none' in said(tmp_path / 'none.h5') or 'cannot be read' in said(tmp_path / 'none.h5')
+    path = written(tmp_path / 'demos.h5')
+    assert f'the file has {KEY}' in said(path, '--key', 'depth=obs').replace('data/demo_0/t, ', '')
+    assert 'depth: must be in the file' in said(path)
+    monkeypatch.setenv(npz_arrays.LIMIT, '1')
+    with h5py.File(path, 'a') as file:  # 80 MB of nothing in some bytes
+        file.create_dataset('depth', (10, 1000, 2000), 'f4', chunks=True, compression='gzip')
+        secret = tmp_path / 'secret.bin'
+        secret.write_bytes(bytes(4 * 24 * 32))
+        file.create_dataset('out', (1, 24, 32), 'f4', external=[(str(secret), 0, 4 * 24 * 32)])
+        file['link'] = h5py.ExternalLink('other.h5', '/depth')
+    assert 'depth: must not decompress to more than' in said(path)
+    with h5py.File(path, 'a') as file:
+        del file['depth']
+    assert 'out: must lie in the file' in said(path, '--key', 'depth=out')
+    assert 'must name a key' in said(path, '--key', 'depth=link')
+
+
+def test_folders_of_tum_and_scannet(tmp_path: Path) -> None:
+    counts = (DEPTH * 5000).astype(np.uint16)
+    tum, scannet = tmp_path / 'tum', tmp_path / 'scannet'
+    for folder in (tum / 'depth', scannet / 'depth', scannet / 'intrinsic'):
+        folder.mkdir(parents=True)
+    (tum / 'depth.txt').write_text('# depth maps\n')
+    for k, image in enumerate(counts):
+        save(tum / 'depth' / f'1305031102.{160407 + k}.png', image)
+        save(scannet / 'depth' / f'{k}.png', image // 5)
+    np.savetxt(scannet / 'intrinsic' / 'intrinsic_depth.txt', np.diag([20.0, 20.0, 1.0, 1.0]))
+    assert main(['convert', str(tum), str(tmp_path / 't.npz'), '--unit', '0.0002', *LENS]) == 0
+    found = load_recording(tmp_path / 't.npz')
+    np.testing.assert_allclose(found.depth, DEPTH, atol=2e-4)
+    assert found.stamp_ns[1] - found.stamp_ns[0] == 1000
+    lens = ['--calibration', str(scannet / 'intrinsic' / 'intrinsic_depth.txt')]
+    assert main(['convert', str(scannet), str(tmp_path / 's.npz'), *lens]) == 0
+    found = load_recording(tmp_path / 's.npz')
+    np.testing.assert_allclose(found.depth, DEPTH, atol=1e-3)
+    assert found.K[0, 0] == 20.0
