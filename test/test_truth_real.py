@@ -7,6 +7,7 @@ import shutil
 from typing import Any
 
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.gap.report.words import headline
 from flexx2_sim_ros.truth.trajectory import camera_trajectory, PoseSource
 import numpy as np
 import pytest
@@ -119,6 +120,17 @@ def test_a_measured_angle_stands_above_what_the_camera_shows(case: Path) -> None
     # The camera's error is in the difference, and not in the ground truth.
     error = (arrays['depth'][0] - arrays['clean_depth'])[arrays['known']]
     assert np.sqrt(np.nanmean(error**2)) > 0.03
+    # The walls are bent to the sides as by light that bounces, and up and down as by a lens. One
+    # view without a distance does not decide between the two: both are named as rivals.
+    command = ['gap', 'diagnose', 'out', '--profile', 'opt8241.yaml', '--out', 'found']
+    assert main([*command, '--jobs', '1']) == 0
+    found = json.loads(Path('found/diagnosis.json').read_text())
+    assert (found['verdict'], found['effects']) == ('unknown', [])
+    rivals = {one['name'] for one in found['alternatives']}
+    assert {'multipath', 'intrinsics_error'} <= rivals
+    assert 'not accurate enough to tell its cause' in headline(found)
+    assert 'multipath' in headline(found)
+    assert 'intrinsics error' in headline(found)
 
 
 @pytest.mark.parametrize(
