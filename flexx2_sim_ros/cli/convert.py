@@ -20,6 +20,7 @@ _EXAMPLES = """examples:
   flexx2 convert pico_flexx.bag wall.npz --usecase MODE_9_5FPS_2000
   flexx2 convert realsense_bag wall.npz --usecase depth
   flexx2 convert images/ wall.npz --usecase NFOV_unbinned_30fps --rate 15
+  flexx2 convert boards/ views/ --views --usecase depth_30fps
   flexx2 convert no_camera_info wall.npz --intrinsics 210.6 212.9 111.5 85.5
   flexx2 convert frame.png frame.npz --unit 0.0002 --mask known.png
   flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
@@ -91,6 +92,12 @@ def _add_given(parser: argparse.ArgumentParser) -> None:
         'optical axis',
     )
     parser.add_argument(
+        '--views',
+        action='store_true',
+        help='A is a folder of images, and each image a recording of its own: B is a folder, '
+        'which gets an .npz for each',
+    )
+    parser.add_argument(
         '--mask',
         type=Path,
         metavar='FILE',
@@ -145,7 +152,7 @@ def _keys(pairs: list[str]) -> dict[str, str]:
 def run(arguments: argparse.Namespace) -> int:
     """Convert with a progress bar, and print what was converted."""
     from flexx2_sim_ros.profiles.files import find_profile
-    from flexx2_sim_ros.recording.convert import convert
+    from flexx2_sim_ros.recording.convert import convert, convert_views
     from flexx2_sim_ros.recording.given import Given
 
     given = Given(
@@ -165,14 +172,18 @@ def run(arguments: argparse.Namespace) -> int:
     )
     console = messages(soft_wrap=True)
     with progress_bar(console) as progress:
-        written = convert(
-            arguments.source,
-            arguments.target,
-            arguments.camera,
-            arguments.storage,
-            given,
-            progress,
-        )
+        if arguments.views:
+            paths = Path(arguments.source), Path(arguments.target)
+            written = convert_views(*paths, given, progress)
+        else:
+            written = convert(
+                arguments.source,
+                arguments.target,
+                arguments.camera,
+                arguments.storage,
+                given,
+                progress,
+            )
     for reader, path in written:
         for note in dict.fromkeys(reader.notes):
             console.print(printable(note), style='yellow')

@@ -6,13 +6,13 @@ from functools import partial
 import itertools
 from pathlib import Path
 
-from flexx2_sim_ros.atomic import check_distinct
-from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.atomic import check_distinct, output_folder
+from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_writer import check_bag_name, SUFFIXES, write_bag
 from flexx2_sim_ros.recording.calibration import WAY_OUT
 from flexx2_sim_ros.recording.given import complete, Given
-from flexx2_sim_ros.recording.images import has_images, ImageRecording, mask_beside
+from flexx2_sim_ros.recording.images import depth_files, has_images, ImageRecording, mask_beside
 from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
 from flexx2_sim_ros.recording.other_archive import OtherArchive
@@ -103,8 +103,48 @@ def convert(
     return [(reader, target)]
 
 
+def convert_views(
+    source: Path, target: Path, given: Given, progress: Progress
+) -> list[tuple[RecordingReader, Path]]:
+    """
+    Write each depth image of a folder as a recording of its own.
+
+    Parameters
+    ----------
+    source : pathlib.Path
+        A folder of images; see `ImageRecording`.
+    target : pathlib.Path
+        A folder, which gets an ``.npz`` file of the name of each image.
+    given, progress
+        As for `convert`.
+
+    Returns
+    -------
+    list of (RecordingReader, pathlib.Path)
+        As of `convert`.
+
+    Raises
+    ------
+    InputError
+        As `convert`.
+
+    """
+    if not (source.is_dir() and has_images(source)):
+        raise InputError(f'--views: must come with a folder of images, got {shown_path(source)}')
+    files = sorted(depth_files(source))
+    out = []
+    for number, file in enumerate(files):
+        progress(f'writing {file.stem}.npz', number / len(files))
+        reader = complete(*_open(source, None, given, images=True, view=file))
+        _check_lens(reader)
+        path = output_folder(target) / f'{file.stem}.npz'
+        write_npz(reader, path)
+        out.append((reader, path))
+    return out
+
+
 def _open(
-    source: Path, camera: str | None, given: Given, images: bool
+    source: Path, camera: str | None, given: Given, images: bool, view: Path | None = None
 ) -> tuple[RecordingReader, Given]:
     for option in ('clean', 'infrared'):
         value = getattr(given, option)
@@ -113,7 +153,7 @@ def _open(
     if images:
         if given.keys:
             raise InputError('--key: must be left out for images, got some')
-        return tidy(ImageRecording(source, given), units=False), replace(
+        return tidy(ImageRecording(source, given, view), units=False), replace(
             given, mask=given.mask or mask_beside(source)
         )
     if source.suffix == '.npz':

@@ -44,6 +44,8 @@ class ImageRecording(RecordingReader):
         The folder or file.
     given : Given
         Its calibration (else the folder's only YAML file) and unit (else millimetres) are used.
+    view : pathlib.Path, optional
+        The only depth image of the folder to read.
 
     Raises
     ------
@@ -53,11 +55,12 @@ class ImageRecording(RecordingReader):
 
     """
 
-    def __init__(self, path: Path, given: Given) -> None:
+    def __init__(self, path: Path, given: Given, view: Path | None = None) -> None:
         """Check all images, reading no pixels."""
         self._unit = given.unit
         root = path if path.is_dir() else path.parent
-        files, stamps = _in_order([path] if path.is_file() else _depth_files(path))
+        one = path if path.is_file() else view
+        files, stamps = _in_order(depth_files(path) if one is None else [one])
         if not files:
             raise InputError(
                 f'{shown_path(path)}: must be a PNG image or a folder of them, got none'
@@ -111,7 +114,7 @@ def has_images(path: Path) -> bool:
         return True
     if path.is_dir() and has_bag_files(path):
         return False
-    found = path.is_dir() and bool(_depth_files(path))
+    found = path.is_dir() and bool(depth_files(path))
     if not found:
         _refuse_others(path)
     return found
@@ -144,7 +147,8 @@ def _pngs(folder: Path) -> list[Path]:
     ]
 
 
-def _depth_files(folder: Path) -> list[Path]:
+def depth_files(folder: Path) -> list[Path]:
+    """Return the depth images of a folder, in no order."""
     return _pngs(folder) or _pngs(folder / _DEPTH)
 
 
