@@ -99,7 +99,7 @@ def test_only_loop_keeps_what_is_compiled() -> None:
 # Lines of Python in each room, in hundreds, and files below 60 lines. A commit that needs more
 # raises its number and says why; one that needs less lowers it.
 BUDGETS = {
-    'base': 20, 'batch': 70, 'camera': 11, 'characterize': 52, 'cli': 49, 'consumers': 13,
+    'base': 20, 'batch': 70, 'camera': 11, 'characterize': 52, 'cli': 50, 'consumers': 13,
     'effects': 63, 'export': 9, 'formulas': 8, 'gap': 227, 'messages': 6, 'nodes': 57,
     'physics': 16, 'profiles': 15, 'recording': 55, 'rendering': 12, 'robots': 19, 'truth': 87,
     'view': 13, 'walking': 12,

@@ -468,3 +468,10 @@ def test_each_view_of_a_folder_becomes_a_recording(
         assert found.usecase == 'm'
     assert convert(out / 'v1.npz', tmp_path / 'again', '--views', '--usecase', 'm') == 2
     assert '--views: must come with a folder of images, got' in capsys.readouterr().err
+
+
+def test_each_folder_of_images_becomes_a_recording(tmp_path: Path) -> None:
+    for name in ('near', 'far'):
+        folder_of(tmp_path / 'in' / name, ['1.png', '2.png', '3.png'])
+    assert convert(tmp_path / 'in', tmp_path / 'views', '--views', '--usecase', 'm') == 0
+    assert sorted(file.name for file in (tmp_path / 'views').iterdir()) == ['far.npz', 'near.npz']

@@ -94,8 +94,8 @@ def _add_given(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--views',
         action='store_true',
-        help='A is a folder of images, and each image a recording of its own: B is a folder, '
-        'which gets an .npz for each',
+        help='A is a folder of images, or of such folders, and each a recording of its own: B is '
+        'a folder, which gets an .npz for each',
     )
     parser.add_argument(
         '--mask',

@@ -8,6 +8,7 @@ from flexx2_sim_ros.cli.lazily import add_commands
 from flexx2_sim_ros.paths import checkout
 
 COMMANDS = {
+    'start': 'go from recordings to a diagnosis, with questions',
     'diagnose': 'find which effects cause the gap, where it lies and how much they explain',
     'plan': 'write a checklist of what to record, and what it will be able to find',
     'target': 'draw a target to print, for ground truth from gray images',

@@ -6,18 +6,21 @@ from pathlib import Path
 
 from flexx2_sim_ros.cli import common
 
-CHECKLIST, PAGE, TABLE = 'checklist.md', 'plan.html', 'table.yaml'
+CHECKLIST, PAGE, FORM, TABLE = 'checklist.md', 'plan.html', 'planes.yaml', 'table.yaml'
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add what the command takes."""
     parser.description = (
         'Write a checklist for one hour with a camera: what to set up, which command '
-        'records it, and what ground truth it needs; and a table of how weak an effect may be and '
-        'still be found. See docs/diagnose_your_flexx2.md.'
+        'records it, and what ground truth it needs; a form for the distances that you measure; '
+        'and a table of how weak an effect may be and still be found. See '
+        'docs/diagnose_your_flexx2.md.'
     )
     parser.epilog = 'example: flexx2 gap plan --out plan/'
-    parser.add_argument('--out', required=True, metavar='DIR', help=f'gets {CHECKLIST} and {PAGE}')
+    parser.add_argument(
+        '--out', required=True, metavar='DIR', help=f'gets {CHECKLIST}, {PAGE}, {FORM}'
+    )
     parser.add_argument(
         '--plan', metavar='FILE', help='your own plan (default: config/gap_plan.yaml)'
     )
@@ -42,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the checklist, the page and, if asked for, the table."""
     # Imported here: matplotlib and the compiled camera take seconds to load.
     from flexx2_sim_ros import atomic
-    from flexx2_sim_ros.gap.planning.page import Checklist, markdown, page
+    from flexx2_sim_ros.gap.planning.page import Checklist, form, markdown, page
     from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
     from flexx2_sim_ros.gap.planning.table import (
         compute,
@@ -74,5 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
     atomic.write_text(out / CHECKLIST, markdown(told))
     atomic.write_text(out / PAGE, page(told))
     written = [CHECKLIST, PAGE, *([TABLE] if arguments.compute else [])]
+    if not (out / FORM).exists():  # It may have been filled in.
+        atomic.write_text(out / FORM, form(plan))
+        written.append(FORM)
     console.print(f'{out}: {", ".join(written)}')
     return 0

@@ -12,7 +12,7 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_writer import check_bag_name, SUFFIXES, write_bag
 from flexx2_sim_ros.recording.calibration import WAY_OUT
 from flexx2_sim_ros.recording.given import complete, Given
-from flexx2_sim_ros.recording.images import depth_files, has_images, ImageRecording, mask_beside
+from flexx2_sim_ros.recording.images import has_images, ImageRecording, mask_beside, views
 from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
 from flexx2_sim_ros.recording.other_archive import OtherArchive
@@ -107,14 +107,14 @@ def convert_views(
     source: Path, target: Path, given: Given, progress: Progress
 ) -> list[tuple[RecordingReader, Path]]:
     """
-    Write each depth image of a folder as a recording of its own.
+    Write each view in a folder as a recording of its own.
 
     Parameters
     ----------
     source : pathlib.Path
-        A folder of images; see `ImageRecording`.
+        A folder of images, or of such folders; see `views`.
     target : pathlib.Path
-        A folder, which gets an ``.npz`` file of the name of each image.
+        A folder, which gets an ``.npz`` file of the name of each view.
     given, progress
         As for `convert`.
 
@@ -129,15 +129,14 @@ def convert_views(
         As `convert`.
 
     """
-    if not (source.is_dir() and has_images(source)):
+    if not (found := views(source)):
         raise InputError(f'--views: must come with a folder of images, got {shown_path(source)}')
-    files = sorted(depth_files(source))
     out = []
-    for number, file in enumerate(files):
-        progress(f'writing {file.stem}.npz', number / len(files))
-        reader = complete(*_open(source, None, given, images=True, view=file))
+    for number, (name, (folder, file)) in enumerate(found.items()):
+        progress(f'writing {name}.npz', number / len(found))
+        reader = complete(*_open(folder, None, given, images=True, view=file))
         _check_lens(reader)
-        path = output_folder(target) / f'{file.stem}.npz'
+        path = output_folder(target) / f'{name}.npz'
         write_npz(reader, path)
         out.append((reader, path))
     return out

@@ -60,7 +60,7 @@ class ImageRecording(RecordingReader):
         self._unit = given.unit
         root = path if path.is_dir() else path.parent
         one = path if path.is_file() else view
-        files, stamps = _in_order(depth_files(path) if one is None else [one])
+        files, stamps = _in_order(_depth_files(path) if one is None else [one])
         if not files:
             raise InputError(
                 f'{shown_path(path)}: must be a PNG image or a folder of them, got none'
@@ -114,7 +114,7 @@ def has_images(path: Path) -> bool:
         return True
     if path.is_dir() and has_bag_files(path):
         return False
-    found = path.is_dir() and bool(depth_files(path))
+    found = path.is_dir() and bool(_depth_files(path))
     if not found:
         _refuse_others(path)
     return found
@@ -147,8 +147,19 @@ def _pngs(folder: Path) -> list[Path]:
     ]
 
 
-def depth_files(folder: Path) -> list[Path]:
-    """Return the depth images of a folder, in no order."""
+def views(folder: Path) -> dict[str, tuple[Path, Path | None]]:
+    """
+    Return the views in a folder: by name, what `ImageRecording` takes for each.
+
+    They are its depth images, or else its folders that have some.
+    """
+    if own := _depth_files(folder):
+        return {file.stem: (folder, file) for file in sorted(own)}
+    inside = sorted(folder.iterdir()) if folder.is_dir() else []
+    return {one.name: (one, None) for one in inside if _depth_files(one)}
+
+
+def _depth_files(folder: Path) -> list[Path]:
     return _pngs(folder) or _pngs(folder / _DEPTH)
 
 
