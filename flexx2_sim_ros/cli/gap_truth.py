@@ -100,8 +100,9 @@ def _add_rooms(parser: argparse.ArgumentParser) -> None:
     room.add_argument(
         '--board',
         metavar='FILE',
-        help='a printed target that the gray images show, as flexx2 gap target describes it '
-        '(target.yaml)',
+        help='a printed board that the gray images show: target.yaml of flexx2 gap target, the '
+        'file of an aprilgrid or checkerboard of Kalibr, chessboard:9x6:0.03 (inner corners, '
+        'metres) or charuco:5x7:0.04:0.03:DICT_5X5_100',
     )
     room.add_argument(
         '--planes',
@@ -292,7 +293,7 @@ def _board_maker(arguments: argparse.Namespace) -> _Maker:
     _check_unused(arguments, ('room_error',), '--scan, --scene or --planes')
     request = BoardRequest(
         **_common(arguments),
-        board=Path(arguments.board),
+        board=arguments.board,
         lens_error=0.003 if arguments.lens_error is None else arguments.lens_error,
     )
     return partial(make_board_truth, request)

@@ -12,9 +12,11 @@ from flexx2_sim_ros.truth.board_placing import BoardJob, BoardPoses, place_board
 from flexx2_sim_ros.truth.board_writing import BoardWriting, OnBoard, write_board
 from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.page import figures, recordings_table, undecided, whole_page
+from flexx2_sim_ros.truth.printed import Printed, read_board
 from flexx2_sim_ros.truth.run import (
     no_progress,
     Progress,
+    Run,
     running,
     sources_of,
     TruthRequest,
@@ -22,7 +24,7 @@ from flexx2_sim_ros.truth.run import (
     write_table,
 )
 from flexx2_sim_ros.truth.shared import MOST_BIAS
-from flexx2_sim_ros.truth.target import read_target, Target
+from flexx2_sim_ros.truth.target import Target
 import numpy as np
 
 _MOST_METRES, _MOST_DEGREES = 0.01, 2.0  # standard deviation of the plane
@@ -42,14 +44,14 @@ class BoardRequest(TruthRequest):
 
     Attributes
     ----------
-    board : pathlib.Path
-        ``target.yaml``; see `read_target`.
+    board : str or pathlib.Path
+        The board, or its file; see `read_board`.
     lens_error : float
         Standard deviation of the focal length, as a fraction.
 
     """
 
-    board: Path
+    board: str | Path
     lens_error: float = 0.003
 
 
@@ -76,13 +78,12 @@ def make_board_truth(request: BoardRequest, progress: Progress = no_progress) ->
         then.
 
     """
-    target = read_target(request.board)
-    sources = sources_of(request, request.board)
+    kinds = read_board(request.board).kinds
+    sources = sources_of(request, Path(request.board))
     with running(request, progress) as run:
-        jobs = [_job(request, target, source) for source in sources]
-        digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
-        texts = run.each_once('finding the board', (0.0, 0.7), place_board, jobs, digests)
-        placed = [BoardPoses.from_json(text) for text in texts]
+        tried = [_placed(run, request, target, sources) for target in kinds]
+        jobs, placed = max(tried, key=lambda both: sum(not one.reason for one in both[1]))
+        target = jobs[0].target
         if all(one.reason for one in placed):
             raise InputError(f'{shown_path(sources[0].path)}: {placed[0].reason}')
         writings = {
@@ -116,7 +117,16 @@ def make_board_truth(request: BoardRequest, progress: Progress = no_progress) ->
         )
 
 
-def _job(request: BoardRequest, target: Target, source: TruthSource) -> BoardJob:
+def _placed(
+    run: Run, request: BoardRequest, target: Target | Printed, sources: Sequence[TruthSource]
+) -> tuple[list[BoardJob], list[BoardPoses]]:
+    jobs = [_job(request, target, source) for source in sources]
+    digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
+    texts = run.each_once('finding the board', (0.0, 0.7), place_board, jobs, digests)
+    return jobs, [BoardPoses.from_json(text) for text in texts]
+
+
+def _job(request: BoardRequest, target: Target | Printed, source: TruthSource) -> BoardJob:
     return BoardJob(
         source.path, target, request.camera, request.profile, request.motion, request.lens_error
     )

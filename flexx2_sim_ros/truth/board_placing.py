@@ -13,6 +13,7 @@ from flexx2_sim_ros.truth.files import reason_of
 from flexx2_sim_ros.truth.gray import Gray, GrayFit
 from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
 from flexx2_sim_ros.truth.observation import observe
+from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
 
@@ -25,7 +26,7 @@ class BoardJob:
     Attributes
     ----------
     path : pathlib.Path
-    target : Target
+    target : Target or Printed
     camera : str or None
         Which camera of a bag that has several.
     profile : Profile or None
@@ -37,7 +38,7 @@ class BoardJob:
     """
 
     path: Path
-    target: Target
+    target: Target | Printed
     camera: str | None
     profile: Profile | None
     motion: str

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.robust import robust_sigma
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
@@ -98,7 +99,7 @@ class _State:
 class _View:
     """The part of an image around the sheet, and its subpixel points."""
 
-    def __init__(self, target: Target, gray: Gray, pose: Pose) -> None:
+    def __init__(self, target: Target | Printed, gray: Gray, pose: Pose) -> None:
         self.target = target
         height, width = gray.image.shape
         inside = _inside(target, pose, gray.rays, 0.0)
@@ -188,21 +189,21 @@ def _on_sheet(pose: Pose, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return pose.t[0] + reach * direction[..., 0], pose.t[1] + reach * direction[..., 1]
 
 
-def _inside(target: Target, pose: Pose, rays: np.ndarray, border: float) -> np.ndarray:
+def _inside(target: Target | Printed, pose: Pose, rays: np.ndarray, border: float) -> np.ndarray:
     x, y = _on_sheet(pose, rays)
     with np.errstate(invalid='ignore'):
         return (np.abs(x) < target.width / 2 - border) & (np.abs(y) < target.height / 2 - border)
 
 
 def align_gray(
-    target: Target, gray: Gray, start: Pose, power: float, blur: float, steps: int
+    target: Target | Printed, gray: Gray, start: Pose, power: float, blur: float, steps: int
 ) -> GrayFit | None:
     """
     Align a target to a gray image from a pose nearby.
 
     Parameters
     ----------
-    target : Target
+    target : Target or Printed
         The target on the sheet.
     gray : Gray
         The image.
@@ -338,7 +339,7 @@ def with_scale_error(fit: GrayFit, relative: float) -> GrayFit:
     return replace(fit, covariance=fit.covariance + np.outer(shift, shift))
 
 
-def white_fraction(target: Target, gray: Gray, pose: Pose, blur: float) -> np.ndarray:
+def white_fraction(target: Target | Printed, gray: Gray, pose: Pose, blur: float) -> np.ndarray:
     """Return (H, W) the white fraction of each pixel, blurred; NaN outside of the sheet."""
     out = np.full(gray.image.shape, np.nan)
     view = _View(target, gray, pose)
