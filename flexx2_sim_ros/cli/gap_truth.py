@@ -287,7 +287,7 @@ def _check_unused(arguments: argparse.Namespace, names: tuple[str, ...], fitting
 
 
 def _board_maker(arguments: argparse.Namespace) -> _Maker:
-    from flexx2_sim_ros.truth import BoardRequest, make_board_truth
+    from flexx2_sim_ros.truth import BoardRequest, make_truth
 
     _check_unused(arguments, _PLACES, '--scan or --scene')
     _check_unused(arguments, ('room_error',), '--scan, --scene or --planes')
@@ -296,11 +296,11 @@ def _board_maker(arguments: argparse.Namespace) -> _Maker:
         board=arguments.board,
         lens_error=0.003 if arguments.lens_error is None else arguments.lens_error,
     )
-    return partial(make_board_truth, request)
+    return partial(make_truth, request)
 
 
 def _plane_maker(arguments: argparse.Namespace) -> _Maker:
-    from flexx2_sim_ros.truth import asked_for, make_plane_truth, PlaneRequest
+    from flexx2_sim_ros.truth import asked_for, make_truth, PlaneRequest
 
     _check_unused(arguments, _PLACES, '--scan or --scene')
     _check_unused(arguments, ('lens_error',), '--board')
@@ -310,7 +310,7 @@ def _plane_maker(arguments: argparse.Namespace) -> _Maker:
     asked = asked_for(request)
     if asked:  # Before the work: it can still be measured.
         common.messages().print(printable(asked))
-    return partial(make_plane_truth, request)
+    return partial(make_truth, request)
 
 
 def _common(arguments: argparse.Namespace) -> dict[str, Any]:
