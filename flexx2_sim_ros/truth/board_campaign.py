@@ -78,8 +78,10 @@ class _Boards:
             for one in self.sources
         ]
         digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
-        texts = run.each_once('finding the board', (0.0, 0.7), place_board, jobs, digests)
-        return jobs, [BoardPoses.from_json(text) for text in texts]
+        placed = run.each_once(
+            'finding the board', (0.0, 0.7), place_board, jobs, digests, (BoardPoses,)
+        )
+        return jobs, placed
 
     def writings(self) -> dict[int, Writing]:
         return {
@@ -127,7 +129,7 @@ class _Boards:
         caption = 'gray image, outline of the board as it was found in orange'
         for i, (picture, _) in written.items():
             name = table['recordings'][i]['name']
-            parts.append(figures(name, picture, caption, self.placed[i], 'misfit of gray values'))
+            parts.append(figures(name, picture, caption))
         return whole_page(table, about, parts)
 
 

@@ -108,7 +108,7 @@ class BoardSurfaces:
 
     @property
     def _covariances(self) -> list[np.ndarray]:
-        return [np.array(one) for one in self.placed.covariances if one is not None]
+        return [one for one in self.placed.covariances if one is not None]
 
     @property
     def _covariance(self) -> np.ndarray:

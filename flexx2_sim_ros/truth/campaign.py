@@ -24,7 +24,6 @@ from flexx2_sim_ros.truth.writing import PageImages, Writing
 import numpy as np
 
 _CLEAR_LATENCY = 3.0  # standard deviations
-_REFUSED = 'refused: '  # begins the text of a recording that cannot be registered
 # Shared errors that the poses take where they are confounded; the poses' covariance omits this.
 _HIDDEN_UNLESS_FITTED = 'intrinsics_error', 'warm_up_drift'
 
@@ -126,8 +125,7 @@ class _Room:
         }
 
     def page(self, table: dict[str, Any], written: Written) -> str:
-        registered = {one.number: one.where for one in self.placed}
-        return page(table, registered, {i: picture for i, (picture, _) in written.items()})
+        return page(table, {i: picture for i, (picture, _) in written.items()})
 
 
 def _jobs(request: RoomRequest, sources: Sequence[TruthSource]) -> list[Job]:
@@ -173,24 +171,25 @@ def _register(
         )
         for job in jobs
     ]
-    texts = run.each_once('registering', (0.05, 0.55), _register_one, jobs, digests)
+    kinds = Registered, ClockOffset
+    found = run.each_once('registering', (0.05, 0.55), _register_one, jobs, digests, kinds)
     placed, refused = [], {}
-    for i, (source, job, text) in enumerate(zip(sources, jobs, texts, strict=True)):
-        if text.startswith(_REFUSED):
-            reason = text.removeprefix(_REFUSED)
-            refused[i] = source.row('refused', [reason], motion='unknown', frames=0, fitting=0.0)
+    for i, (source, job, one) in enumerate(zip(sources, jobs, found, strict=True)):
+        if isinstance(one, str):
+            refused[i] = source.row('refused', [one], motion='unknown', frames=0, fitting=0.0)
         else:
-            placed.append(_Placed(i, source, job, Registered.from_json(text)))
+            placed.append(_Placed(i, source, job, one))
     if not placed:
         raise InputError(refused[0]['reasons'][0])
     return placed, refused
 
 
-def _register_one(job: Job) -> str:
+def _register_one(job: Job) -> Registered | str:
+    # The reason where it cannot be registered.
     try:
-        return register(job).to_json()
+        return register(job)
     except InputError as error:
-        return f'{_REFUSED}{error}'
+        return str(error)
 
 
 def _fit(

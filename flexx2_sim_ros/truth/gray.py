@@ -73,8 +73,6 @@ class GrayFit:
         One of `POWERS`.
     cost : float
         Mean Huber loss of gray values, as a fraction of white, without the square.
-    history : tuple of float
-        The cost after each step.
 
     """
 
@@ -85,7 +83,6 @@ class GrayFit:
     contrast: float
     power: float
     cost: float
-    history: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -236,7 +233,7 @@ def align_gray(
     level /= np.percentile(level, 90)
     state = _State(start, float(np.log(blur)), _FIRST_CONTRAST, np.zeros(6))
     model, J = _model(view, state, use)
-    history, damping = [_cost(level, model, power)], 1e-3
+    damping = 1e-3
     for _ in range(steps):
         residual = level - model
         limit = _HUBER * _scale(residual)
@@ -250,14 +247,12 @@ def align_gray(
             damping = max(damping / 10, 1e-7)
         else:
             damping *= 10
-        history.append(_cost(level, model, power))
         if np.abs(step[:6]).max() < _CONVERGED or damping > 1e4:
             break
     covariance, shift = _accuracy(view, state, use, J, level - model)
     found = float(np.exp(state.log_blur))
-    return GrayFit(
-        state.pose, covariance, shift, found, state.contrast, power, history[-1], tuple(history)
-    )
+    cost = _cost(level, model, power)
+    return GrayFit(state.pose, covariance, shift, found, state.contrast, power, cost)
 
 
 def _moved(state: _State, step: np.ndarray) -> _State:

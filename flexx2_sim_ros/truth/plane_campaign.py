@@ -10,8 +10,16 @@ from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_planes
 from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.page import figures, known_share, undecided, whole_page, with_verdicts
+from flexx2_sim_ros.truth.plane_constraints import PlacedPlanes
 from flexx2_sim_ros.truth.plane_file import read_planes
-from flexx2_sim_ros.truth.plane_placing import Judged, place_planes, PlaneJob, PlaneSurfaces
+from flexx2_sim_ros.truth.plane_finding import ImagePlane
+from flexx2_sim_ros.truth.plane_placing import (
+    Judged,
+    Nominal,
+    place_planes,
+    PlaneJob,
+    PlaneSurfaces,
+)
 from flexx2_sim_ros.truth.run import Run, TruthRequest, TruthSource, Work, Written
 from flexx2_sim_ros.truth.writing import Writing
 
@@ -65,8 +73,10 @@ class _Planes:
             for source in sources
         ]
         digests = [digest((job.path,), list(vars(job).values())[1:]) for job in self.jobs]
-        texts = run.each_once('finding planes', (0.0, 0.7), place_planes, self.jobs, digests)
-        self.judged = [Judged.from_json(text) for text in texts]
+        kinds = Judged, Nominal, ImagePlane, PlacedPlanes
+        self.judged: list[Judged] = run.each_once(
+            'finding planes', (0.0, 0.7), place_planes, self.jobs, digests, kinds
+        )
         if all(one.planes is None for one in self.judged):
             raise InputError(f'{shown_path(sources[0].path)}: {self.judged[0].reasons[0]}')
 

@@ -1,12 +1,9 @@
 """Place the planes of one recording."""
 
-from base64 import b64decode, b64encode
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-import json
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from zlib import compress, decompress
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
@@ -134,69 +131,13 @@ class Judged:
             for k, (surface, told) in enumerate(zip(self.planes.surfaces, self.taped, strict=True))
         ]
 
-    def to_json(self) -> str:
-        """Return it as text."""
-        table = {**vars(self), 'planes': None}
-        if self.planes is not None:
-            placed = self.planes.placed
-            table['planes'] = {
-                'surfaces': [
-                    {
-                        **vars(one),
-                        'inverse': one.inverse.tolist(),
-                        'part': _packed(one.part),
-                        'shape': one.part.shape,
-                    }
-                    for one in self.planes.surfaces
-                ],
-                'placed': [getattr(placed, one.name).tolist() for one in fields(placed)],
-                'covariance': self.planes.covariance.tolist(),
-            }
-        return json.dumps(table)
-
-    @classmethod
-    def from_json(cls, text: str) -> 'Judged':
-        """Return what `to_json` wrote."""
-        table: dict[str, Any] = json.loads(text)
-        table |= {key: tuple(table[key]) for key in ('reasons', 'taped')}
-        planes = table['planes']
-        if planes is not None:
-            table['planes'] = Nominal(
-                tuple(map(_surface, planes['surfaces'])),
-                PlacedPlanes(*map(np.array, planes['placed'])),
-                np.array(planes['covariance']),
-            )
-        return cls(**table)
-
 
 def _off(surface: ImagePlane, placed: PlacedPlanes, k: int) -> float:
     return round((surface.distance - float(placed.distances[k])) * 1e3, 2)
 
 
-def _packed(part: np.ndarray) -> str:
-    return b64encode(compress(part.tobytes())).decode()
-
-
-def _surface(row: dict[str, Any]) -> ImagePlane:
-    part = np.frombuffer(decompress(b64decode(row['part'])), np.uint8)
-    shape = row.pop('shape')
-    return ImagePlane(**{**row, 'inverse': np.array(row['inverse']), 'part': part.reshape(shape)})
-
-
-def place_planes(job: PlaneJob) -> str:
-    """
-    Find the planes of a recording and move them to the measurements.
-
-    Returns
-    -------
-    str
-        A `Judged` as text; refused when the recording cannot be read.
-
-    """
-    return _judged(job).to_json()
-
-
-def _judged(job: PlaneJob) -> Judged:
+def place_planes(job: PlaneJob) -> Judged:
+    """Find the planes of a recording and move them to the measurements."""
     try:
         reader = open_recording(job.path, job.camera, job.profile)
         footage = observe(reader, job.profile, job.motion)

@@ -201,12 +201,13 @@ class Run:
         self,
         text: str,
         span: tuple[float, float],
-        work: Callable[[_Item], str],
+        work: Callable[[_Item], Any],
         items: Sequence[_Item],
         digests: Sequence[str],
-    ) -> list[str]:
+        kinds: Sequence[type] = (),
+    ) -> list[Any]:
         """
-        Return the texts of a function for items; texts of an interrupted run are read from files.
+        Return the results of a function for items, those of an interrupted run from files.
 
         Parameters
         ----------
@@ -214,10 +215,13 @@ class Run:
             As for `each`.
         digests : sequence of str
             The `files.digest` of each item.
+        kinds : sequence of type
+            As for `files.remembered`.
 
         """
         ticks = self._ticks(text, span, len(items))
-        return remembered(self.request.out / CACHE, digests, items, work, self.mapped, ticks)
+        cache = self.request.out / CACHE
+        return remembered(cache, digests, items, work, self.mapped, ticks, kinds)
 
     def _ticks(self, text: str, span: tuple[float, float], count: int) -> Callable[[], None]:
         done = 0
