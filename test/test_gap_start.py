@@ -65,9 +65,11 @@ def test_piped_answers_lead_from_images_to_a_diagnosis(
 
 def test_options_leave_no_question(ran: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     Path('bags').mkdir()
-    assert start(monkeypatch, '', 'bags', '--profile', '', '--scan', 'a b.ply', '--out', 'o') == 0
+    more = '--trajectory poses.txt --clock-offset 0'
+    options = '--profile', '', '--scan', 'a b.ply', '--out', 'o', '--options', more
+    assert start(monkeypatch, '', 'bags', *options) == 0
     assert ran == [
-        "gap truth bags --scan 'a b.ply' --out o/campaign",
+        f"gap truth bags --scan 'a b.ply' --out o/campaign {more}",
         'gap diagnose o/campaign --out o/diagnosis',
     ]
     ran.clear()
@@ -81,6 +83,7 @@ def test_options_leave_no_question(ran: list[str], monkeypatch: pytest.MonkeyPat
         ('', [], 'answer: must not be empty: Where are the recordings'),
         ('nowhere\n', [], 'RECORDINGS: must be a folder, got nowhere'),
         ('.\n\nfloor\n', [], 'ground truth: must be one of planes, board, scan, scene, none, got'),
+        ('.\n', ['--options', "'"], '--options: must be options, got'),
         ('.\n\nscan\n', [], 'answer: must not be empty: Where is the file?'),
     ],
 )

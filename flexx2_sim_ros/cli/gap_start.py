@@ -35,6 +35,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             truths.add_argument('--none', action='store_const', const='', help=text)
         else:
             truths.add_argument(f'--{kind}', metavar='FILE', help=text)
+    parser.add_argument(
+        '--options',
+        metavar='TEXT',
+        default='',
+        help='more options of flexx2 gap truth, as "--trajectory poses.txt --clock-offset 0"',
+    )
     common.add_out(parser, default='gap')
     common.add_profile(parser)
     parser.set_defaults(out='gap', profile=None)
@@ -45,6 +51,10 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.profiles.files import find_profile, shipped
     from flexx2_sim_ros.recording.images import views
 
+    try:
+        more = shlex.split(arguments.options)
+    except ValueError as error:
+        raise InputError(f'--options: must be options, got {shown(arguments.options)}') from error
     given = arguments.recordings or _ask('Where are the recordings (folder)?')
     recordings, out = Path(given), Path(arguments.out)
     if not recordings.exists():
@@ -68,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
             return _write_form(file, recordings)
         campaign = out / 'campaign'
         words = ['gap', 'truth', str(recordings), f'--{kind}', str(file), '--out', str(campaign)]
-        if status := _run([*words, *camera]):
+        if status := _run([*words, *camera, *more]):
             return status
     return _run(['gap', 'diagnose', str(campaign), '--out', str(out / 'diagnosis'), *camera])
 
