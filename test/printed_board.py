@@ -73,6 +73,8 @@ class Board:
         One of `SHEETS`.
     picture : numpy.ndarray, optional
         What is printed instead, 2000 pixels a metre.
+    glued : bool
+        Whether it is on a wall, and not before one.
 
     """
 
@@ -84,6 +86,7 @@ class Board:
         size: float = 1.0,
         name: str = 'A3',
         picture: np.ndarray | None = None,
+        glued: bool = False,
     ) -> None:
         """Place the board."""
         self.R = Rotation.from_euler('zxy', [3, tilt, turn], degrees=True).as_matrix()
@@ -91,6 +94,7 @@ class Board:
         self.size = size
         self._picture = sheet(name)
         self._sides = np.array(SHEETS[name][:2])
+        self.glued = glued
         if picture is not None:
             self._picture = picture
             self._sides = np.array(picture.shape[::-1]) / _FINE
@@ -122,7 +126,8 @@ class Board:
         index = ((place + self._sides / 2) * _FINE).astype(int)
         row = np.clip(index[..., 1], 0, self._picture.shape[0] - 1)
         column = np.clip(index[..., 0], 0, self._picture.shape[1] - 1)
-        depth = np.where(inside, depth, self.t[2] + _WALL)
+        if not self.glued:
+            depth = np.where(inside, depth, self.t[2] + _WALL)
         colour = np.where(inside, 0.06 + 0.76 * self._picture[row, column], 0.3)
         length = np.sqrt((direction**2).sum(axis=-1))
         cosine = np.where(inside, np.abs(direction @ normal), 1.0) / length

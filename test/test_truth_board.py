@@ -290,3 +290,28 @@ def test_impossible_boards_are_refused(described: str, said: str, tmp_path: Path
     with pytest.raises(InputError) as error:
         read_board(file if ': ' in described else described)
     assert said in str(error.value)
+
+
+def test_the_wall_around_a_board_is_known_if_asked(
+    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
+) -> None:
+    (tmp_path / 'in').mkdir()
+    board = record(tmp_path / 'in/0.npz', [Board(1.0, 10, 25, glued=True)], rng)
+    (alone,) = truth(tmp_path, board_yaml)['recordings']
+    (row,) = truth(tmp_path, board_yaml, '--wall')['recordings']
+    assert alone['known'] < 0.35
+    assert row['known'] > 0.9
+    assert row['verdict'] == 'used'
+    with np.load(tmp_path / 'campaign/0.npz') as file:
+        _, depth = board.look(rng)
+        error = (file['clean_depth'] - depth)[file['known']]
+    assert np.abs(error).max() < 0.004
+
+
+def test_a_wall_behind_a_board_stays_unknown(
+    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
+) -> None:
+    (tmp_path / 'in').mkdir()
+    record(tmp_path / 'in/0.npz', [Board(1.0, 10, 25)], rng)
+    (row,) = truth(tmp_path, board_yaml, '--wall')['recordings']
+    assert row['known'] < 0.35

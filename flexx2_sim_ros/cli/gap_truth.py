@@ -77,6 +77,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='standard deviation of the focal length, with --board (default 0.003)',
     )
     parser.add_argument(
+        '--wall',
+        action='store_true',
+        help='the sheet of --board is glued flat to a wall, the rest of which is known as well',
+    )
+    parser.add_argument(
         '--uptime',
         type=number(0, 1e6),
         metavar='SECONDS',
@@ -224,7 +229,7 @@ def _room_maker(arguments: argparse.Namespace) -> _Maker:
 
     room = Path(arguments.scan or arguments.scene)
     _check_suffix(room, arguments.scan is not None)
-    _check_unused(arguments, ('lens_error',), '--board')
+    _check_unused(arguments, ('lens_error', 'wall'), '--board')
     request = RoomRequest(
         **_common(arguments),
         room=room,
@@ -303,8 +308,9 @@ def _plane_maker(arguments: argparse.Namespace) -> _Maker:
     from flexx2_sim_ros.truth import asked_for, make_truth, PlaneRequest
 
     _check_unused(arguments, _PLACES, '--scan or --scene')
-    _check_unused(arguments, ('lens_error',), '--board')
+    _check_unused(arguments, ('lens_error', 'wall'), '--board')
     request = PlaneRequest(
+        wall=arguments.wall,
         **_common(arguments), planes=Path(arguments.planes), room_error=arguments.room_error or 0.0
     )
     asked = asked_for(request)

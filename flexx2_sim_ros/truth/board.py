@@ -34,14 +34,18 @@ class BoardRoom:
     ----------
     target : Target or Printed
         The board.
+    endless : bool
+        Whether the plane goes on beyond the outline.
 
     """
 
     complete = False
 
-    def __init__(self, target: Target | Printed) -> None:
+    def __init__(self, target: Target | Printed, endless: bool = False) -> None:
         """Store the size of the board."""
         self._reach = np.array([target.width, target.height]) / 2
+        if endless:
+            self._reach = np.full(2, np.inf)
         self.bounds = np.array([[*-self._reach, 0.0], [*self._reach, 0.0]])
 
     def cast(self, pose: Pose, rays: np.ndarray) -> Hits:

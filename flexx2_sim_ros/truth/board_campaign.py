@@ -40,11 +40,14 @@ class BoardRequest(TruthRequest):
         The board, or its file; see `read_board`.
     lens_error : float
         Standard deviation of the focal length, as a fraction.
+    wall : bool
+        Whether the board is glued to a wall, whose rest is known as well.
 
     """
 
     board: str | Path
     lens_error: float = 0.003
+    wall: bool = False
 
     def work(self) -> Work:
         """Return what is to be done for it."""
@@ -74,7 +77,15 @@ class _Boards:
     ) -> tuple[list[BoardJob], list[BoardPoses]]:
         given = self.request
         jobs = [
-            BoardJob(one.path, target, given.camera, given.profile, given.motion, given.lens_error)
+            BoardJob(
+                one.path,
+                target,
+                given.camera,
+                given.profile,
+                given.motion,
+                given.lens_error,
+                given.wall,
+            )
             for one in self.sources
         ]
         digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]

@@ -33,6 +33,8 @@ class BoardJob:
         ``auto``, ``still`` or ``moving``.
     lens_error : float
         Standard deviation of the focal length, as a fraction.
+    wall : bool
+        Whether the board is glued to a wall, whose rest is known as well.
 
     """
 
@@ -42,6 +44,7 @@ class BoardJob:
     profile: Profile | None
     motion: str
     lens_error: float
+    wall: bool = False
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,18 @@ from itertools import islice
 
 from flexx2_sim_ros.truth.board import BoardRoom, plane_covariance
 from flexx2_sim_ros.truth.board_placing import BoardJob, BoardPoses
-from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, render
+from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, REFUSED, render
 from flexx2_sim_ros.truth.gray import Gray, white_fraction
 from flexx2_sim_ros.truth.gray_frames import gray_images
-from flexx2_sim_ros.truth.observation import Footage, Observation
+from flexx2_sim_ros.truth.observation import Footage, grow, Observation
+from flexx2_sim_ros.truth.plane_finding import surface_around
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import frame
 from flexx2_sim_ros.truth.writing import PageImages, picture_of, without_hidden
 import numpy as np
 
 _FITS, _FITS_NOISE = 0.05, 3.0  # metres and standard deviations of the residual, as for a scan
+_BORDER = 2  # pixels
 _ELSEWHERE = 0.5  # reflectivity where it is unknown
 
 
@@ -133,6 +135,13 @@ def _first(board: BoardSurfaces, footage: Footage) -> _Shown:
 def _clean(board: BoardSurfaces, image: Observation, numbers: tuple[float, ...]) -> Clean:
     pose, target = Pose.from_numbers(np.array(numbers)), board.job.target
     clean = render(BoardRoom(target), pose, image.rays, target.flatness)
+    if board.job.wall:
+        seen = surface_around(image, pose.R[2] / -pose.t[2], clean.known & image.smooth)
+        wall = render(BoardRoom(target, endless=True), pose, image.rays, target.flatness)
+        seen |= clean.known
+        part = np.where(grow(~seen, _BORDER) & wall.known, np.uint8(REFUSED), wall.part)
+        part[~seen] = OUTSIDE
+        clean = replace(wall, part=part)
     # The ratio of black to white is measured in the gray image; white itself comes from the file.
     gray = Gray(np.ones(image.depth.shape), image.rays)
     white = white_fraction(target, gray, pose, board.placed.blur)
