@@ -181,6 +181,8 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(printable(f'{row["name"]}: {row["verdict"]}{reasons}'))
     for row in table['cannot_decide']:
         console.print(printable(f'cannot decide {row["effect"]}: {row["reason"]}'))
+    if 'room_rough_mm' in table:
+        console.print(_room_words(table))
     clock = table.get('clock_offset')
     if clock is not None:
         console.print(printable(_clock_words(clock)))
@@ -200,6 +202,14 @@ def run(arguments: argparse.Namespace) -> int:
         )
     console.print(f'{arguments.out}: truth.yaml, truth.html')
     return 0
+
+
+def _room_words(table: dict[str, Any]) -> str:
+    error, rough = table['room_error_mm'], table['room_rough_mm']
+    return (
+        f'--room-error: {error:g} mm, so that depth errors below {2 * error:g} mm do not count as '
+        f'a gap; within flat patches, recordings and room differ by {rough:.1f} mm beyond noise'
+    )
 
 
 def _clock_words(clock: dict[str, Any]) -> str:
@@ -300,6 +310,7 @@ def _board_maker(arguments: argparse.Namespace) -> _Maker:
         **_common(arguments),
         board=arguments.board,
         lens_error=0.003 if arguments.lens_error is None else arguments.lens_error,
+        wall=arguments.wall,
     )
     return partial(make_truth, request)
 
@@ -310,7 +321,6 @@ def _plane_maker(arguments: argparse.Namespace) -> _Maker:
     _check_unused(arguments, _PLACES, '--scan or --scene')
     _check_unused(arguments, ('lens_error', 'wall'), '--board')
     request = PlaneRequest(
-        wall=arguments.wall,
         **_common(arguments), planes=Path(arguments.planes), room_error=arguments.room_error or 0.0
     )
     asked = asked_for(request)

@@ -102,6 +102,8 @@ class _Room:
         }
 
     def rows(self, written: Written) -> list[dict[str, Any]]:
+        seen = [rough for _, rough in written.values() if np.isfinite(rough)]
+        self.rough = float(np.median(seen)) if seen else None
         rows = self.refused | {
             one.number: _row(one, verdict, self.surfaces.get(one.number), written.get(one.number))
             for one, verdict in zip(self.placed, self.verdicts, strict=True)
@@ -119,6 +121,7 @@ class _Room:
         registered, clock, late = [one.where for one in self.placed], self.clock, self.late
         return {
             **({} if clock is None else {'clock_offset': _clock_table(clock, late)}),
+            **({} if self.rough is None else {'room_rough_mm': round(self.rough * 1e3, 2)}),
             'shared': self.shared.findings,
             'cannot_decide': _cannot_decide(self.shared, registered, late is not None),
             'absorbed': {} if all(one.believed for one in registered) else absorbed('scan'),

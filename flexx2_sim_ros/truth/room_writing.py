@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.truth.alignment import align, choose
-from flexx2_sim_ros.truth.clean import Clean, REFUSED, render
+from flexx2_sim_ros.truth.clean import Clean, difference, REFUSED, render
 from flexx2_sim_ros.truth.columns import ErrorColumns
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation
@@ -18,6 +18,7 @@ import numpy as np
 
 _PIXELS = 2000
 _REFINEMENTS = 4
+_PATCH, _LEAST_PATCHES = 8, 10  # pixels; ASSUMED
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,44 @@ class RoomSurfaces:
     def shown(
         self, footage: Footage, truths: Sequence[Clean], shares: dict[str, float]
     ) -> tuple[PageImages, Any]:
-        """Return images of the first frame or median."""
-        return picture_of(truths[0], footage.still, shares), None
+        """Return images of the first frame or median, and how rough the room is, metres."""
+        first, image = truths[0], footage.still
+        return picture_of(first, image, shares), roughness(first, image)
+
+
+def roughness(clean: Clean, image: Observation) -> float:
+    """
+    Return how far measured depth and a room differ within small flat patches, beyond noise.
+
+    Parameters
+    ----------
+    clean : Clean
+        The room.
+    image : Observation
+        The image.
+
+    Returns
+    -------
+    float
+        Standard deviation along the normal, metres: median over patches, each without its mean
+        and tilt. NaN with too few patches.
+
+    """
+    height, width = (side - side % _PATCH for side in clean.depth.shape)
+    blocks, error, flat = [], difference(clean, image), clean.known & image.smooth
+    slant = np.cos(clean.incidence) * image.length
+    for values in (error * slant, image.sigma * slant, flat):
+        rows = values[:height, :width].reshape(height // _PATCH, _PATCH, -1, _PATCH)
+        blocks.append(rows.swapaxes(1, 2).reshape(-1, _PATCH**2))
+    error, noise, good = blocks
+    whole = good.all(axis=1) & np.isfinite(error).all(axis=1)
+    if whole.sum() < _LEAST_PATCHES:
+        return float('nan')
+    v, u = np.mgrid[:_PATCH, :_PATCH].reshape(2, -1)
+    plane, _ = np.linalg.qr(np.stack([np.ones(_PATCH**2), u, v], axis=1))
+    left = error[whole] - error[whole] @ plane @ plane.T
+    variance = (left**2).sum(axis=1) / (_PATCH**2 - 3) - (noise[whole] ** 2).mean(axis=1)
+    return float(np.sqrt(max(np.median(variance), 0.0)))
 
 
 def _of_frames(room: Room, what: RoomSurfaces, footage: Footage) -> list[Clean]:
