@@ -21,6 +21,7 @@ import numpy as np
 
 _MOST_METRES, _MOST_DEGREES = 0.01, 2.0  # standard deviation of the plane
 _LEAST_FITTING = 0.5
+_TRIED = 4  # recordings that tell which of two boards it is. ASSUMED
 # A depth error that grows with distance by more than this fraction is no offset. Prints that were
 # scaled to fit the page are off by 3 to 6 %; a calibrated camera's scale is right to 0.5 %.
 _MOST_SCALE = 0.02
@@ -61,19 +62,24 @@ class _Boards:
 
     def __init__(self, request: BoardRequest) -> None:
         self.request = request
-        self.kinds = read_board(request.board).kinds
+        self.kinds: Sequence[Target | Printed] = read_board(request.board).kinds
         self.files: Sequence[Path] = (Path(request.board),)
 
     def place(self, run: Run, sources: Sequence[TruthSource]) -> None:
         self.sources = sources
-        tried = [self._placed(run, target) for target in self.kinds]
-        # The description fits boards of two colours: the one that is found more often.
-        self.jobs, self.placed = max(tried, key=lambda both: sum(not p.reason for p in both[1]))
+        target = max(self.kinds, key=lambda kind: self._found(run, kind))
+        self.jobs, self.placed = self._placed(run, target, sources)
         if all(one.reason for one in self.placed):
             raise InputError(f'{shown_path(sources[0].path)}: {self.placed[0].reason}')
 
+    def _found(self, run: Run, target: Target | Printed) -> int:
+        # In how many of the first recordings it is found; these are not searched again.
+        if len(self.kinds) == 1:
+            return 0
+        return sum(not one.reason for one in self._placed(run, target, self.sources[:_TRIED])[1])
+
     def _placed(
-        self, run: Run, target: Target | Printed
+        self, run: Run, target: Target | Printed, sources: Sequence[TruthSource]
     ) -> tuple[list[BoardJob], list[BoardPoses]]:
         given = self.request
         jobs = [
@@ -86,7 +92,7 @@ class _Boards:
                 given.lens_error,
                 given.wall,
             )
-            for one in self.sources
+            for one in sources
         ]
         digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
         placed = run.each_once(
