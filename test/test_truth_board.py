@@ -158,7 +158,7 @@ def test_a_print_of_the_wrong_size_is_doubtful(
     ('amplitude', 'words'),
     [
         (None, 'it has no gray image (amplitude)'),
-        (np.full((FRAMES, HEIGHT, WIDTH), 90, np.uint8), 'no tag of the board is found'),
+        (np.full((FRAMES, HEIGHT, WIDTH), 90, np.uint8), 'the board is not found'),
     ],
 )
 def test_a_missing_board_is_reported_with_the_reason(

@@ -58,7 +58,7 @@ def test_the_chessboard_of_a_kinect_is_where_its_corners_are(
     _, depth, _ = view.squares  # From the corners that another program found.
     known = arrays['known']
     assert known.mean() > 0.3
-    assert np.abs(arrays['clean_depth'] - depth)[known].max() < 0.006
+    assert np.abs(arrays['clean_depth'] - depth)[known].max() < 0.003
 
 
 @named('dark_card_dropped')

@@ -194,7 +194,7 @@ def find_board(
     tags = find_tags(target, gray.image)
     starts = poses_from(target, tags, gray.rays) if tags else []
     if not starts:
-        return 'no tag of the board is found in its gray image'
+        return 'the board is not found in its gray image'
     rough = [
         fit
         for pose, power in product(_starts(starts, tags, target.turns), powers)
@@ -213,7 +213,7 @@ def _refined(
     if fit is None or fit.pose.t[2] > 0:
         return 'too little of the board is in its gray image'
     if fit.cost > _WORST_COST:
-        return 'its gray image has tags, but not where the description of the board has them'
+        return 'its gray image shows a board, but not as its description has it'
     return with_scale_error(fit, float(np.hypot(scale_error, target.scale_error)))
 
 
