@@ -26,7 +26,7 @@ from flexx2_sim_ros.effects import ageing, registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.recording import open_recording
-from flexx2_sim_ros.truth import make_plane_truth, make_truth, PlaneRequest, RoomRequest
+from flexx2_sim_ros.truth import make_truth, PlaneRequest, RoomRequest
 from flexx2_sim_ros.truth.poses import Pose
 import numpy as np
 from study.blind.meshes import write_mesh
@@ -92,7 +92,7 @@ class Corners:
     def make(self, recordings: Path, kind: str, out: Path) -> None:
         """Write the campaign."""
         planes = self._folder / f'{kind}.yaml'
-        make_plane_truth(PlaneRequest(recordings=(recordings,), planes=planes, out=out))
+        make_truth(PlaneRequest(recordings=(recordings,), planes=planes, out=out))
 
 
 def record(folder: Path, scenes: FurnishedMesh | Corners, effects: Effects) -> list[np.ndarray]:

@@ -11,7 +11,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
+from flexx2_sim_ros.truth import make_truth, PlaneRequest
 import numpy as np
 from scipy.spatial.transform import Rotation
 import yaml
@@ -134,7 +134,7 @@ def main() -> None:
             folder = Path(text)
             record(folder / 'in', others=(effect,))
             planes = describe(folder / 'planes.yaml', taped=LASER)
-            table = make_plane_truth(
+            table = make_truth(
                 PlaneRequest(recordings=(folder / 'in',), planes=planes, out=folder / 'out')
             )
         found = [one['bend_mm'] for row in table['recordings'] for one in row.get('planes', [])]

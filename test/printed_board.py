@@ -8,6 +8,7 @@ WIDTH, HEIGHT, FOCAL = 224, 172, 186.0
 K = np.array([[FOCAL, 0, 111.2], [0, FOCAL, 86.1], [0, 0, 1]])
 # Width and height of the sheet, side of a tag and gap between tags, metres.
 SHEETS = {'A3': (0.420, 0.297, 0.115, 0.025), 'A2': (0.594, 0.420, 0.165, 0.030)}
+TAG_36H11 = [255, 255, 0, 255, 0, 255]  # the first row of its first tag, as AprilTag draws it
 _FINE = 2000  # pixels per metre of the drawing
 _RAYS = 8  # rays per pixel and axis
 _WALL = 0.4  # metres behind the board
@@ -26,6 +27,36 @@ def sheet(name: str) -> np.ndarray:
     return image
 
 
+def chessboard() -> np.ndarray:
+    """Return a chessboard of 9 x 6 inner corners, 30 mm squares; the upper left one is white."""
+    squares = np.add.outer(np.arange(7), np.arange(10)) % 2 == 0
+    return np.kron(squares, np.ones((60, 60))).astype(np.float32)
+
+
+def charuco() -> np.ndarray:
+    """Return OpenCV's board of 5 x 7 squares of 40 mm with markers of 30 mm."""
+    codes = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+    board = cv2.aruco.CharucoBoard((5, 7), 0.04, 0.03, codes)
+    return np.asarray(board.generateImage((400, 560)), np.float32) / 255
+
+
+def april_grid() -> np.ndarray:
+    """Return Kalibr's grid of 4 x 3 tags of 80 mm, numbered from below, 24 mm apart."""
+    codes = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    side, gap = 160, 48
+    step = side + gap
+    image = np.ones((3 * step + gap, 4 * step + gap), np.float32)
+    for y in range(0, len(image), step):
+        for x in range(0, image.shape[1], step):
+            image[y : y + gap, x : x + gap] = 0
+    upright = cv2.aruco.generateImageMarker(codes, 0, 8)[1, 1:7].tolist() == TAG_36H11
+    for number in range(12):
+        x, y = number % 4 * step + gap, (2 - number // 4) * step + gap
+        tag = cv2.aruco.generateImageMarker(codes, number, side, borderBits=2) / 255
+        image[y : y + side, x : x + side] = tag if upright else tag[::-1, ::-1]
+    return image
+
+
 class Board:
     """
     A board at a place in the camera's frame.
@@ -40,11 +71,22 @@ class Board:
         Factor by which the print is too large.
     name : str
         One of `SHEETS`.
+    picture : numpy.ndarray, optional
+        What is printed instead, 2000 pixels a metre.
+    glued : bool
+        Whether it is on a wall, and not before one.
 
     """
 
     def __init__(
-        self, distance: float, tilt: float, turn: float, size: float = 1.0, name: str = 'A3'
+        self,
+        distance: float,
+        tilt: float,
+        turn: float,
+        size: float = 1.0,
+        name: str = 'A3',
+        picture: np.ndarray | None = None,
+        glued: bool = False,
     ) -> None:
         """Place the board."""
         self.R = Rotation.from_euler('zxy', [3, tilt, turn], degrees=True).as_matrix()
@@ -52,6 +94,10 @@ class Board:
         self.size = size
         self._picture = sheet(name)
         self._sides = np.array(SHEETS[name][:2])
+        self.glued = glued
+        if picture is not None:
+            self._picture = picture
+            self._sides = np.array(picture.shape[::-1]) / _FINE
 
     def look(
         self, rng: np.random.Generator, blur: float = 0.6, lens: np.ndarray | None = None
@@ -80,7 +126,8 @@ class Board:
         index = ((place + self._sides / 2) * _FINE).astype(int)
         row = np.clip(index[..., 1], 0, self._picture.shape[0] - 1)
         column = np.clip(index[..., 0], 0, self._picture.shape[1] - 1)
-        depth = np.where(inside, depth, self.t[2] + _WALL)
+        if not self.glued:
+            depth = np.where(inside, depth, self.t[2] + _WALL)
         colour = np.where(inside, 0.06 + 0.76 * self._picture[row, column], 0.3)
         length = np.sqrt((direction**2).sum(axis=-1))
         cosine = np.where(inside, np.abs(direction @ normal), 1.0) / length

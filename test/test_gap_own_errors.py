@@ -8,7 +8,7 @@ from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.inference.own_errors import common_motion
 from flexx2_sim_ros.gap.report.words import accuracy
-from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
+from flexx2_sim_ros.truth import make_truth, PlaneRequest
 import numpy as np
 import pytest
 
@@ -44,7 +44,7 @@ def test_free_planes_make_no_gap_that_is_not_there(effect: str, tmp_path: Path) 
     """Assert that an effect does not take planes along, to be named for the way back."""
     folder, out = record(tmp_path / 'in', views=VIEWS[:1], others=(effect,)), tmp_path / 'out'
     planes = describe(tmp_path / 'planes.yaml', taped=None, square=False)
-    make_plane_truth(PlaneRequest(recordings=(folder,), planes=planes, out=out))
+    make_truth(PlaneRequest(recordings=(folder,), planes=planes, out=out))
     with np.load(out / 'corner0.npz') as file:
         depth, known = np.where(file['depth'] > 0, file['depth'], np.nan), file['known']
         off = np.abs(np.nanmean(depth[:, known], axis=0) - file['clean_depth'][known])

@@ -7,6 +7,7 @@ import re
 import subprocess
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics
+from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
@@ -27,6 +28,7 @@ from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.paths import executable
 from flexx2_sim_ros.recording.truth import read_truth
+from flexx2_sim_ros.truth.plane_file import Measured, read_planes
 import numpy as np
 import pytest
 
@@ -75,12 +77,29 @@ def test_command_writes_a_checklist_with_every_recording_and_effect(tmp_path: Pa
     )
 
 
+def test_plan_has_a_form_for_what_is_measured(two: Path, tmp_path: Path) -> None:
+    command = ['gap', 'plan', '--plan', str(two), '--out', str(tmp_path)]
+    assert main(command) == 0
+    path = tmp_path / 'planes.yaml'
+    text = path.read_text()
+    assert 'plane 1: {distance: ___, box: ___}  # 1 m tilted by 40 degrees' in text
+    assert 'far' not in text  # Something moves there.
+    (hint,) = read_planes(path).seen_in('near')
+    assert (hint.distance, hint.box) == (None, ())
+    filled = text.replace('distance: ___', 'distance: 0.766 +- 0.003')
+    path.write_text(filled)
+    assert main(command) == 0
+    assert path.read_text() == filled
+    (hint,) = read_planes(path).seen_in('near')
+    assert hint.distance == Measured(0.766, 0.003)
+
+
 def test_plan_of_another_camera_has_its_mode_and_its_name_in_the_commands(tmp_path: Path) -> None:
     command = [executable('flexx2'), 'gap', 'plan', '--profile', 'kinect_v2', '--out']
     subprocess.run([*command, tmp_path], check=True)
     text = (tmp_path / 'checklist.md').read_text()
     assert 'recordings, mode depth_30fps.' in text
-    assert 'gap diagnose campaign/ --out diagnosis/ --profile kinect_v2' in text
+    assert 'gap start recordings/ --scan room.ply --out gap/ --profile kinect_v2' in text
     assert 'ros2 param set' not in text
     wrong = subprocess.run(
         [*command, tmp_path, '--usecase', 'Mode_9_30fps'],

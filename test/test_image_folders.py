@@ -450,3 +450,28 @@ def test_other_images_are_refused_with_a_way_out(
     assert convert(file if single else tmp_path / 'in', tmp_path / 'out.npz') == 2
     said = ' '.join(capsys.readouterr().err.split())
     assert f'{name}: must be a gray PNG of 16 bits, or an .npz file' in said
+
+
+def test_each_view_of_a_folder_becomes_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = ['v1.png', 'v2.png', 'v3.png']
+    folder = folder_of(tmp_path / 'in', names)
+    for name, image in zip(names, counts(), strict=True):
+        save(folder / 'ir' / name, image // 2)
+    out = tmp_path / 'views'
+    assert convert(folder, out, '--views', '--usecase', 'm') == 0
+    for name, depth, gray in zip(names, metres(), counts() // 2, strict=True):
+        found = load_recording((out / name).with_suffix('.npz'))
+        np.testing.assert_array_equal(found.depth, depth[None])
+        np.testing.assert_array_equal(found.amplitude, gray[None])
+        assert found.usecase == 'm'
+    assert convert(out / 'v1.npz', tmp_path / 'again', '--views', '--usecase', 'm') == 2
+    assert '--views: must come with a folder of images, got' in capsys.readouterr().err
+
+
+def test_each_folder_of_images_becomes_a_recording(tmp_path: Path) -> None:
+    for name in ('near', 'far'):
+        folder_of(tmp_path / 'in' / name, ['1.png', '2.png', '3.png'])
+    assert convert(tmp_path / 'in', tmp_path / 'views', '--views', '--usecase', 'm') == 0
+    assert sorted(file.name for file in (tmp_path / 'views').iterdir()) == ['far.npz', 'near.npz']

@@ -6,12 +6,14 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.recording.truth import read_truth
 from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.printed import read_board
 from flexx2_sim_ros.truth.target import draw_pdf, read_target, SHEETS, Target, target_of
 import numpy as np
-from printed_board import Board, gray_of, HEIGHT, K, WIDTH
+from printed_board import april_grid, Board, charuco, chessboard, gray_of, HEIGHT, K, WIDTH
 import pytest
 import yaml
 
@@ -54,7 +56,7 @@ def board_yaml(tmp_path: Path) -> Path:
     return path
 
 
-def truth(tmp_path: Path, board: Path, *options: str) -> dict[str, Any]:
+def truth(tmp_path: Path, board: Path | str, *options: str) -> dict[str, Any]:
     out = tmp_path / 'campaign'
     command = ['gap', 'truth', str(tmp_path / 'in'), '--board', str(board), '--out', str(out)]
     assert main([*command, '--jobs', '1', *options]) == 0
@@ -156,7 +158,7 @@ def test_a_print_of_the_wrong_size_is_doubtful(
     ('amplitude', 'words'),
     [
         (None, 'it has no gray image (amplitude)'),
-        (np.full((FRAMES, HEIGHT, WIDTH), 90, np.uint8), 'no tag of the board is found'),
+        (np.full((FRAMES, HEIGHT, WIDTH), 90, np.uint8), 'the board is not found'),
     ],
 )
 def test_a_missing_board_is_reported_with_the_reason(
@@ -234,3 +236,82 @@ def test_a_painted_sheet_has_the_area_of_its_tags() -> None:
     black = (1 - target.paint(step)).sum() * step**2
     modules = sum(target.modules(number).sum() for number in range(6))
     assert black == pytest.approx(modules * (target.tag / 6) ** 2, rel=1e-4)
+
+
+KALIBR = """\
+target_type: 'aprilgrid'
+tagCols: 4
+tagRows: 3
+tagSize: 0.08
+tagSpacing: 0.3
+"""
+
+
+@pytest.mark.parametrize(
+    ('picture', 'described', 'distance'),
+    [
+        (chessboard(), 'chessboard:9x6:0.03', 0.7),
+        (1 - chessboard()[:, :-60], 'chessboard:8x6:0.03', 0.7),
+        (charuco(), 'charuco:5x7:0.04:0.03:DICT_5X5_100', 0.5),
+        (april_grid(), KALIBR, 0.8),
+    ],
+)
+def test_boards_that_people_own_are_found(
+    picture: np.ndarray, described: str, distance: float, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    (tmp_path / 'in').mkdir()
+    boards = [Board(distance, -20, 25, picture=picture), Board(distance, 25, -15, picture=picture)]
+    for number, board in enumerate(boards):
+        record(tmp_path / f'in/{number}.npz', [board], rng)
+    file = tmp_path / 'kalibr.yaml'
+    file.write_text(described)
+    table = truth(tmp_path, file if described is KALIBR else described)
+    for board, row in zip(boards, table['recordings'], strict=True):
+        assert row['verdict'] == 'used'
+        assert place_in_camera(row) == pytest.approx(board.t, abs=0.0015)
+        assert row['residual_mm'] == pytest.approx(BIAS * 1e3, abs=2.5)
+
+
+@pytest.mark.parametrize(
+    ('described', 'said'),
+    [
+        (
+            'chessboard:9',
+            '--board: must be chessboard:9x6:0.03 (inner corners, metres) or charuco:',
+        ),
+        ('charuco:5x7:0.04:0.03:DICT_ME', '--board: must be chessboard:9x6:0.03'),
+        ('target_type: circlegrid', 'target_type: must be one of aprilgrid, checkerboard, got'),
+        ('target_type: aprilgrid', 'must be a target of Kalibr, got'),
+    ],
+)
+def test_impossible_boards_are_refused(described: str, said: str, tmp_path: Path) -> None:
+    file = tmp_path / 'kalibr.yaml'
+    file.write_text(described)
+    with pytest.raises(InputError) as error:
+        read_board(file if ': ' in described else described)
+    assert said in str(error.value)
+
+
+def test_the_wall_around_a_board_is_known_if_asked(
+    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
+) -> None:
+    (tmp_path / 'in').mkdir()
+    board = record(tmp_path / 'in/0.npz', [Board(1.0, 10, 25, glued=True)], rng)
+    (alone,) = truth(tmp_path, board_yaml)['recordings']
+    (row,) = truth(tmp_path, board_yaml, '--wall')['recordings']
+    assert alone['known'] < 0.35
+    assert row['known'] > 0.9
+    assert row['verdict'] == 'used'
+    with np.load(tmp_path / 'campaign/0.npz') as file:
+        _, depth = board.look(rng)
+        error = (file['clean_depth'] - depth)[file['known']]
+    assert np.abs(error).max() < 0.004
+
+
+def test_a_wall_behind_a_board_stays_unknown(
+    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
+) -> None:
+    (tmp_path / 'in').mkdir()
+    record(tmp_path / 'in/0.npz', [Board(1.0, 10, 25)], rng)
+    (row,) = truth(tmp_path, board_yaml, '--wall')['recordings']
+    assert row['known'] < 0.35

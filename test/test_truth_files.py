@@ -9,7 +9,7 @@ from flexx2_sim_ros.errors import InputError, MachineError
 from flexx2_sim_ros.gap.data.hidden import hidden_effects
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.recording.convert import convert
-from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
+from flexx2_sim_ros.truth import make_truth, PlaneRequest
 from flexx2_sim_ros.truth.files import write_results
 from flexx2_sim_ros.truth.run import no_progress, running, TruthRequest
 import numpy as np
@@ -141,7 +141,7 @@ def test_a_campaign_of_many_recordings_can_be_diagnosed(tmp_path: Path, wall_yam
     request = PlaneRequest(
         recordings=(path,), planes=wall_yaml, out=out, command=f'flexx2 gap truth {names} --jobs 1'
     )
-    table = make_plane_truth(request)
+    table = make_truth(request)
     assert len(table['command']) < 3000
     assert table['command'].startswith('flexx2 gap truth recordings/0000.npz')
     assert table['command'].endswith('--jobs 1')

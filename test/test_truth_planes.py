@@ -27,7 +27,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.data.hidden import hidden_effects
 from flexx2_sim_ros.recording import open_recording
-from flexx2_sim_ros.truth import make_plane_truth, PlaneRequest
+from flexx2_sim_ros.truth import make_truth, PlaneRequest
 from flexx2_sim_ros.truth.plane_constraints import Constraints, PlacedPlanes, settle
 from flexx2_sim_ros.truth.plane_file import Angle, Measured
 import numpy as np
@@ -41,7 +41,7 @@ WITHOUT = [name for name in registry() if name not in KEPT]
 
 
 def make(recordings: Path, planes: Path, out: Path) -> dict[str, Any]:
-    return make_plane_truth(PlaneRequest(recordings=(recordings,), planes=planes, out=out))
+    return make_truth(PlaneRequest(recordings=(recordings,), planes=planes, out=out))
 
 
 @pytest.fixture(scope='module')
@@ -277,9 +277,9 @@ def test_planes_that_were_found_before_an_interruption_are_not_searched_again(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        make_plane_truth(request, stop)
+        make_truth(request, stop)
     seen: list[str] = []
-    table = make_plane_truth(request, lambda text, fraction: seen.append(text))
+    table = make_truth(request, lambda text, fraction: seen.append(text))
     assert 'finding planes' not in seen
     assert table['recordings'] == make(plain, planes, tmp_path / 'again')['recordings']
     for i in range(len(VIEWS)):

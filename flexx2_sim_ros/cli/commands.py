@@ -28,6 +28,7 @@ COMMANDS = {
     'compile': 'compile the camera before its first start',
 }
 GAP_COMMANDS = {
+    'start': 'go from recordings to a diagnosis, with questions',
     'diagnose': 'find which effects cause the gap, where it lies and how much they explain',
     'plan': 'write a checklist of what to record, and what it will be able to find',
     'target': 'draw a target to print, for ground truth from gray images',

@@ -1,7 +1,10 @@
 """`flexx2 convert`: recordings of all kinds into NumPy archives and bags."""
 
 import argparse
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from flexx2_sim_ros.cli.common import messages, progress_bar
 from flexx2_sim_ros.cli.options import add_table, number
@@ -11,15 +14,17 @@ _DESCRIPTION = """\
 Convert a recording to another format, without loss. A and B are .npz recordings
 or rosbag2 bags: a folder, or a single .mcap or .db3 file. A can also be a .bag
 file of ROS 1, a folder of 16-bit PNG files or one of them, or an .npz or HDF5
-file of another program. Bags of pmd-royale-ros, pico_flexx_driver, realsense-ros and
-Azure Kinect work without options. A damaged bag is read up to the damage. From
-a bag with several cameras, B.npz becomes B_<camera>.npz for each camera.
+file of another program. Bags of pmd-royale-ros, pico_flexx_driver,
+realsense-ros and Azure Kinect work without options. A damaged bag is read up to
+the damage. From a bag with several cameras, B.npz becomes B_<camera>.npz for
+each camera.
 """
 _EXAMPLES = """examples:
   flexx2 convert walk walk.npz --camera front_left
   flexx2 convert pico_flexx.bag wall.npz --usecase MODE_9_5FPS_2000
   flexx2 convert realsense_bag wall.npz --usecase depth
   flexx2 convert images/ wall.npz --usecase NFOV_unbinned_30fps --rate 15
+  flexx2 convert boards/ views/ --views --usecase depth_30fps
   flexx2 convert no_camera_info wall.npz --intrinsics 210.6 212.9 111.5 85.5
   flexx2 convert frame.png frame.npz --unit 0.0002 --mask known.png
   flexx2 convert demos.hdf5 a.npz --key depth=data/demo_0/obs/front_depth
@@ -45,6 +50,8 @@ target B: recording to write: a name that ends in .npz, .mcap or .db3, or a new 
 --infrared TOPIC: from a bag: the topic of the infrared image of the camera, if A does not say
 --radial: depth of A is measured along the ray of each pixel: convert it to depth along the optical
     axis
+--views: A is a folder of images, or of such folders, and each a recording of its own: B is a
+    folder, which gets an .npz for each
 --mask FILE: PNG of the size of the images: the ground truth of its black pixels is unknown
     (default: mask.png in a folder of images)
 --clean TOPIC: from a bag: the topic of the clean depth images, if it has another name than
@@ -94,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.processing import Chain, load_chain
     from flexx2_sim_ros.processing.recorded import ProcessedRecording
     from flexx2_sim_ros.profiles.files import find_profile
-    from flexx2_sim_ros.recording.convert import convert
+    from flexx2_sim_ros.recording.convert import convert, convert_views
     from flexx2_sim_ros.recording.corrections import Given
 
     given = Given(
@@ -115,17 +122,22 @@ def run(arguments: argparse.Namespace) -> int:
     chain = Chain(()) if arguments.process is None else load_chain(arguments.process)
     console = messages(soft_wrap=True)
     with progress_bar(console) as progress:
-        written = convert(
-            arguments.source,
-            arguments.target,
-            arguments.camera,
-            arguments.storage,
-            given,
-            progress,
-            (lambda reader: ProcessedRecording(reader, chain))
-            if chain.stages
-            else lambda one: one,
+        processed: Callable[[Any], Any] = (
+            partial(ProcessedRecording, chain=chain) if chain.stages else lambda one: one
         )
+        if arguments.views:
+            paths = Path(arguments.source), Path(arguments.target)
+            written = convert_views(*paths, given, progress, processed)
+        else:
+            written = convert(
+                arguments.source,
+                arguments.target,
+                arguments.camera,
+                arguments.storage,
+                given,
+                progress,
+                processed,
+            )
     for reader, path in written:
         for note in dict.fromkeys(reader.notes):
             console.print(printable(note), style='yellow')

@@ -7,13 +7,13 @@ from pathlib import Path
 from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.options import add_table, whole_number
 
-CHECKLIST, PAGE, TABLE = 'checklist.md', 'plan.html', 'table.yaml'
+CHECKLIST, PAGE, FORM, TABLE = 'checklist.md', 'plan.html', 'planes.yaml', 'table.yaml'
 _OPTIONS = f"""
 Write a checklist for one hour with a camera: what to set up, which command records it, and what
-ground truth it needs; and a table of how weak an effect may be and still be found. See
-docs/diagnose_your_flexx2.md.
+ground truth it needs; a form for the distances that you measure; and a table of how weak an effect
+may be and still be found. See docs/diagnose_your_flexx2.md.
 
---out DIR: gets {CHECKLIST} and {PAGE}
+--out DIR: gets {CHECKLIST}, {PAGE}, {FORM}
 --plan FILE: your own plan (default: config/gap_plan.yaml)
 --usecase MODE: mode to record in (default: the plan's; of the shipped plan, the camera's usual one
     if it lacks that)
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the checklist, the page and, if asked for, the table."""
     # Imported here: matplotlib and the compiled camera take seconds to load.
     from flexx2_sim_ros import atomic
-    from flexx2_sim_ros.gap.planning.page import Checklist, markdown, page
+    from flexx2_sim_ros.gap.planning.page import Checklist, form, markdown, page
     from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
     from flexx2_sim_ros.gap.planning.table import (
         compute,
@@ -68,5 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
     atomic.write_text(out / CHECKLIST, markdown(told))
     atomic.write_text(out / PAGE, page(told))
     written = [CHECKLIST, PAGE, *([TABLE] if arguments.compute else [])]
+    if not (out / FORM).exists():  # It may have been filled in.
+        atomic.write_text(out / FORM, form(plan))
+        written.append(FORM)
     console.print(f'{out}: {", ".join(written)}')
     return 0

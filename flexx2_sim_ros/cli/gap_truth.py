@@ -47,6 +47,7 @@ _REST = """
 --motion auto|still|moving: whether the camera moved (default: auto, detected)
 --room-error METRES: standard deviation of the room's surfaces (default 0.003; 0 with --planes)
 --lens-error FRACTION: standard deviation of the focal length, with --board (default 0.003)
+--wall: the sheet of --board is glued flat to a wall, the rest of which is known as well
 --uptime SECONDS: time from power-on to the first frame of the earliest recording; the others
     follow from their stamps (default: counted from the earliest recording)
 --jobs
@@ -74,8 +75,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 _ROOMS = """
 --scan MESH: the room as a triangle mesh in metres: .ply, .obj, .glb or .stl
 --scene FILE: the room as a MuJoCo model: MJCF (.xml) or .urdf
---board FILE: a printed target that the gray images show, as flexx2 gap target describes it
-    (target.yaml)
+--board FILE: a printed board that the gray images show: target.yaml of flexx2 gap target, the file
+    of an aprilgrid or checkerboard of Kalibr, chessboard:9x6:0.03 (inner corners, metres) or
+    charuco:5x7:0.04:0.03:DICT_5X5_100
 --planes FILE: planes of the room, with distances and angles that were measured (planes.yaml)
 """
 
@@ -130,6 +132,8 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(printable(f'{row["name"]}: {row["verdict"]}{reasons}'))
     for row in table['cannot_decide']:
         console.print(printable(f'cannot decide {row["effect"]}: {row["reason"]}'))
+    if 'room_rough_mm' in table:
+        console.print(_room_words(table))
     clock = table.get('clock_offset')
     if clock is not None:
         console.print(printable(_clock_words(clock)))
@@ -149,6 +153,14 @@ def run(arguments: argparse.Namespace) -> int:
         )
     console.print(f'{arguments.out}: truth.yaml, truth.html')
     return 0
+
+
+def _room_words(table: dict[str, Any]) -> str:
+    error, rough = table['room_error_mm'], table['room_rough_mm']
+    return (
+        f'--room-error: {error:g} mm, so that depth errors below {2 * error:g} mm do not count as '
+        f'a gap; within flat patches, recordings and room differ by {rough:.1f} mm beyond noise'
+    )
 
 
 def _clock_words(clock: dict[str, Any]) -> str:
@@ -178,7 +190,7 @@ def _room_maker(arguments: argparse.Namespace) -> _Maker:
 
     room = Path(arguments.scan or arguments.scene)
     _check_suffix(room, arguments.scan is not None)
-    _check_unused(arguments, ('lens_error',), '--board')
+    _check_unused(arguments, ('lens_error', 'wall'), '--board')
     request = RoomRequest(
         **_common(arguments),
         room=room,
@@ -241,30 +253,31 @@ def _check_unused(arguments: argparse.Namespace, names: tuple[str, ...], fitting
 
 
 def _board_maker(arguments: argparse.Namespace) -> _Maker:
-    from flexx2_sim_ros.truth import BoardRequest, make_board_truth
+    from flexx2_sim_ros.truth import BoardRequest, make_truth
 
     _check_unused(arguments, _PLACES, '--scan or --scene')
     _check_unused(arguments, ('room_error',), '--scan, --scene or --planes')
     request = BoardRequest(
         **_common(arguments),
-        board=Path(arguments.board),
+        board=arguments.board,
         lens_error=0.003 if arguments.lens_error is None else arguments.lens_error,
+        wall=arguments.wall,
     )
-    return partial(make_board_truth, request)
+    return partial(make_truth, request)
 
 
 def _plane_maker(arguments: argparse.Namespace) -> _Maker:
-    from flexx2_sim_ros.truth import asked_for, make_plane_truth, PlaneRequest
+    from flexx2_sim_ros.truth import asked_for, make_truth, PlaneRequest
 
     _check_unused(arguments, _PLACES, '--scan or --scene')
-    _check_unused(arguments, ('lens_error',), '--board')
+    _check_unused(arguments, ('lens_error', 'wall'), '--board')
     request = PlaneRequest(
         **_common(arguments), planes=Path(arguments.planes), room_error=arguments.room_error or 0.0
     )
     asked = asked_for(request)
     if asked:  # Before the work: it can still be measured.
         common.messages().print(printable(asked))
-    return partial(make_plane_truth, request)
+    return partial(make_truth, request)
 
 
 def _common(arguments: argparse.Namespace) -> dict[str, Any]:

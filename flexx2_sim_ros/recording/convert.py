@@ -6,13 +6,13 @@ from functools import partial
 import itertools
 from pathlib import Path
 
-from flexx2_sim_ros.atomic import check_distinct
-from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.atomic import check_distinct, output_folder
+from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_writer import check_bag_name, SUFFIXES, write_bag
 from flexx2_sim_ros.recording.calibration import WAY_OUT
 from flexx2_sim_ros.recording.corrections import complete, Given
-from flexx2_sim_ros.recording.image_folders import has_images, ImageRecording, mask_beside
+from flexx2_sim_ros.recording.image_folders import has_images, ImageRecording, mask_beside, views
 from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
 from flexx2_sim_ros.recording.other_archive import ARCHIVES, OtherArchive
@@ -110,8 +110,51 @@ def convert(
     return [(reader, target)]
 
 
+def convert_views(
+    source: Path,
+    target: Path,
+    given: Given,
+    progress: Progress,
+    processed: Callable[[RecordingReader], RecordingReader],
+) -> list[tuple[RecordingReader, Path]]:
+    """
+    Write each view in a folder as a recording of its own.
+
+    Parameters
+    ----------
+    source : pathlib.Path
+        A folder of images, or of such folders; see `views`.
+    target : pathlib.Path
+        A folder, which gets an ``.npz`` file of the name of each view.
+    given, progress, processed
+        As for `convert`.
+
+    Returns
+    -------
+    list of (RecordingReader, pathlib.Path)
+        As of `convert`.
+
+    Raises
+    ------
+    InputError
+        As `convert`.
+
+    """
+    if not (found := views(source)):
+        raise InputError(f'--views: must come with a folder of images, got {shown_path(source)}')
+    out = []
+    for number, (name, (folder, file)) in enumerate(found.items()):
+        progress(f'writing {name}.npz', number / len(found))
+        reader = complete(*_open(folder, None, given, images=True, view=file))
+        _check_lens(reader)
+        path = output_folder(target) / f'{name}.npz'
+        write_npz(processed(reader), path)
+        out.append((reader, path))
+    return out
+
+
 def _open(
-    source: Path, camera: str | None, given: Given, images: bool
+    source: Path, camera: str | None, given: Given, images: bool, view: Path | None = None
 ) -> tuple[RecordingReader, Given]:
     for option in ('clean', 'infrared'):
         value = getattr(given, option)
@@ -120,7 +163,7 @@ def _open(
     if images:
         if given.keys:
             raise InputError('--key: must be left out for images, got some')
-        return tidy(ImageRecording(source, given), units=False), replace(
+        return tidy(ImageRecording(source, given, view), units=False), replace(
             given, mask=given.mask or mask_beside(source)
         )
     if source.suffix in ARCHIVES:

@@ -44,6 +44,8 @@ class ImageRecording(RecordingReader):
         The folder or file.
     given : Given
         Its calibration (else the folder's only YAML file) and unit (else millimetres) are used.
+    view : pathlib.Path, optional
+        The only depth image of the folder to read.
 
     Raises
     ------
@@ -53,11 +55,12 @@ class ImageRecording(RecordingReader):
 
     """
 
-    def __init__(self, path: Path, given: Given) -> None:
+    def __init__(self, path: Path, given: Given, view: Path | None = None) -> None:
         """Check all images, reading no pixels."""
         self._unit = given.unit
         root = path if path.is_dir() else path.parent
-        files, stamps = _in_order([path] if path.is_file() else _depth_files(path))
+        one = path if path.is_file() else view
+        files, stamps = _in_order(_depth_files(path) if one is None else [one])
         if not files:
             raise InputError(
                 f'{shown_path(path)}: must be a PNG image or a folder of them, got none'
@@ -142,6 +145,18 @@ def _pngs(folder: Path) -> list[Path]:
         for file in folder.iterdir()
         if file.suffix.lower() == '.png' and file.name != MASK and not file.name.startswith('.')
     ]
+
+
+def views(folder: Path) -> dict[str, tuple[Path, Path | None]]:
+    """
+    Return the views in a folder: by name, what `ImageRecording` takes for each.
+
+    They are its depth images, or else its folders that have some.
+    """
+    if own := _depth_files(folder):
+        return {file.stem: (folder, file) for file in sorted(own)}
+    inside = sorted(folder.iterdir()) if folder.is_dir() else []
+    return {one.name: (one, None) for one in inside if _depth_files(one)}
 
 
 def _depth_files(folder: Path) -> list[Path]:

@@ -57,14 +57,11 @@ class AlignedPose:
     pose : Pose
     cost : float
         Mean truncated residual, 0 to 1.
-    history : tuple of float
-        The cost after each step.
 
     """
 
     pose: Pose
     cost: float
-    history: tuple[float, ...]
 
 
 def choose(observation: Observation, most: int, seed: int = 0) -> AlignedPixels:
@@ -189,7 +186,7 @@ def align(
     pose, damping = start, 1e-3
     hits = room.cast(pose, target.rays)
     residual = residuals(hits, target)
-    best, history = cost(residual, target.sigma, reach), []
+    best = cost(residual, target.sigma, reach)
     for _ in range(steps):
         use = facing(hits, target) & np.isfinite(residual)
         if use.sum() < 12:
@@ -214,10 +211,9 @@ def align(
             damping *= 10
             if damping > 1e3:
                 break
-        history.append(best)
         if np.abs(step).max() < _CONVERGED:
             break
-    return AlignedPose(pose, best, tuple(history))
+    return AlignedPose(pose, best)
 
 
 def clamped(step: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import cv2
 from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS, with_scale_error
 from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.rooms import Hits
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
@@ -14,9 +15,8 @@ from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
 
 _BRIGHT, _DARK = 99.0, 1.0  # percentiles
-# Modules are only a few pixels wide and blurred, so the image is enlarged and edges are left out.
+# Modules are only a few pixels wide and blurred, so the image is enlarged.
 # Beyond 1.5 m tags are found by their contrast to their surroundings of this many pixels.
-_EDGE_OF_MODULE = 0.3
 _NEAR_BY, _CONTRASTS = 12.0, 2.0
 _LOST = 1.5  # times the cost of the frame before
 _WORST_COST = 0.12  # as a fraction of white: a fit with a larger cost is not this board
@@ -32,16 +32,20 @@ class BoardRoom:
 
     Parameters
     ----------
-    target : Target
+    target : Target or Printed
         The board.
+    endless : bool
+        Whether the plane goes on beyond the outline.
 
     """
 
     complete = False
 
-    def __init__(self, target: Target) -> None:
+    def __init__(self, target: Target | Printed, endless: bool = False) -> None:
         """Store the size of the board."""
         self._reach = np.array([target.width, target.height]) / 2
+        if endless:
+            self._reach = np.full(2, np.inf)
         self.bounds = np.array([[*-self._reach, 0.0], [*self._reach, 0.0]])
 
     def cast(self, pose: Pose, rays: np.ndarray) -> Hits:
@@ -65,13 +69,13 @@ class BoardRoom:
         return np.where(on_it, reach, np.inf).astype(np.float32)
 
 
-def find_tags(target: Target, image: np.ndarray) -> dict[int, np.ndarray]:
+def find_tags(target: Target | Printed, image: np.ndarray) -> dict[int, np.ndarray]:
     """
-    Find the tags of a target.
+    Find the tags of a target, or the corners of a chessboard.
 
     Parameters
     ----------
-    target : Target
+    target : Target or Printed
         The board.
     image : numpy.ndarray
         (H, W) gray values.
@@ -79,30 +83,16 @@ def find_tags(target: Target, image: np.ndarray) -> dict[int, np.ndarray]:
     Returns
     -------
     dict of int to numpy.ndarray
-        (4, 2) corners in pixels, by the index of the tag on the board.
+        (C, 2) points in pixels, by their place in `corners` of the board.
 
     """
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    settings.adaptiveThreshWinSizeMax = 53
-    settings.perspectiveRemoveIgnoredMarginPerCell = _EDGE_OF_MODULE
-    detector = cv2.aruco.ArucoDetector(target.codes(), settings)
     best: dict[int, np.ndarray] = {}
-    count = target.columns * target.rows
     for picture, factor in _pictures(image):
-        corners, numbers, _ = detector.detectMarkers(picture)
-        found: dict[int, np.ndarray] = {}
-        twice = set()
-        for quad, number in zip(corners, () if numbers is None else numbers.ravel(), strict=False):
-            place = int(number) - target.first_id
-            if 0 <= place < count:
-                twice |= {place} & found.keys()
-                # Pixel centres are whole numbers in both images.
-                found[place] = (quad.reshape(4, 2) + 0.5) / factor - 0.5
-        found = {place: quad for place, quad in found.items() if place not in twice}
+        found = target.find(picture)
         if len(found) > len(best):
-            best = found
-        if len(best) == count:
+            # Pixel centres are whole numbers in both images.
+            best = {place: (quad + 0.5) / factor - 0.5 for place, quad in found.items()}
+        if len(best) == len(target.corners()):
             break
     return best
 
@@ -124,13 +114,15 @@ def _pictures(image: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
         yield cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), factor
 
 
-def poses_from(target: Target, tags: dict[int, np.ndarray], rays: np.ndarray) -> list[Pose]:
+def poses_from(
+    target: Target | Printed, tags: dict[int, np.ndarray], rays: np.ndarray
+) -> list[Pose]:
     """
     Return the camera's poses in the target's frame that explain the corners of tags.
 
     Parameters
     ----------
-    target : Target
+    target : Target or Printed
         The board.
     tags : dict of int to numpy.ndarray
         The result of `find_tags`.
@@ -171,14 +163,14 @@ def poses_from(target: Target, tags: dict[int, np.ndarray], rays: np.ndarray) ->
 
 
 def find_board(
-    target: Target, gray: Gray, scale_error: float, before: GrayFit | None = None
+    target: Target | Printed, gray: Gray, scale_error: float, before: GrayFit | None = None
 ) -> GrayFit | str:
     """
     Find a board in a gray image, and align it.
 
     Parameters
     ----------
-    target : Target
+    target : Target or Printed
         The board.
     gray : Gray
         The image, NaN where it is saturated.
@@ -202,10 +194,10 @@ def find_board(
     tags = find_tags(target, gray.image)
     starts = poses_from(target, tags, gray.rays) if tags else []
     if not starts:
-        return 'no tag of the board is found in its gray image'
+        return 'the board is not found in its gray image'
     rough = [
         fit
-        for pose, power in product(_starts(starts, tags), powers)
+        for pose, power in product(_starts(starts, tags, target.turns), powers)
         if (fit := align_gray(target, gray, pose, power, _FIRST_BLUR, _ROUGH_STEPS)) is not None
     ]
     if not rough:
@@ -213,17 +205,19 @@ def find_board(
     return _refined(target, gray, min(rough, key=lambda fit: fit.cost), scale_error)
 
 
-def _refined(target: Target, gray: Gray, rough: GrayFit, scale_error: float) -> GrayFit | str:
+def _refined(
+    target: Target | Printed, gray: Gray, rough: GrayFit, scale_error: float
+) -> GrayFit | str:
     # Second round, with pixels and sheet for the pose that was found.
     fit = align_gray(target, gray, rough.pose, rough.power, rough.blur, _STEPS)
     if fit is None or fit.pose.t[2] > 0:
         return 'too little of the board is in its gray image'
     if fit.cost > _WORST_COST:
-        return 'its gray image has tags, but not where the description of the board has them'
+        return 'its gray image shows a board, but not as its description has it'
     return with_scale_error(fit, float(np.hypot(scale_error, target.scale_error)))
 
 
-def _starts(starts: list[Pose], tags: dict[int, np.ndarray]) -> list[Pose]:
+def _starts(starts: list[Pose], tags: dict[int, np.ndarray], turns: int) -> list[Pose]:
     # Corners hardly determine the tilt of a small board.
     first, *others = starts
     side = np.median(
@@ -232,7 +226,7 @@ def _starts(starts: list[Pose], tags: dict[int, np.ndarray]) -> list[Pose]:
     out = [first, *(o for o in others if np.abs(first.motion_to(o)[3:]).max() > _SAME)]
     if side < _SMALL_TAG:
         out += [_tilted(first, axis, angle) for axis in (0, 1) for angle in (-_TILT, _TILT)]
-    return out
+    return [_tilted(one, 2, k * 2 * np.pi / turns) for one in out for k in range(turns)]
 
 
 def _tilted(pose: Pose, axis: int, angle: float) -> Pose:

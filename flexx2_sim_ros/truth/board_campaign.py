@@ -1,6 +1,6 @@
-"""Make a campaign with ground truth from recordings of a printed board."""
+"""Ground truth of a campaign from a printed board."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -9,24 +9,19 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import never_decided
 from flexx2_sim_ros.truth.board_placing import BoardJob, BoardPoses, place_board
-from flexx2_sim_ros.truth.board_writing import BoardWriting, OnBoard, write_board
+from flexx2_sim_ros.truth.board_writing import BoardSurfaces, OnBoard
 from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.page import figures, recordings_table, undecided, whole_page
-from flexx2_sim_ros.truth.run import (
-    no_progress,
-    Progress,
-    running,
-    sources_of,
-    TruthRequest,
-    TruthSource,
-    write_table,
-)
+from flexx2_sim_ros.truth.printed import Printed, read_board
+from flexx2_sim_ros.truth.run import Run, TruthRequest, TruthSource, Work, Written
 from flexx2_sim_ros.truth.shared import MOST_BIAS
-from flexx2_sim_ros.truth.target import read_target, Target
+from flexx2_sim_ros.truth.target import Target
+from flexx2_sim_ros.truth.writing import PageImages, Writing
 import numpy as np
 
 _MOST_METRES, _MOST_DEGREES = 0.01, 2.0  # standard deviation of the plane
 _LEAST_FITTING = 0.5
+_TRIED = 4  # recordings that tell which of two boards it is. ASSUMED
 # A depth error that grows with distance by more than this fraction is no offset. Prints that were
 # scaled to fit the page are off by 3 to 6 %; a calibrated camera's scale is right to 0.5 %.
 _MOST_SCALE = 0.02
@@ -42,111 +37,133 @@ class BoardRequest(TruthRequest):
 
     Attributes
     ----------
-    board : pathlib.Path
-        ``target.yaml``; see `read_target`.
+    board : str or pathlib.Path
+        The board, or its file; see `read_board`.
     lens_error : float
         Standard deviation of the focal length, as a fraction.
+    wall : bool
+        Whether the board is glued to a wall, whose rest is known as well.
 
     """
 
-    board: Path
+    board: str | Path
     lens_error: float = 0.003
+    wall: bool = False
+
+    def work(self) -> Work:
+        """Return what is to be done for it."""
+        return _Boards(self)
 
 
-def make_board_truth(request: BoardRequest, progress: Progress = no_progress) -> dict[str, Any]:
-    """
-    Find a board in recordings and write them with ground truth on it.
+class _Boards:
+    """The work of a `BoardRequest`; see `Work`."""
 
-    Parameters
-    ----------
-    request : BoardRequest
-        The recordings and the board.
-    progress : callable
-        Called with the name of the current step and the fraction of the work that is done.
+    kind, lit = 'board', False
 
-    Returns
-    -------
-    dict
-        The content of ``truth.yaml``.
+    def __init__(self, request: BoardRequest) -> None:
+        self.request = request
+        self.kinds: Sequence[Target | Printed] = read_board(request.board).kinds
+        self.files: Sequence[Path] = (Path(request.board),)
 
-    Raises
-    ------
-    InputError
-        When an input cannot be used, or no recording shows the board. Nothing is written
-        then.
+    def place(self, run: Run, sources: Sequence[TruthSource]) -> None:
+        self.sources = sources
+        target = max(self.kinds, key=lambda kind: self._found(run, kind))
+        self.jobs, self.placed = self._placed(run, target, sources)
+        if all(one.reason for one in self.placed):
+            raise InputError(f'{shown_path(sources[0].path)}: {self.placed[0].reason}')
 
-    """
-    target = read_target(request.board)
-    sources = sources_of(request, request.board)
-    with running(request, progress) as run:
-        jobs = [_job(request, target, source) for source in sources]
+    def _found(self, run: Run, target: Target | Printed) -> int:
+        # In how many of the first recordings it is found; these are not searched again.
+        if len(self.kinds) == 1:
+            return 0
+        return sum(not one.reason for one in self._placed(run, target, self.sources[:_TRIED])[1])
+
+    def _placed(
+        self, run: Run, target: Target | Printed, sources: Sequence[TruthSource]
+    ) -> tuple[list[BoardJob], list[BoardPoses]]:
+        given = self.request
+        jobs = [
+            BoardJob(
+                one.path,
+                target,
+                given.camera,
+                given.profile,
+                given.motion,
+                given.lens_error,
+                given.wall,
+            )
+            for one in sources
+        ]
         digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
-        texts = run.each_once('finding the board', (0.0, 0.7), place_board, jobs, digests)
-        placed = [BoardPoses.from_json(text) for text in texts]
-        if all(one.reason for one in placed):
-            raise InputError(f'{shown_path(sources[0].path)}: {placed[0].reason}')
-        writings = {
-            i: BoardWriting(jobs[i], one, sources[i].target, sources[i].keys)
-            for i, one in enumerate(placed)
+        placed = run.each_once(
+            'finding the board', (0.0, 0.7), place_board, jobs, digests, (BoardPoses,)
+        )
+        return jobs, placed
+
+    def writings(self) -> dict[int, Writing]:
+        return {
+            i: self.request.writing(source, BoardSurfaces(job, one))
+            for i, (source, job, one) in enumerate(
+                zip(self.sources, self.jobs, self.placed, strict=True)
+            )
             if not one.reason
         }
-        found = run.each('writing', (0.7, 0.95), write_board, list(writings.values()))
-        boards: dict[int, OnBoard] = dict(zip(writings, found, strict=True))
-        scale = _scale(found)
-        findings: dict[str, Any] = {
-            'cannot_decide': never_decided(any(one.moving for one in placed))
+
+    def rows(self, written: Written) -> list[dict[str, Any]]:
+        self.scale = _scale([board for _, board in written.values()])
+        rows = []
+        for i, (source, one) in enumerate(zip(self.sources, self.placed, strict=True)):
+            row = source.row(
+                'refused',
+                [one.reason],
+                motion='moving' if one.moving else 'still',
+                frames=len(one.poses) if one.moving else 1,
+                fitting=0.0,
+            )
+            rows.append(row | _numbers(*written[i], one, self.scale) if i in written else row)
+        return rows
+
+    def about(self) -> dict[str, Any]:
+        target = self.jobs[0].target
+        return {
+            'board': str(self.request.board),
+            'board_size_m': [target.width, target.height],
+            'lens_error': self.request.lens_error,
+            'reflectivity': {'kind': 'anchored', 'white': target.white},
         }
-        if scale is not None:
-            findings['depth_scale'] = round(scale, 5)
-        return write_table(
-            request,
-            'board',
-            {
-                'board': str(request.board),
-                'board_size_m': [target.width, target.height],
-                'lens_error': request.lens_error,
-                'reflectivity': {'kind': 'anchored', 'white': target.white},
-            },
-            [
-                _row(source, one, boards.get(i), scale)
-                for i, (source, one) in enumerate(zip(sources, placed, strict=True))
-            ],
-            findings,
-            lambda table: _page(table, placed, boards),
+
+    def findings(self) -> dict[str, Any]:
+        scale = {} if self.scale is None else {'depth_scale': round(self.scale, 5)}
+        return {'cannot_decide': never_decided(any(one.moving for one in self.placed)), **scale}
+
+    def page(self, table: dict[str, Any], written: Written) -> str:
+        size = ' x '.join(f'{value * 1e3:g}' for value in table['board_size_m'])
+        about = (
+            f'Board: <code>{escape(table["board"])}</code>, {size} mm; focal length within '
+            f'{table["lens_error"]:.1%} (given).'
         )
+        parts = [undecided(table['cannot_decide']), recordings_table(table['recordings'])]
+        caption = 'gray image, outline of the board as it was found in orange'
+        for i, (picture, _) in written.items():
+            name = table['recordings'][i]['name']
+            parts.append(figures(name, picture, caption))
+        return whole_page(table, about, parts)
 
 
-def _job(request: BoardRequest, target: Target, source: TruthSource) -> BoardJob:
-    return BoardJob(
-        source.path, target, request.camera, request.profile, request.motion, request.lens_error
-    )
-
-
-def _row(
-    source: TruthSource, one: BoardPoses, board: OnBoard | None, scale: float | None
+def _numbers(
+    picture: PageImages, board: OnBoard, placed: BoardPoses, scale: float | None
 ) -> dict[str, Any]:
-    row = source.row(
-        'refused',
-        [one.reason],
-        motion='moving' if one.moving else 'still',
-        frames=len(one.poses) if one.moving else 1,
-        fitting=0.0,
-    )
-    return row if board is None else row | _numbers(board, one, scale)
-
-
-def _numbers(board: OnBoard, placed: BoardPoses, scale: float | None) -> dict[str, Any]:
     doubts = _doubts(board, scale)
     numbers: dict[str, Any] = {
         'verdict': 'doubtful' if doubts else 'used',
-        'reasons': [*doubts, *board.picture.notes],
+        'reasons': [*doubts, *picture.notes],
         'frames_with_board': board.frames,
         'fitting': round(board.fitting, 4),
         'pose': [round(value, 6) for value in board.pose],
         'pose_sigma_mm': round(board.deviation[0] * 1e3, 3),
         'pose_sigma_deg': round(board.deviation[1], 4),
         'distance_m': round(board.distance, 4),
-        **board.picture.table(),
+        **picture.table(),
         'blur_px': round(placed.blur, 3),
         'black_to_white': round(placed.contrast, 4),
     }
@@ -187,25 +204,3 @@ def _scale(boards: Sequence[OnBoard]) -> float | None:
         return None
     slope, _ = np.polyfit(distance, [board.difference for board in good], 1)
     return float(slope)
-
-
-def _page(
-    table: dict[str, Any], placed: Sequence[BoardPoses], boards: Mapping[int, OnBoard]
-) -> str:
-    size = ' x '.join(f'{value * 1e3:g}' for value in table['board_size_m'])
-    about = (
-        f'Board: <code>{escape(table["board"])}</code>, {size} mm; focal length within '
-        f'{table["lens_error"]:.1%} (given).'
-    )
-    parts = [undecided(table['cannot_decide']), recordings_table(table['recordings'])]
-    for i, board in boards.items():
-        parts.append(
-            figures(
-                table['recordings'][i]['name'],
-                board.picture,
-                'gray image, outline of the board as it was found in orange',
-                placed[i],
-                'misfit of gray values',
-            )
-        )
-    return whole_page(table, about, parts)

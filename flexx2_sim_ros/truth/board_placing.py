@@ -1,7 +1,6 @@
 """Find the board in each frame of a recording."""
 
 from dataclasses import dataclass
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from flexx2_sim_ros.truth.files import reason_of
 from flexx2_sim_ros.truth.gray import Gray, GrayFit
 from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
 from flexx2_sim_ros.truth.observation import observe
+from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
 
@@ -25,7 +25,7 @@ class BoardJob:
     Attributes
     ----------
     path : pathlib.Path
-    target : Target
+    target : Target or Printed
     camera : str or None
         Which camera of a bag that has several.
     profile : Profile or None
@@ -33,15 +33,18 @@ class BoardJob:
         ``auto``, ``still`` or ``moving``.
     lens_error : float
         Standard deviation of the focal length, as a fraction.
+    wall : bool
+        Whether the board is glued to a wall, whose rest is known as well.
 
     """
 
     path: Path
-    target: Target
+    target: Target | Printed
     camera: str | None
     profile: Profile | None
     motion: str
     lens_error: float
+    wall: bool = False
 
 
 @dataclass(frozen=True)
@@ -56,11 +59,7 @@ class BoardPoses:
         Poses of the camera in the frame of the board, as `Pose.numbers`: one for a still
         recording, one for each frame of a moving one; None where the board is not found.
     covariances : tuple
-        (6, 6) covariances of their motions as nested tuples, or None.
-    costs : tuple of float
-        Cost of the fit to the gray values, for each frame with a pose.
-    history : tuple of float
-        Costs during the first alignment.
+        (6, 6) covariances of their motions, or None.
     blur, contrast, power : float
         Medians of these values of `GrayFit`.
     reason : str
@@ -71,40 +70,18 @@ class BoardPoses:
     moving: bool
     poses: tuple[tuple[float, ...] | None, ...]
     covariances: tuple[Any, ...]
-    costs: tuple[float, ...]
-    history: tuple[float, ...]
     blur: float
     contrast: float
     power: float
     reason: str
 
-    def to_json(self) -> str:
-        """Return the result as text."""
-        return json.dumps(vars(self))
 
-    @classmethod
-    def from_json(cls, text: str) -> 'BoardPoses':
-        """Return the result from the text of `to_json`."""
-        table: dict[str, Any] = json.loads(text)
-        for name in ('poses', 'covariances', 'costs', 'history'):
-            table[name] = tuple(table[name])
-        return cls(**table)
-
-
-def place_board(job: BoardJob) -> str:
-    """
-    Find the board in a recording.
-
-    Returns
-    -------
-    str
-        A `BoardPoses` as text, with the reason when the recording cannot be read.
-
-    """
+def place_board(job: BoardJob) -> BoardPoses:
+    """Find the board in a recording, or the reason why it is not found."""
     try:
-        return _found(job).to_json()
+        return _found(job)
     except InputError as error:  # The others can be used.
-        return _placed(False, [reason_of(error, job.path)]).to_json()
+        return _placed(False, [reason_of(error, job.path)])
 
 
 def _found(job: BoardJob) -> BoardPoses:
@@ -137,11 +114,7 @@ def _placed(moving: bool, found: list[Any]) -> BoardPoses:
         tuple(
             tuple(fit.pose.numbers()) if ok else None for fit, ok in zip(found, good, strict=True)
         ),
-        tuple(
-            fit.covariance.tolist() if ok else None for fit, ok in zip(found, good, strict=True)
-        ),
-        tuple(fit.cost for fit in fits),
-        fits[0].history if fits else (),
+        tuple(fit.covariance if ok else None for fit, ok in zip(found, good, strict=True)),
         middle('blur'),
         middle('contrast'),
         middle('power'),

@@ -1,45 +1,24 @@
-"""Write a recording with ground truth on a board."""
+"""Ground truth of a recording on a board."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import islice
-from pathlib import Path
 
-from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.board import BoardRoom, plane_covariance
 from flexx2_sim_ros.truth.board_placing import BoardJob, BoardPoses
-from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, render
+from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, REFUSED, render
 from flexx2_sim_ros.truth.gray import Gray, white_fraction
 from flexx2_sim_ros.truth.gray_frames import gray_images
-from flexx2_sim_ros.truth.observation import Observation, observe
+from flexx2_sim_ros.truth.observation import Footage, grow, Observation
+from flexx2_sim_ros.truth.plane_finding import surface_around
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.writing import PageImages, picture_of, without_hidden, write_truth
+from flexx2_sim_ros.truth.registration import frame
+from flexx2_sim_ros.truth.writing import PageImages, picture_of, without_hidden
 import numpy as np
 
 _FITS, _FITS_NOISE = 0.05, 3.0  # metres and standard deviations of the residual, as for a scan
+_BORDER = 2  # pixels
 _ELSEWHERE = 0.5  # reflectivity where it is unknown
-
-
-@dataclass(frozen=True)
-class BoardWriting:
-    """
-    A recording to write, and the board in it.
-
-    Attributes
-    ----------
-    job : BoardJob
-    placed : BoardPoses
-    target : pathlib.Path
-        The file to write.
-    keys : mapping of str to numpy.ndarray
-        Further keys to write.
-
-    """
-
-    job: BoardJob
-    placed: BoardPoses
-    target: Path
-    keys: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -49,10 +28,9 @@ class OnBoard:
 
     Attributes
     ----------
-    picture : PageImages
-        Images of the first frame that shows the board.
     pose : tuple of float
-        Pose of the camera in the frame of the board in this frame, see `Pose.numbers`.
+        Pose of the camera in the frame of the board, in the first frame that shows it; see
+        `Pose.numbers`.
     distance : float
         Median clean depth, metres.
     difference : float
@@ -66,7 +44,6 @@ class OnBoard:
 
     """
 
-    picture: PageImages
     pose: tuple[float, ...]
     distance: float
     difference: float
@@ -84,51 +61,93 @@ class _Shown:
     pose: Pose
 
 
-def write_board(what: BoardWriting) -> OnBoard:
-    """
-    Write a recording with `clean_depth` on its board, whole or not at all.
+@dataclass(frozen=True)
+class BoardSurfaces:
+    """A board as a recording shows it; see `Surfaces`."""
 
-    Raises
-    ------
-    InputError
-        When the recording cannot be read or the file cannot be written.
+    job: BoardJob
+    placed: BoardPoses
 
-    """
-    reader = open_recording(what.job.path, what.job.camera, what.job.profile)
-    moving, placed = what.placed.moving, what.placed
-    footage = observe(reader, what.job.profile, 'moving' if moving else 'still')
-    room = BoardRoom(what.job.target)
-    images = map(footage.observe, footage.frames()) if moving else [footage.still]
-    truths: list[Clean] = []
-    shown: _Shown | None = None
-    for image, numbers in zip(images, placed.poses, strict=True):
-        if numbers is None:
-            truths.append(_unknown(image))
-            continue
-        pose = Pose.from_numbers(np.array(numbers))
-        clean = _with_reflectivity(
-            render(room, pose, image.rays, what.job.target.flatness), what, image, pose
-        )
-        truths.append(without_hidden(clean, image))
-        if shown is None:
-            shown = _Shown(len(truths) - 1, image, clean, pose)
-    assert shown is not None  # recordings without a pose were refused before
-    covariances = [np.array(one) for one in placed.covariances if one is not None]
-    covariance = np.mean(covariances, axis=0)
-    plane = _plane_of(shown, truths[shown.number].known, covariance)
-    accuracy = {'pose_covariance': covariance}
-    if not moving:
-        accuracy = {
+    @property
+    def moving(self) -> bool:
+        """Return whether the camera moved."""
+        return self.placed.moving
+
+    def at(self, footage: Footage, number: int) -> None:
+        """Return nothing: the reflectivity of a board is known."""
+
+    def truths(self, footage: Footage) -> list[Clean]:
+        """Return the board in each frame, or in the median of a still recording."""
+        frames = map(footage.observe, footage.frames()) if self.moving else [footage.still]
+        return [
+            _unknown(image)
+            if numbers is None
+            else without_hidden(_clean(self, image, numbers), image)
+            for image, numbers in zip(frames, self.placed.poses, strict=True)
+        ]
+
+    def accuracy(self, footage: Footage, truths: Sequence[Clean]) -> dict[str, np.ndarray]:
+        """Return the covariance of the pose and, if the camera stood still, of the plane."""
+        covariance = {'pose_covariance': self._covariance}
+        if self.moving:
+            return covariance
+        return {
+            **covariance,
             'plane': truths[0].known.astype(np.uint8),
-            'plane_covariance': plane,
+            'plane_covariance': self._plane(_first(self, footage), truths),
             'plane_names': np.array(['board']),
         }
-    shares = write_truth(reader, what.target, truths, moving, {**accuracy, **what.keys})
-    gray = next(islice(gray_images(reader, moving), shown.number, None))
-    picture = replace(
-        picture_of(truths[shown.number], shown.image, shares), image=gray.astype(np.float32)
-    )
-    return _judged(picture, shown, plane, len(covariances))
+
+    def shown(
+        self, footage: Footage, truths: Sequence[Clean], shares: dict[str, float]
+    ) -> tuple[PageImages, OnBoard]:
+        """Return images of the first frame that shows the board, and how well depth agrees."""
+        first = _first(self, footage)
+        gray = next(islice(gray_images(footage.reader, self.moving), first.number, None))
+        picture = picture_of(truths[first.number], first.image, shares)
+        judged = _judged(first, self._plane(first, truths), len(self._covariances))
+        return replace(picture, image=gray.astype(np.float32)), judged
+
+    @property
+    def _covariances(self) -> list[np.ndarray]:
+        return [one for one in self.placed.covariances if one is not None]
+
+    @property
+    def _covariance(self) -> np.ndarray:
+        return np.asarray(np.mean(self._covariances, axis=0))
+
+    def _plane(self, first: _Shown, truths: Sequence[Clean]) -> np.ndarray:
+        known = truths[first.number].known
+        known = known if known.any() else first.clean.known
+        points = first.image.directions[known] * first.clean.depth[known, None]
+        return plane_covariance(first.pose, self._covariance, points.mean(axis=0))
+
+
+def _first(board: BoardSurfaces, footage: Footage) -> _Shown:
+    number = next(i for i, numbers in enumerate(board.placed.poses) if numbers is not None)
+    image = frame(footage, number) if board.moving else footage.still
+    numbers = board.placed.poses[number]
+    assert numbers is not None
+    clean = _clean(board, image, numbers)
+    return _Shown(number, image, clean, Pose.from_numbers(np.array(numbers)))
+
+
+def _clean(board: BoardSurfaces, image: Observation, numbers: tuple[float, ...]) -> Clean:
+    pose, target = Pose.from_numbers(np.array(numbers)), board.job.target
+    clean = render(BoardRoom(target), pose, image.rays, target.flatness)
+    if board.job.wall:
+        seen = surface_around(image, pose.R[2] / -pose.t[2], clean.known & image.smooth)
+        wall = render(BoardRoom(target, endless=True), pose, image.rays, target.flatness)
+        seen |= clean.known
+        part = np.where(grow(~seen, _BORDER) & wall.known, np.uint8(REFUSED), wall.part)
+        part[~seen] = OUTSIDE
+        clean = replace(wall, part=part)
+    # The ratio of black to white is measured in the gray image; white itself comes from the file.
+    gray = Gray(np.ones(image.depth.shape), image.rays)
+    white = white_fraction(target, gray, pose, board.placed.blur)
+    black = target.white * board.placed.contrast
+    mixed = np.where(np.isfinite(white), black + (target.white - black) * white, _ELSEWHERE)
+    return replace(clean, reflectivity=mixed.astype(np.float32))
 
 
 def _unknown(image: Observation) -> Clean:
@@ -137,30 +156,13 @@ def _unknown(image: Observation) -> Clean:
     return Clean(nothing, nothing, nothing, part, np.zeros(nothing.shape, np.float32))
 
 
-def _with_reflectivity(clean: Clean, what: BoardWriting, image: Observation, pose: Pose) -> Clean:
-    # The ratio of black to white is measured in the gray image; white itself comes from the file.
-    target = what.job.target
-    gray = Gray(np.ones(image.depth.shape), image.rays)
-    white = white_fraction(target, gray, pose, what.placed.blur)
-    black = target.white * what.placed.contrast
-    mixed = np.where(np.isfinite(white), black + (target.white - black) * white, _ELSEWHERE)
-    return replace(clean, reflectivity=mixed.astype(np.float32))
-
-
-def _plane_of(shown: _Shown, known: np.ndarray, covariance: np.ndarray) -> np.ndarray:
-    known = known if known.any() else shown.clean.known
-    points = shown.image.directions[known] * shown.clean.depth[known, None]
-    return plane_covariance(shown.pose, covariance, points.mean(axis=0))
-
-
-def _judged(picture: PageImages, shown: _Shown, plane: np.ndarray, frames: int) -> OnBoard:
+def _judged(shown: _Shown, plane: np.ndarray, frames: int) -> OnBoard:
     known = shown.clean.known
     error = difference(shown.clean, shown.image)[known]
     valid = np.isfinite(error)
     middle = float(np.median(error[valid])) if valid.any() else float('nan')
     near = np.abs(error - middle) < _FITS + _FITS_NOISE * shown.image.sigma[known]
     return OnBoard(
-        picture,
         tuple(shown.pose.numbers()),
         float(np.median(shown.clean.depth[known])),
         middle,

@@ -1,4 +1,4 @@
-"""Make a campaign with ground truth from recordings and a room."""
+"""Ground truth of a campaign from a room."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,26 +14,16 @@ from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.joint import PosedImage, solve
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.page import page
-from flexx2_sim_ros.truth.reflectivity import find_scale, GrayScale
 from flexx2_sim_ros.truth.registration import Job, register, Registered, views_of
-from flexx2_sim_ros.truth.run import (
-    no_progress,
-    Progress,
-    Run,
-    running,
-    sources_of,
-    TruthRequest,
-    TruthSource,
-    write_table,
-)
+from flexx2_sim_ros.truth.room_writing import RoomSurfaces
+from flexx2_sim_ros.truth.run import Run, TruthRequest, TruthSource, Work, Written
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import PoseSource, read_trajectory
 from flexx2_sim_ros.truth.verdict import as_given, ASSUMED, check_room, judge, RoomFit, strays
-from flexx2_sim_ros.truth.writing import PageImages, read_light, write_recording, Writing
+from flexx2_sim_ros.truth.writing import PageImages, Writing
 import numpy as np
 
 _CLEAR_LATENCY = 3.0  # standard deviations
-_REFUSED = 'refused: '  # begins the text of a recording that cannot be registered
 # Shared errors that the poses take where they are confounded; the poses' covariance omits this.
 _HIDDEN_UNLESS_FITTED = 'intrinsics_error', 'warm_up_drift'
 
@@ -64,73 +54,9 @@ class RoomRequest(TruthRequest):
     room_error: float = 0.003
     told: PoseSource | None = None
 
-
-def make_truth(request: RoomRequest, progress: Progress = no_progress) -> dict[str, Any]:
-    """
-    Register recordings to a room and write them with their ground truth.
-
-    Parameters
-    ----------
-    request : RoomRequest
-        The recordings and the room.
-    progress : callable
-        Called with the name of the current step and the fraction of the work that is done.
-
-    Returns
-    -------
-    dict
-        The content of ``truth.yaml``.
-
-    Raises
-    ------
-    InputError
-        When an input cannot be used, or no recording fits the room. Nothing is written
-        then.
-
-    """
-    given = () if request.told is None or request.told.file is None else (request.told.file,)
-    sources = sources_of(request, request.room, *given)
-    jobs = _jobs(request, sources)
-    progress('loading the room', 0.0)
-    room = load_room(request.room)
-    with running(request, progress) as run:
-        placed, refused = _register(run, sources, jobs)
-        numbered = [(i, one.job, one.where) for i, one in enumerate(placed)]
-        parts = run.each('simulating bounces', (0.55, 0.65), views_of, numbered)
-        progress('fitting poses and shared errors', 0.65)
-        shared, placed, verdicts = _fit(parts, placed)
-        registered = [one.where for one in placed]
-        check_room(request.room, bool(request.poses), registered, verdicts)
-        clock = _clock(registered)
-        late = _latency(request, clock)
-        writings = _writings(request, placed, shared, verdicts, late or 0.0)
-        pictures, scale = _write(run, writings)
-        rows = refused | {
-            one.number: _row(one, verdicts[i], writings.get(i), pictures.get(i))
-            for i, one in enumerate(placed)
-        }
-        return write_table(
-            request,
-            'scan',
-            {
-                'room': str(request.room),
-                'room_size_m': [round(float(size), 3) for size in np.ptp(room.bounds, axis=0)],
-                'room_error_mm': request.room_error * 1e3,
-            },
-            [rows[number] for number in range(len(sources))],
-            {
-                **({} if scale is None else {'reflectivity': scale.table()}),
-                **({} if clock is None else {'clock_offset': _clock_table(clock, late)}),
-                'shared': shared.findings,
-                'cannot_decide': _cannot_decide(shared, registered, late is not None),
-                'absorbed': {} if all(one.believed for one in registered) else absorbed('scan'),
-            },
-            lambda table: page(
-                table,
-                {one.number: one.where for one in placed},
-                {placed[i].number: picture for i, picture in pictures.items()},
-            ),
-        )
+    def work(self) -> Work:
+        """Return what is to be done for it."""
+        return _Room(self)
 
 
 @dataclass(frozen=True)
@@ -140,6 +66,69 @@ class _Placed:
     source: TruthSource
     job: Job
     where: Registered
+
+
+class _Room:
+    """The work of a `RoomRequest`; see `Work`."""
+
+    kind, lit = 'scan', True
+
+    def __init__(self, request: RoomRequest) -> None:
+        self.request, told = request, request.told
+        given = () if told is None or told.file is None else (told.file,)
+        self.files: Sequence[Path] = (request.room, *given)
+
+    def place(self, run: Run, sources: Sequence[TruthSource]) -> None:
+        request, self.sources = self.request, sources
+        jobs = _jobs(request, sources)
+        run.progress('loading the room', 0.0)
+        self.size = np.ptp(load_room(request.room).bounds, axis=0)
+        placed, self.refused = _register(run, sources, jobs)
+        numbered = [(i, one.job, one.where) for i, one in enumerate(placed)]
+        parts = run.each('simulating bounces', (0.55, 0.65), views_of, numbered)
+        run.progress('fitting poses and shared errors', 0.65)
+        self.shared, self.placed, self.verdicts = _fit(parts, placed)
+        registered = [one.where for one in self.placed]
+        check_room(request.room, bool(request.poses), registered, self.verdicts)
+        self.clock = _clock(registered)
+        self.late = _latency(request, self.clock)
+
+    def writings(self) -> dict[int, Writing]:
+        found = _surfaces(self.request, self.placed, self.shared, self.verdicts, self.late or 0.0)
+        self.surfaces = {self.placed[i].number: surfaces for i, surfaces in found.items()}
+        return {
+            number: self.request.writing(self.sources[number], surfaces)
+            for number, surfaces in self.surfaces.items()
+        }
+
+    def rows(self, written: Written) -> list[dict[str, Any]]:
+        seen = [rough for _, rough in written.values() if np.isfinite(rough)]
+        self.rough = float(np.median(seen)) if seen else None
+        rows = self.refused | {
+            one.number: _row(one, verdict, self.surfaces.get(one.number), written.get(one.number))
+            for one, verdict in zip(self.placed, self.verdicts, strict=True)
+        }
+        return [rows[number] for number in range(len(self.sources))]
+
+    def about(self) -> dict[str, Any]:
+        return {
+            'room': str(self.request.room),
+            'room_size_m': [round(float(size), 3) for size in self.size],
+            'room_error_mm': self.request.room_error * 1e3,
+        }
+
+    def findings(self) -> dict[str, Any]:
+        registered, clock, late = [one.where for one in self.placed], self.clock, self.late
+        return {
+            **({} if clock is None else {'clock_offset': _clock_table(clock, late)}),
+            **({} if self.rough is None else {'room_rough_mm': round(self.rough * 1e3, 2)}),
+            'shared': self.shared.findings,
+            'cannot_decide': _cannot_decide(self.shared, registered, late is not None),
+            'absorbed': {} if all(one.believed for one in registered) else absorbed('scan'),
+        }
+
+    def page(self, table: dict[str, Any], written: Written) -> str:
+        return page(table, {i: picture for i, (picture, _) in written.items()})
 
 
 def _jobs(request: RoomRequest, sources: Sequence[TruthSource]) -> list[Job]:
@@ -185,24 +174,25 @@ def _register(
         )
         for job in jobs
     ]
-    texts = run.each_once('registering', (0.05, 0.55), _register_one, jobs, digests)
+    kinds = Registered, ClockOffset
+    found = run.each_once('registering', (0.05, 0.55), _register_one, jobs, digests, kinds)
     placed, refused = [], {}
-    for i, (source, job, text) in enumerate(zip(sources, jobs, texts, strict=True)):
-        if text.startswith(_REFUSED):
-            reason = text.removeprefix(_REFUSED)
-            refused[i] = source.row('refused', [reason], motion='unknown', frames=0, fitting=0.0)
+    for i, (source, job, one) in enumerate(zip(sources, jobs, found, strict=True)):
+        if isinstance(one, str):
+            refused[i] = source.row('refused', [one], motion='unknown', frames=0, fitting=0.0)
         else:
-            placed.append(_Placed(i, source, job, Registered.from_json(text)))
+            placed.append(_Placed(i, source, job, one))
     if not placed:
         raise InputError(refused[0]['reasons'][0])
     return placed, refused
 
 
-def _register_one(job: Job) -> str:
+def _register_one(job: Job) -> Registered | str:
+    # The reason where it cannot be registered.
     try:
-        return register(job).to_json()
+        return register(job)
     except InputError as error:
-        return f'{_REFUSED}{error}'
+        return str(error)
 
 
 def _fit(
@@ -260,13 +250,13 @@ def _why_given(before: _Placed, after: _Placed) -> list[str]:
     ]
 
 
-def _writings(
+def _surfaces(
     request: RoomRequest,
     placed: Sequence[_Placed],
     shared: Shared,
     verdicts: Sequence[RoomFit],
     latency: float,
-) -> dict[int, Writing]:
+) -> dict[int, RoomSurfaces]:
     solution = shared.solution
     out = {}
     for i, one in enumerate(placed):
@@ -280,7 +270,7 @@ def _writings(
             covariance = np.mean([solution.full_covariance(k) for k in mine], axis=0)
         else:
             continue
-        out[i] = Writing(
+        out[i] = RoomSurfaces(
             one.job,
             one.where,
             pose,
@@ -288,27 +278,18 @@ def _writings(
             tuple(map(float, solution.values)),
             covariance,
             request.room_error,
-            one.source.target,
-            keys=one.source.keys,
-            latency=0.0 if one.where.believed else latency,
+            0.0 if one.where.believed else latency,
         )
     return out
 
 
-def _write(
-    run: Run, writings: dict[int, Writing]
-) -> tuple[dict[int, PageImages], GrayScale | None]:
-    lit = run.each('reading gray images', (0.65, 0.7), read_light, list(writings.values()))
-    scale = find_scale([one for part in lit for one in part])
-    whole = [replace(writing, scale=scale) for writing in writings.values()]
-    written = run.each('writing', (0.7, 0.95), write_recording, whole)
-    return dict(zip(writings, written, strict=True)), scale
-
-
 def _row(
-    placed: _Placed, verdict: RoomFit, writing: Writing | None, picture: PageImages | None
+    placed: _Placed,
+    verdict: RoomFit,
+    surfaces: RoomSurfaces | None,
+    written: tuple[PageImages, Any] | None,
 ) -> dict[str, Any]:
-    where = placed.where
+    where, picture = placed.where, None if written is None else written[0]
     state, reasons = verdict.state, verdict.reasons
     if picture is not None and not picture.known:
         state, reasons = 'refused', ('the ground truth of none of its pixels is known', *reasons)
@@ -325,9 +306,9 @@ def _row(
             'told_off_mm': round(where.told[0] * 1e3, 1),
             'told_off_deg': round(where.told[1], 2),
         }
-    if writing is not None and picture is not None:
+    if surfaces is not None and picture is not None:
         row |= {
-            'pose': [round(value, 6) for value in writing.pose],
+            'pose': [round(value, 6) for value in surfaces.pose],
             'pose_sigma_mm': round(verdict.deviation[0] * 1e3, 3),
             'pose_sigma_deg': round(verdict.deviation[1], 4),
             'residual_mm': round(verdict.residual * 1e3, 3)

@@ -1,10 +1,14 @@
 """The recordings of a run, and the files that it writes."""
 
-from collections.abc import Callable, Sequence
+from base64 import b64decode, b64encode
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 import hashlib
+import json
 import os
 from pathlib import Path
 from typing import Any, TypeVar
+from zlib import compress, decompress
 
 from flexx2_sim_ros import __version__, atomic
 from flexx2_sim_ros.camera import Profile
@@ -13,6 +17,7 @@ from flexx2_sim_ros.jobs import Map
 from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.recording import open_recording, RecordingReader
 from flexx2_sim_ros.recording.folders import BAG_FILES, find_recordings, is_bag
+import numpy as np
 import yaml
 
 FILES = 'truth.yaml', 'truth.html'
@@ -175,10 +180,11 @@ def remembered(
     folder: Path,
     names: Sequence[str],
     jobs: Sequence[_Job],
-    work: Callable[[_Job], str],
+    work: Callable[[_Job], Any],
     mapped: Map,
     tick: Callable[[], None],
-) -> list[str]:
+    kinds: Sequence[type],
+) -> list[Any]:
     """
     Return the results of jobs; results of an earlier run are read from files.
 
@@ -191,12 +197,14 @@ def remembered(
     jobs : sequence of object
         The arguments of `work`.
     work : callable
-        Function that returns the result of a job as text; at module level, because other processes
-        call it.
+        Function that returns the result of a job; at module level, because other processes call
+        it.
     mapped : callable
         A map as from `jobs.workers`.
     tick : callable
         Called after each job that is computed, for progress.
+    kinds : sequence of type
+        The dataclasses in results, beside arrays, tuples, numbers and texts.
 
     """
     files = [folder / f'{name}.json' for name in names]
@@ -206,9 +214,31 @@ def remembered(
     if missing:
         atomic.output_folder(folder)
         mapped(_write_result, missing, tick)
-    return [file.read_text(encoding='utf-8') for file in files]
+    named = {kind.__name__: kind for kind in kinds}
+    return [_whole(json.loads(file.read_text(encoding='utf-8')), named) for file in files]
 
 
-def _write_result(item: tuple[Callable[[_Job], str], _Job, Path]) -> None:
+def _write_result(item: tuple[Callable[[_Job], Any], _Job, Path]) -> None:
     work, job, file = item
-    atomic.write_text(file, work(job))
+    atomic.write_text(file, json.dumps(work(job), default=_parts))
+
+
+def _parts(value: Any) -> dict[str, Any]:
+    # An array or a dataclass, as JSON has none.
+    if isinstance(value, np.ndarray):
+        text = b64encode(compress(np.ascontiguousarray(value).tobytes())).decode()
+        return {'array': text, 'dtype': value.dtype.str, 'shape': value.shape}
+    own = {field.name: getattr(value, field.name) for field in fields(value)}
+    return {'kind': type(value).__name__, 'own': own}
+
+
+def _whole(value: Any, kinds: Mapping[str, type]) -> Any:
+    # What `_parts` took apart; lists were tuples.
+    if isinstance(value, list):
+        return tuple(_whole(one, kinds) for one in value)
+    if not isinstance(value, dict):
+        return value
+    if 'array' in value:
+        flat = np.frombuffer(decompress(b64decode(value['array'])), value['dtype'])
+        return flat.reshape(value['shape'])
+    return kinds[value['kind']](**{key: _whole(one, kinds) for key, one in value['own'].items()})

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.robust import robust_sigma
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
@@ -72,8 +73,6 @@ class GrayFit:
         One of `POWERS`.
     cost : float
         Mean Huber loss of gray values, as a fraction of white, without the square.
-    history : tuple of float
-        The cost after each step.
 
     """
 
@@ -84,7 +83,6 @@ class GrayFit:
     contrast: float
     power: float
     cost: float
-    history: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -98,7 +96,7 @@ class _State:
 class _View:
     """The part of an image around the sheet, and its subpixel points."""
 
-    def __init__(self, target: Target, gray: Gray, pose: Pose) -> None:
+    def __init__(self, target: Target | Printed, gray: Gray, pose: Pose) -> None:
         self.target = target
         height, width = gray.image.shape
         inside = _inside(target, pose, gray.rays, 0.0)
@@ -188,21 +186,21 @@ def _on_sheet(pose: Pose, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return pose.t[0] + reach * direction[..., 0], pose.t[1] + reach * direction[..., 1]
 
 
-def _inside(target: Target, pose: Pose, rays: np.ndarray, border: float) -> np.ndarray:
+def _inside(target: Target | Printed, pose: Pose, rays: np.ndarray, border: float) -> np.ndarray:
     x, y = _on_sheet(pose, rays)
     with np.errstate(invalid='ignore'):
         return (np.abs(x) < target.width / 2 - border) & (np.abs(y) < target.height / 2 - border)
 
 
 def align_gray(
-    target: Target, gray: Gray, start: Pose, power: float, blur: float, steps: int
+    target: Target | Printed, gray: Gray, start: Pose, power: float, blur: float, steps: int
 ) -> GrayFit | None:
     """
     Align a target to a gray image from a pose nearby.
 
     Parameters
     ----------
-    target : Target
+    target : Target or Printed
         The target on the sheet.
     gray : Gray
         The image.
@@ -235,7 +233,7 @@ def align_gray(
     level /= np.percentile(level, 90)
     state = _State(start, float(np.log(blur)), _FIRST_CONTRAST, np.zeros(6))
     model, J = _model(view, state, use)
-    history, damping = [_cost(level, model, power)], 1e-3
+    damping = 1e-3
     for _ in range(steps):
         residual = level - model
         limit = _HUBER * _scale(residual)
@@ -249,14 +247,12 @@ def align_gray(
             damping = max(damping / 10, 1e-7)
         else:
             damping *= 10
-        history.append(_cost(level, model, power))
         if np.abs(step[:6]).max() < _CONVERGED or damping > 1e4:
             break
     covariance, shift = _accuracy(view, state, use, J, level - model)
     found = float(np.exp(state.log_blur))
-    return GrayFit(
-        state.pose, covariance, shift, found, state.contrast, power, history[-1], tuple(history)
-    )
+    cost = _cost(level, model, power)
+    return GrayFit(state.pose, covariance, shift, found, state.contrast, power, cost)
 
 
 def _moved(state: _State, step: np.ndarray) -> _State:
@@ -338,7 +334,7 @@ def with_scale_error(fit: GrayFit, relative: float) -> GrayFit:
     return replace(fit, covariance=fit.covariance + np.outer(shift, shift))
 
 
-def white_fraction(target: Target, gray: Gray, pose: Pose, blur: float) -> np.ndarray:
+def white_fraction(target: Target | Printed, gray: Gray, pose: Pose, blur: float) -> np.ndarray:
     """Return (H, W) the white fraction of each pixel, blurred; NaN outside of the sheet."""
     out = np.full(gray.image.shape, np.nan)
     view = _View(target, gray, pose)

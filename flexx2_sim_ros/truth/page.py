@@ -6,11 +6,9 @@ from html import escape
 from io import BytesIO
 from typing import Any
 
-from flexx2_sim_ros.html_drawing import CURVE_STYLE, curves, picture
+from flexx2_sim_ros.html_drawing import picture
 from flexx2_sim_ros.html_page import html_page
-from flexx2_sim_ros.truth.board_placing import BoardPoses
 from flexx2_sim_ros.truth.clean import PARTS
-from flexx2_sim_ros.truth.registration import Registered
 from flexx2_sim_ros.truth.writing import PageImages
 from matplotlib.image import imsave
 import numpy as np
@@ -34,9 +32,7 @@ _COLOURS = {
 _LIMIT = 0.03  # metres, end of the colour scale of the residual map
 
 
-def page(
-    table: dict[str, Any], registered: Mapping[int, Registered], pictures: Mapping[int, PageImages]
-) -> str:
+def page(table: dict[str, Any], pictures: Mapping[int, PageImages]) -> str:
     """
     Return the page as HTML, all text escaped and all pictures inside.
 
@@ -44,10 +40,8 @@ def page(
     ----------
     table : dict
         The content of ``truth.yaml``.
-    registered : mapping of int to Registered
-        Results, by number of the recording.
-    pictures : mapping of int to Picture
-        Images of the recordings that are not refused.
+    pictures : mapping of int to PageImages
+        Images of the recordings that are not refused, by number.
 
     """
     rows = table['recordings']
@@ -60,8 +54,7 @@ def page(
     for i, row in enumerate(rows):
         if i in pictures:
             caption = 'measured depth (dark is near), edges of the room in orange'
-            where = registered[i]
-            body.append(figures(row['name'], pictures[i], caption, where, 'truncated residual'))
+            body.append(figures(row['name'], pictures[i], caption))
     return whole_page(table, about, body)
 
 
@@ -88,7 +81,7 @@ def whole_page(table: Mapping[str, Any], about: str, parts: Sequence[str]) -> st
         *parts,
         f'<p><small>{escape(table["command"])}</small></p>',
     ]
-    return html_page('Ground truth', _STYLE + CURVE_STYLE, '\n'.join(body))
+    return html_page('Ground truth', _STYLE, '\n'.join(body))
 
 
 _STATES = 'used', 'doubtful', 'refused'
@@ -188,13 +181,7 @@ def _millimetres(value: float | None) -> str:
     return 'no depth' if value is None else f'{value:.1f} mm'
 
 
-def figures(
-    name: str,
-    shown: PageImages,
-    caption: str,
-    where: Registered | BoardPoses | None = None,
-    cost: str = '',
-) -> str:
+def figures(name: str, shown: PageImages, caption: str) -> str:
     """
     Return the figures of one recording.
 
@@ -206,20 +193,9 @@ def figures(
         The images of the recording.
     caption : str
         Caption of the overlay.
-    where : Registered, Placed or None
-        The alignment; no curve is drawn of fewer than two costs.
-    cost : str
-        What its costs are.
 
     """
     name = escape(name)
-    curve, costs = '', () if where is None else where.history
-    axis = 'step of the alignment'
-    if where is not None and where.moving and len(where.costs) > 1:
-        costs, axis = where.costs, 'frame'
-    if len(costs) > 1:
-        steps = np.arange(len(costs), dtype=float)
-        curve = curves(steps, np.array([costs]), [cost], axis, cost, 0.02)
     return (
         f'<h2>{name}</h2><div class="row">'
         f'<figure><img alt="edges of {name}" width="420" src="{overlay(shown)}"><figcaption>'
@@ -228,7 +204,7 @@ def figures(
         f'src="{picture(shown.residual, _LIMIT)}"><figcaption>measured minus clean depth, blue '
         f'{-_LIMIT * 1e3:.0f} to red {_LIMIT * 1e3:+.0f} mm, gray unknown or invalid</figcaption>'
         f'</figure><figure><img alt="map of {name}" width="420" src="{_map(shown)}"><figcaption>'
-        f'{_legend(shown)}</figcaption></figure>{curve}</div>'
+        f'{_legend(shown)}</figcaption></figure></div>'
     )
 
 

@@ -1,7 +1,7 @@
-"""Make a campaign with ground truth from recordings of planes of a room."""
+"""Ground truth of a campaign from planes of a room."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -10,26 +10,18 @@ from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_planes
 from flexx2_sim_ros.truth.files import digest
 from flexx2_sim_ros.truth.page import figures, known_share, undecided, whole_page, with_verdicts
-from flexx2_sim_ros.truth.plane_file import PlaneFile, read_planes
-from flexx2_sim_ros.truth.plane_writing import (
+from flexx2_sim_ros.truth.plane_constraints import PlacedPlanes
+from flexx2_sim_ros.truth.plane_file import read_planes
+from flexx2_sim_ros.truth.plane_finding import ImagePlane
+from flexx2_sim_ros.truth.plane_placing import (
     Judged,
+    Nominal,
     place_planes,
     PlaneJob,
-    PlaneWriting,
-    read_plane_light,
-    write_planes,
+    PlaneSurfaces,
 )
-from flexx2_sim_ros.truth.reflectivity import find_scale
-from flexx2_sim_ros.truth.run import (
-    no_progress,
-    Progress,
-    running,
-    sources_of,
-    TruthRequest,
-    TruthSource,
-    write_table,
-)
-from flexx2_sim_ros.truth.writing import PageImages
+from flexx2_sim_ros.truth.run import Run, TruthRequest, TruthSource, Work, Written
+from flexx2_sim_ros.truth.writing import Writing
 
 _FRONTAL = 20.0  # degrees between the normal and the optical axis
 
@@ -51,73 +43,82 @@ class PlaneRequest(TruthRequest):
     planes: Path
     room_error: float = 0.0
 
+    def work(self) -> Work:
+        """Return what is to be done for it."""
+        return _Planes(self)
 
-def make_plane_truth(request: PlaneRequest, progress: Progress = no_progress) -> dict[str, Any]:
-    """
-    Find planes in recordings and write them with ground truth on these planes.
 
-    Parameters
-    ----------
-    request : PlaneRequest
-        The recordings and the planes.
-    progress : callable
-        Called with the name of the current step and the fraction of the work that is done.
+class _Planes:
+    """The work of a `PlaneRequest`; see `Work`."""
 
-    Returns
-    -------
-    dict
-        The content of ``truth.yaml``.
+    kind, lit = 'planes', True
 
-    Raises
-    ------
-    InputError
-        When an input cannot be used, or no recording shows the planes. Nothing is written
-        then.
+    def __init__(self, request: PlaneRequest) -> None:
+        self.request, self.plan = request, read_planes(request.planes)
+        self.files: Sequence[Path] = (request.planes,)
 
-    """
-    plan = read_planes(request.planes)
-    sources = sources_of(request, request.planes)
-    jobs = _jobs(request, plan, sources)
-    absent = sorted(set(plan.changes) - {source.target.stem for source in sources})
-    with running(request, progress) as run:
-        digests = [digest((job.path,), list(vars(job).values())[1:]) for job in jobs]
-        texts = run.each_once('finding planes', (0.0, 0.5), place_planes, jobs, digests)
-        judged = [Judged.from_json(text) for text in texts]
-        refused = [one for one in judged if one.planes is None]
-        if len(refused) == len(judged):
-            raise InputError(f'{shown_path(sources[0].path)}: {refused[0].reasons[0]}')
-        good = {
-            i: PlaneWriting(jobs[i], one.planes, sources[i].keys)
-            for i, one in enumerate(judged)
+    def place(self, run: Run, sources: Sequence[TruthSource]) -> None:
+        self.sources, given = sources, self.request
+        self.jobs = [
+            PlaneJob(
+                source.path,
+                self.plan.seen_in(source.target.stem),
+                self.plan.angles,
+                self.plan.origin,
+                given.camera,
+                given.profile,
+                given.motion,
+                given.room_error,
+            )
+            for source in sources
+        ]
+        digests = [digest((job.path,), list(vars(job).values())[1:]) for job in self.jobs]
+        kinds = Judged, Nominal, ImagePlane, PlacedPlanes
+        self.judged: list[Judged] = run.each_once(
+            'finding planes', (0.0, 0.7), place_planes, self.jobs, digests, kinds
+        )
+        if all(one.planes is None for one in self.judged):
+            raise InputError(f'{shown_path(sources[0].path)}: {self.judged[0].reasons[0]}')
+
+    def writings(self) -> dict[int, Writing]:
+        return {
+            i: self.request.writing(source, PlaneSurfaces(job, one.planes))
+            for i, (source, job, one) in enumerate(
+                zip(self.sources, self.jobs, self.judged, strict=True)
+            )
             if one.planes is not None
         }
-        lit = run.each('reading gray images', (0.5, 0.6), read_plane_light, list(good.values()))
-        scale = find_scale([one for part in lit for one in part])
-        whole = [replace(writing, scale=scale) for writing in good.values()]
-        written = run.each('writing', (0.6, 0.95), write_planes, whole)
-        pictures = dict(zip(good, written, strict=True))
-        return write_table(
-            request,
-            'planes',
-            {
-                'planes': str(request.planes),
-                'origin_m': list(plan.origin),
-                'room_error_mm': request.room_error * 1e3,
-            },
-            [
-                _row(source, one, pictures.get(i))
-                for i, (source, one) in enumerate(zip(sources, judged, strict=True))
-            ],
-            {
-                **({} if scale is None else {'reflectivity': scale.table()}),
-                **({'not_given': absent} if absent else {}),
-                'cannot_decide': _cannot_decide(judged),
-                'absorbed': absorbed(
-                    'tape' if all(any(judged[i].taped) for i in good) else 'planes'
-                ),
-            },
-            lambda table: _page(table, pictures),
-        )
+
+    def rows(self, written: Written) -> list[dict[str, Any]]:
+        rows = []
+        for i, (source, one) in enumerate(zip(self.sources, self.judged, strict=True)):
+            found = {**written[i][0].table(), 'planes': one.table()} if i in written else {}
+            rows.append(source.row(one.state, one.reasons) | found)
+        return rows
+
+    def about(self) -> dict[str, Any]:
+        return {
+            'planes': str(self.request.planes),
+            'origin_m': list(self.plan.origin),
+            'room_error_mm': self.request.room_error * 1e3,
+        }
+
+    def findings(self) -> dict[str, Any]:
+        absent = sorted(set(self.plan.changes) - {one.target.stem for one in self.sources})
+        taped = all(any(one.taped) for one in self.judged if one.planes is not None)
+        return {
+            **({'not_given': absent} if absent else {}),
+            'cannot_decide': _cannot_decide(self.judged),
+            'absorbed': absorbed('tape' if taped else 'planes'),
+        }
+
+    def page(self, table: dict[str, Any], written: Written) -> str:
+        about = f'Planes: <code>{escape(table["planes"])}</code>.'
+        parts = [undecided(table['cannot_decide']), _recordings(table['recordings'])]
+        caption = 'measured depth (dark is near), outlines of the known part of planes in orange'
+        for i, (picture, _) in written.items():
+            parts.append(figures(table['recordings'][i]['name'], picture, caption))
+        return whole_page(table, about, parts)
 
 
 def asked_for(request: PlaneRequest) -> str:
@@ -142,33 +143,6 @@ def asked_for(request: PlaneRequest) -> str:
     )
 
 
-def _jobs(
-    request: PlaneRequest, plan: PlaneFile, sources: Sequence[TruthSource]
-) -> list[PlaneJob]:
-    names = [source.target.stem for source in sources]
-    return [
-        PlaneJob(
-            source.path,
-            source.target,
-            plan.seen_in(name),
-            plan.angles,
-            plan.origin,
-            request.camera,
-            request.profile,
-            request.motion,
-            request.room_error,
-        )
-        for source, name in zip(sources, names, strict=True)
-    ]
-
-
-def _row(source: TruthSource, one: Judged, picture: PageImages | None) -> dict[str, Any]:
-    row = source.row(one.state, one.reasons)
-    if picture is not None:
-        row |= {**picture.table(), 'planes': one.table()}
-    return row
-
-
 def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, Any]]:
     # The diagnosis computes others for each recording.
     found = [one for one in judged if one.planes is not None]
@@ -183,21 +157,6 @@ def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, Any]]:
             }
         )
     return out
-
-
-def _page(table: dict[str, Any], pictures: Mapping[int, PageImages]) -> str:
-    about = f'Planes: <code>{escape(table["planes"])}</code>.'
-    parts = [undecided(table['cannot_decide']), _recordings(table['recordings'])]
-    for i, picture in pictures.items():
-        row = table['recordings'][i]
-        parts.append(
-            figures(
-                row['name'],
-                picture,
-                'measured depth (dark is near), outlines of the known part of planes in orange',
-            )
-        )
-    return whole_page(table, about, parts)
 
 
 def _recordings(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import json
 import math
 from pathlib import Path
 import re
@@ -15,6 +16,15 @@ _KEYS = {'schema', 'origin', 'planes', 'recordings'}
 _PLACES = 'seed', 'box', 'outline'  # of which one is given
 _OF_RECORDING = {*_PLACES, 'distance'}
 _OF_PLANE = {*_OF_RECORDING, 'name', 'angles', 'flat'}
+BLANK = '___'  # stands in a form for what is not filled in
+_FORM = f"""\
+# Write what you measure in place of {BLANK}. What stays {BLANK} counts as not measured.
+#   distance  of the plane from the camera's front, perpendicular to it, metres: 1.203 +- 0.003
+#   box       [left, top, right, bottom]: pixels on the plane, where it is not the largest one
+# A plane that a recording does not show: null. Recordings that are not there are ignored.
+schema: 1
+origin: 0  # metres from the optical centre to the camera's front
+"""
 _MOST_PLANES, _MOST_CORNERS, _LONGEST_NAME = 20, 100, 60
 # Standard deviation of a measurement that is given without one: metres, degrees.
 _TAPE, _SQUARE = 0.005, 0.5
@@ -104,6 +114,27 @@ class PlaneFile:
         return tuple(hint for hint in hints if hint is not None)
 
 
+def plane_form(seen: Mapping[str, Mapping[str, str]]) -> str:
+    """
+    Return the text of a ``planes.yaml`` to be filled in.
+
+    Parameters
+    ----------
+    seen : mapping of str to mapping of str to str
+        By the name of a recording, then of a plane that it shows: what was planned.
+
+    """
+    names = list(dict.fromkeys(name for planes in seen.values() for name in planes))
+    lines = ['planes:', *(f'- name: {name}' for name in names), 'recordings:']
+    for recording, planes in seen.items():
+        lines.append(f'  {json.dumps(recording)}:')
+        for name in names:
+            blank = f'{{distance: {BLANK}, box: {BLANK}}}'
+            about = f'  # {planes[name]}' if planes.get(name) else ''
+            lines.append(f'    {name}: {blank}{about}' if name in planes else f'    {name}: null')
+    return _FORM + '\n'.join([*lines, ''])
+
+
 def read_planes(path: Path) -> PlaneFile:
     """
     Read ``planes.yaml``.
@@ -169,7 +200,8 @@ def _plane(field: str, row: Any) -> PlaneHint:
 
 def _hint(field: str, plane: PlaneHint, row: Mapping[str, Any]) -> PlaneHint:
     # The plane with the changes of a mapping.
-    given = {place: row[place] for place in _PLACES if row.get(place) is not None}
+    row = {key: value for key, value in row.items() if value not in (None, BLANK)}
+    given = {place: row[place] for place in _PLACES if place in row}
     if len(given) > 1:
         raise InputError(f'{field}: must have one of {", ".join(_PLACES)}, got {", ".join(given)}')
     place, value = next(iter(given.items()), ('', None))

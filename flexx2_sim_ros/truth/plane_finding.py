@@ -146,6 +146,28 @@ def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[ImagePla
     ]
 
 
+def surface_around(image: Observation, inverse: np.ndarray, core: np.ndarray) -> np.ndarray:
+    """
+    Return the surface that is seen around some pixels of a plane.
+
+    Parameters
+    ----------
+    image : Observation
+        The image.
+    inverse : numpy.ndarray
+        The plane, as of `ImagePlane`.
+    core : numpy.ndarray
+        (H, W) bool: pixels that are certainly of it.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) bool.
+
+    """
+    return _Search(image).region('', {'': _Core(inverse, core, None)})
+
+
 @dataclass(frozen=True)
 class _Core:
     # A plane, pixels that are certainly of it, and its outline if that was given.

@@ -3,11 +3,9 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-import json
 import math
 from pathlib import Path
 import time
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Mode, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
@@ -88,8 +86,6 @@ class Registered:
         One for a still recording, one for each frame of a moving one; see `Pose.numbers`.
     costs : tuple of float
         Mean truncated residual of each pose.
-    history : tuple of float
-        Costs during the alignment of the first frame.
     rival : float
         Cost of the best other pose.
     moving : bool
@@ -111,7 +107,6 @@ class Registered:
 
     poses: tuple[tuple[float, ...], ...]
     costs: tuple[float, ...]
-    history: tuple[float, ...]
     rival: float
     moving: bool
     mirrored: float
@@ -126,21 +121,6 @@ class Registered:
         lost = [not np.isfinite(numbers).all() for numbers in self.given]
         costs = tuple(math.inf if one else 0.0 for one in lost)
         return replace(self, poses=self.given, costs=costs, told=None, clock=None, believed=True)
-
-    def to_json(self) -> str:
-        """Return the result as text."""
-        return json.dumps({**vars(self), 'clock': self.clock and vars(self.clock)})
-
-    @classmethod
-    def from_json(cls, text: str) -> 'Registered':
-        """Return the result from the text of `to_json`."""
-        table: dict[str, Any] = json.loads(text)
-        for name in ('costs', 'history'):
-            table[name] = tuple(table[name])
-        table |= {name: tuple(map(tuple, table[name])) for name in ('poses', 'given')}
-        table['told'] = table['told'] and tuple(table['told'])
-        table['clock'] = table['clock'] and ClockOffset(**table['clock'])
-        return cls(**table)
 
 
 def register(job: Job) -> Registered:
@@ -170,7 +150,7 @@ def register(job: Job) -> Registered:
             raise InputError(
                 '--pose-accuracy: must be given with poses in the room and --clock-offset SECONDS'
             )
-        empty = Registered((), (), (), math.inf, footage.moving, math.inf, 0.0, given=given)
+        empty = Registered((), (), math.inf, footage.moving, math.inf, 0.0, given=given)
         return empty.as_given()
     found, first, mirrored = _search(job, footage, _start(job, told))
     clock = None
@@ -187,7 +167,6 @@ def register(job: Job) -> Registered:
     return Registered(
         tuple(tuple(pose.numbers()) for pose, _ in fits),
         tuple(cost for _, cost in fits),
-        found.fit.history,
         found.rival,
         footage.moving,
         mirrored,

@@ -1,11 +1,11 @@
-"""Common parts of `flexx2 gap truth`: check the request, distribute the work, resume."""
+"""The flow of `flexx2 gap truth`: observe, place, solve, write; distributed and resumed."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 import shutil
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import Profile
@@ -21,7 +21,9 @@ from flexx2_sim_ros.truth.files import (
     remembered,
     write_results,
 )
+from flexx2_sim_ros.truth.reflectivity import find_scale
 from flexx2_sim_ros.truth.uptime import uptimes
+from flexx2_sim_ros.truth.writing import PageImages, read_light, Surfaces, write_recording, Writing
 import numpy as np
 
 # Called with the name of the current step and the fraction of the work that is done.
@@ -71,6 +73,16 @@ class TruthRequest:
     scheduler: str | None = None
     uptime: float | None = None
     command: str = ''
+
+    def work(self) -> 'Work':
+        """Return what is to be done for it."""
+        raise NotImplementedError
+
+    def writing(self, source: 'TruthSource', surfaces: Surfaces) -> Writing:
+        """Return what to write of one of its recordings."""
+        return Writing(
+            source.path, self.camera, self.profile, surfaces, source.target, source.keys
+        )
 
 
 @dataclass(frozen=True)
@@ -189,12 +201,13 @@ class Run:
         self,
         text: str,
         span: tuple[float, float],
-        work: Callable[[_Item], str],
+        work: Callable[[_Item], Any],
         items: Sequence[_Item],
         digests: Sequence[str],
-    ) -> list[str]:
+        kinds: Sequence[type] = (),
+    ) -> list[Any]:
         """
-        Return the texts of a function for items; texts of an interrupted run are read from files.
+        Return the results of a function for items, those of an interrupted run from files.
 
         Parameters
         ----------
@@ -202,10 +215,13 @@ class Run:
             As for `each`.
         digests : sequence of str
             The `files.digest` of each item.
+        kinds : sequence of type
+            As for `files.remembered`.
 
         """
         ticks = self._ticks(text, span, len(items))
-        return remembered(self.request.out / CACHE, digests, items, work, self.mapped, ticks)
+        cache = self.request.out / CACHE
+        return remembered(cache, digests, items, work, self.mapped, ticks, kinds)
 
     def _ticks(self, text: str, span: tuple[float, float], count: int) -> Callable[[], None]:
         done = 0
@@ -216,6 +232,89 @@ class Run:
             self.progress(text, span[0] + (span[1] - span[0]) * done / max(count, 1))
 
         return tick
+
+
+Written = Mapping[int, tuple[PageImages, Any]]  # by number: as `Surfaces.shown` returns it
+
+
+class Work(Protocol):
+    """
+    What differs between a scan, a board and planes.
+
+    Attributes
+    ----------
+    kind : str
+        ``scan``, ``board`` or ``planes``.
+    lit : bool
+        Whether reflectivity is to be taken from gray images.
+    files : sequence of pathlib.Path
+        What is read besides recordings.
+
+    """
+
+    kind: str
+    lit: bool
+    files: Sequence[Path]
+
+    def place(self, run: Run, sources: Sequence[TruthSource]) -> None:
+        """Find where the surfaces are; raise `InputError` where no recording shows them."""
+
+    def writings(self) -> dict[int, Writing]:
+        """Return what to write, by the number of the recording."""
+
+    def rows(self, written: Written) -> list[dict[str, Any]]:
+        """Return the rows of all recordings for ``truth.yaml``."""
+
+    def about(self) -> dict[str, Any]:
+        """Return the source of the ground truth."""
+
+    def findings(self) -> dict[str, Any]:
+        """Return results for all recordings together."""
+
+    def page(self, table: dict[str, Any], written: Written) -> str:
+        """Return the page."""
+
+
+def make_truth(request: TruthRequest, progress: Progress = no_progress) -> dict[str, Any]:
+    """
+    Write recordings with ground truth.
+
+    Parameters
+    ----------
+    request : TruthRequest
+        A `RoomRequest`, `BoardRequest` or `PlaneRequest`.
+    progress : callable
+        Called with the name of the current step and the fraction of the work that is done.
+
+    Returns
+    -------
+    dict
+        The content of ``truth.yaml``.
+
+    Raises
+    ------
+    InputError
+        When an input cannot be used, or no recording shows the surfaces. Nothing is written then.
+
+    """
+    work = request.work()
+    sources = sources_of(request, *work.files)
+    with running(request, progress) as run:
+        work.place(run, sources)
+        writings = work.writings()
+        every, scale = list(writings.values()), None
+        if work.lit:
+            lit = run.each('reading gray images', (0.7, 0.75), read_light, every)
+            scale = find_scale([one for part in lit for one in part])
+        whole = [replace(one, scale=scale) for one in every]
+        results = run.each('writing', (0.75, 0.95), write_recording, whole)
+        written = dict(zip(writings, results, strict=True))
+        rows = work.rows(written)
+        reflectivity = {} if scale is None else {'reflectivity': scale.table()}
+        findings = {**reflectivity, **work.findings()}
+        table = _table(request, work, rows, findings)
+        write_results(request.out, table, work.page(table, written))
+    return table
 
 
 def _shortened(command: str) -> str:
@@ -248,44 +347,11 @@ def running(request: TruthRequest, progress: Progress) -> Iterator[Run]:
     shutil.rmtree(request.out / CACHE, ignore_errors=True)
 
 
-def write_table(
-    request: TruthRequest,
-    kind: str,
-    about: dict[str, Any],
-    rows: Sequence[dict[str, Any]],
-    findings: dict[str, Any],
-    page: Callable[[dict[str, Any]], str],
+def _table(
+    request: TruthRequest, work: Work, rows: list[dict[str, Any]], findings: dict[str, Any]
 ) -> dict[str, Any]:
-    """
-    Write ``truth.yaml`` and ``truth.html``, and return the content of the first one.
-
-    Parameters
-    ----------
-    request : TruthRequest
-        The request of the run.
-    kind : str
-        Kind of ground truth: ``scan``, ``board`` or ``planes``.
-    about : dict
-        The source of the ground truth.
-    rows : sequence of dict
-        Rows as from `TruthSource.row`.
-    findings : dict
-        Results for all recordings together.
-    page : callable
-        Makes the HTML from the table.
-
-    Raises
-    ------
-    InputError
-        When all recordings are refused.
-
-    Notes
-    -----
-    A diagnosis reads all recordings of the folder. So ground truth that an earlier run has written
-    of a recording that is refused now is removed, and other recordings in the folder are listed as
-    ``not_of_this_run``.
-
-    """
+    # A diagnosis reads all recordings of the folder. So ground truth that an earlier run has
+    # written of a recording that is refused now is removed, and others are listed.
     written = [row['name'] for row in rows if row['verdict'] != 'refused']
     for row in rows:
         if row['verdict'] == 'refused' and has_truth(request.out / row['name']):
@@ -293,16 +359,13 @@ def write_table(
     if not written:
         raise InputError(f'{rows[0]["source"]}: cannot be used: {"; ".join(rows[0]["reasons"])}')
     others = [path.name for path in find_recordings(request.out) if path.name not in written]
-    table = {
+    return {
         'schema': 1,
-        'kind': kind,
+        'kind': work.kind,
         'version': __version__,
         'command': _shortened(request.command),
-        **about,
-        'recordings': list(rows),
+        **work.about(),
+        'recordings': rows,
         **findings,
+        **({'not_of_this_run': others} if others else {}),
     }
-    if others:
-        table['not_of_this_run'] = others
-    write_results(request.out, table, page(table))
-    return table

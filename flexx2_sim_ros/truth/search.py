@@ -136,7 +136,7 @@ def find(
                 'the room: must have free places within its bounds, as a single wall has not; '
                 'give a rough pose (--pose or --trajectory)'
             )
-    fits = [AlignedPose(start, 0.0, ()) for start in starts]
+    fits = [AlignedPose(start, 0.0) for start in starts]
     for pixels, steps, reach, kept in _ROUNDS:
         target = choose(observation, pixels)
         fits = [align(room, target, one.pose, steps, reach) for one in fits]

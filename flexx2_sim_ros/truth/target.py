@@ -28,6 +28,7 @@ DICTIONARIES = (
 )  # fmt: skip
 _LEAST_BORDER = 0.005  # metres of white around the tags; printers leave such a border
 _LEAST_GAP = 0.5  # of a module
+_EDGE_OF_MODULE = 0.3
 _INCH = 0.0254
 _RULERS = 0.2, 0.1  # metres, along and across
 
@@ -76,6 +77,8 @@ class Target:
     flatness: float = 0.001
     scale_error: float = 0.001
 
+    turns = 1  # of so many turns about its middle it looks the same to the detector
+
     def __post_init__(self) -> None:
         """Check that the target can be printed and found."""
         for name, low, high in _LIMITS:
@@ -119,6 +122,16 @@ class Target:
     def codes(self) -> cv2.aruco.Dictionary:
         """Return OpenCV's dictionary of tags."""
         return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
+
+    @property
+    def kinds(self) -> tuple['Target', ...]:
+        """Return the boards that the description may mean."""
+        return (self,)
+
+    def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
+        """Return the (4, 2) corners of its tags in an image, pixels, by their place."""
+        count = self.columns * self.rows
+        return find_markers(self.codes(), picture, 1, count, self.first_id)
 
     def modules(self, number: int) -> np.ndarray:
         """Return (M, M) bool of the tag with this place in the sheet: True for black."""
@@ -168,6 +181,46 @@ class Target:
     def to_yaml(self) -> str:
         """Return the text of ``target.yaml``."""
         return yaml.safe_dump({'schema': 1, 'target': asdict(self)}, sort_keys=False)
+
+
+def find_markers(
+    codes: cv2.aruco.Dictionary, picture: np.ndarray, border: int, count: int, first: int = 0
+) -> dict[int, np.ndarray]:
+    """
+    Find markers, without those that are seen twice.
+
+    Parameters
+    ----------
+    codes : cv2.aruco.Dictionary
+        The dictionary.
+    picture : numpy.ndarray
+        (H, W) uint8.
+    border : int
+        Width of the black border, modules.
+    count, first : int
+        How many markers there are, and the number of the first one.
+
+    Returns
+    -------
+    dict of int to numpy.ndarray
+        (4, 2) corners in pixels, by the number from the first one.
+
+    """
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    settings.adaptiveThreshWinSizeMax = 53
+    settings.markerBorderBits = border
+    # Modules are only a few pixels wide and blurred: their edges are left out.
+    settings.perspectiveRemoveIgnoredMarginPerCell = _EDGE_OF_MODULE
+    corners, numbers, _ = cv2.aruco.ArucoDetector(codes, settings).detectMarkers(picture)
+    found: dict[int, np.ndarray] = {}
+    twice = set()
+    for quad, number in zip(corners, () if numbers is None else numbers.ravel(), strict=False):
+        place = int(number) - first
+        if 0 <= place < count:
+            twice |= {place} & found.keys()
+            found[place] = quad.reshape(4, 2)
+    return {place: quad for place, quad in found.items() if place not in twice}
 
 
 _WHOLE = {'columns', 'rows', 'first_id'}

@@ -1,13 +1,13 @@
 """Write a recording with its ground truth."""
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
+from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingWriter
 from flexx2_sim_ros.recording.truth import KEYS
-from flexx2_sim_ros.truth.alignment import align, choose
 from flexx2_sim_ros.truth.clean import (
     apart,
     Clean,
@@ -17,29 +17,42 @@ from flexx2_sim_ros.truth.clean import (
     KNOWN,
     PARTS,
     REFUSED,
-    render,
 )
-from flexx2_sim_ros.truth.columns import ErrorColumns
 from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, mask_of, Observation, observe
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.reflectivity import (
     gray_samples,
     GraySamples,
     GrayScale,
     with_reflectivity,
 )
-from flexx2_sim_ros.truth.registration import bounced, Job, LOST, Registered
-from flexx2_sim_ros.truth.rooms import Room
-from flexx2_sim_ros.truth.trajectory import Trajectory
 import numpy as np
 
 _WRITTEN = {'clean_depth', 'incidence', 'depth', *KEYS}
-_PIXELS = 2000
-_REFINEMENTS = 4
 _FEW = 0.01  # of the pixels may contradict the ground truth without a note
 _LIT_FRAMES = 6  # of a moving recording: enough to learn what gray values mean
+
+
+class Surfaces(Protocol):
+    """What a recording shows of surfaces whose place is known: a room, a board or planes."""
+
+    @property
+    def moving(self) -> bool:
+        """Return whether the camera moved."""
+
+    def at(self, footage: Footage, number: int) -> Clean | None:
+        """Return what a frame should show, for its light; None where its pose is not known."""
+
+    def truths(self, footage: Footage) -> list[Clean]:
+        """Return ground truth: one for each frame if the camera moved, else one."""
+
+    def accuracy(self, footage: Footage, truths: Sequence[Clean]) -> dict[str, np.ndarray]:
+        """Return the keys that say how accurate it is."""
+
+    def shown(
+        self, footage: Footage, truths: Sequence[Clean], shares: dict[str, float]
+    ) -> tuple['PageImages', Any]:
+        """Return images for the page, and what else is learnt of the recording."""
 
 
 @dataclass(frozen=True)
@@ -49,40 +62,33 @@ class Writing:
 
     Attributes
     ----------
-    job : Job
-    registered : Registered
-    pose : tuple of float
-        Pose of a still recording from the joint fit; see `Pose.numbers`.
-    columns : ErrorColumns
-        The errors that all recordings share.
-    values : tuple of float
-        Coefficients of these errors.
-    covariance : numpy.ndarray
-        (6, 6) covariance of the pose.
-    room_error : float
-        Standard deviation of the room's surfaces along their normals, metres.
+    path : pathlib.Path
+    camera : str or None
+        Which camera of a bag that has several.
+    profile : Profile or None
+    surfaces : Surfaces
     target : pathlib.Path
         The file to write.
-    scale : GrayScale or None
-        What gray values mean; None where they are not used.
     keys : mapping of str to numpy.ndarray
         Further keys to write.
-    latency : float
-        How late images are by their stamps, seconds. Frames get the ground truth of their stamps.
+    scale : GrayScale or None
+        What gray values mean; None where they are not used.
 
     """
 
-    job: Job
-    registered: Registered
-    pose: tuple[float, ...]
-    columns: ErrorColumns
-    values: tuple[float, ...]
-    covariance: np.ndarray
-    room_error: float
+    path: Path
+    camera: str | None
+    profile: Profile | None
+    surfaces: Surfaces
     target: Path
+    keys: Mapping[str, np.ndarray]
     scale: GrayScale | None = None
-    keys: Mapping[str, np.ndarray] = field(default_factory=dict)
-    latency: float = 0.0
+
+    def opened(self) -> tuple[RecordingReader, Footage]:
+        """Return the recording, open."""
+        reader = open_recording(self.path, self.camera, self.profile)
+        motion = 'moving' if self.surfaces.moving else 'still'
+        return reader, observe(reader, self.profile, motion)
 
 
 @dataclass(frozen=True)
@@ -125,9 +131,14 @@ class PageImages:
         return {'known': round(self.known, 4), 'unknown': left}
 
 
-def write_recording(what: Writing) -> PageImages:
+def write_recording(what: Writing) -> tuple[PageImages, Any]:
     """
     Write a recording with `clean_depth` and its accuracy, whole or not at all.
+
+    Returns
+    -------
+    tuple
+        As `Surfaces.shown`.
 
     Raises
     ------
@@ -135,26 +146,17 @@ def write_recording(what: Writing) -> PageImages:
         When the recording cannot be read or the file cannot be written.
 
     """
-    room = load_room(what.job.room)
-    reader = open_recording(what.job.path, what.job.camera, what.job.profile)
-    moving = what.registered.moving
-    footage = observe(reader, what.job.profile, 'moving' if moving else 'still')
-    if moving:
-        truths = _of_frames(room, what, footage)
-    else:
-        clean = render(
-            room, Pose.from_numbers(np.array(what.pose)), footage.still.rays, what.room_error
-        )
-        truths = [without_hidden(clean, footage.still)]
-    if what.scale is not None and shows_light(reader, moving):
+    reader, footage = what.opened()
+    surfaces = what.surfaces
+    truths = surfaces.truths(footage)
+    if what.scale is not None and shows_light(reader, surfaces.moving):
         truths = [
             with_reflectivity(truth, gray, footage.still.rays, what.scale)
-            for truth, gray in zip(truths, gray_images(reader, moving), strict=True)
+            for truth, gray in zip(truths, gray_images(reader, surfaces.moving), strict=True)
         ]
-    known = write_truth(
-        reader, what.target, truths, moving, {'pose_covariance': what.covariance, **what.keys}
-    )
-    return picture_of(truths[0], footage.still, known)
+    keys = {**surfaces.accuracy(footage, truths), **what.keys}
+    shares = write_truth(reader, what.target, truths, surfaces.moving, keys)
+    return surfaces.shown(footage, truths, shares)
 
 
 def read_light(what: Writing) -> list[GraySamples]:
@@ -170,23 +172,19 @@ def read_light(what: Writing) -> list[GraySamples]:
         When the recording cannot be read.
 
     """
-    room = load_room(what.job.room)
-    reader = open_recording(what.job.path, what.job.camera, what.job.profile)
-    moving = what.registered.moving
+    reader, footage = what.opened()
+    moving = what.surfaces.moving
     if not shows_light(reader, moving):
         return []
-    footage = observe(reader, what.job.profile, 'moving' if moving else 'still')
-    rays = footage.still.rays
-    poses = what.registered.poses if moving else [what.pose]
-    every = max(len(poses) // _LIT_FRAMES, 1)
+    every = max(len(reader.stamp) // _LIT_FRAMES, 1) if moving else 1
     out = []
     for number, gray in enumerate(gray_images(reader, moving)):
-        if number % every or not np.isfinite(poses[number]).all():
+        clean = None if number % every else what.surfaces.at(footage, number)
+        if clean is None:
             continue
-        clean = render(room, Pose.from_numbers(np.array(poses[number])), rays, what.room_error)
         if clean.reflectivity is not None:
             return []
-        out.append(gray_samples(gray, clean, rays))
+        out.append(gray_samples(gray, clean, footage.still.rays))
     return [one for one in out if one is not None]
 
 
@@ -263,55 +261,6 @@ def picture_of(truth: Clean, first: Observation, shares: dict[str, float]) -> Pa
     return PageImages(
         first.depth.astype(np.float32), edges(truth), residual, truth.part, shares, tuple(notes)
     )
-
-
-def _of_frames(room: Room, what: Writing, footage: Footage) -> list[Clean]:
-    # Of a moving camera. Where images are late, from where the camera was at the stamp: that is
-    # where later images were taken. The last frames have no later ones and are unknown, as are
-    # those beside a frame whose pose was lost.
-    frames = [footage.observe(image) for image in footage.frames()]
-    lost = np.array(what.registered.costs) > LOST
-    poses = [_pose_of(room, what, footage, frame, i) for i, frame in enumerate(frames)]
-    seen = [render(room, pose, footage.still.rays, what.room_error) for pose in poses]
-    truths = [
-        truth.without(True, REFUSED) if gone else without_hidden(truth, frame)
-        for truth, frame, gone in zip(seen, frames, lost, strict=True)
-    ]
-    if not what.latency:
-        return truths
-    stamp_ns = footage.reader.stamp_ns
-    path = Trajectory('', stamp_ns, np.array([pose.numbers() for pose in poses]))
-    late = stamp_ns + round(what.latency * 1e9)
-    after = np.searchsorted(stamp_ns, late)
-    beside = np.clip([after - 1, after], 0, len(lost) - 1)
-    out = []
-    for numbers, truth, gone in zip(path.at(late), truths, lost[beside].any(axis=0), strict=True):
-        if np.isfinite(numbers).all() and not gone:
-            placed = Pose.from_numbers(numbers)
-            there = render(room, placed, footage.still.rays, what.room_error)
-            out.append(there.without(~truth.known, REFUSED))
-        else:
-            out.append(truth.without(True, REFUSED))
-    return out
-
-
-def _pose_of(room: Room, what: Writing, footage: Footage, frame: Observation, number: int) -> Pose:
-    # The pose is fitted again, with the shared errors subtracted.
-    numbers = what.registered.poses[number]
-    pose = Pose.from_numbers(np.array(numbers if np.isfinite(numbers).all() else what.pose))
-    if what.values and not what.registered.believed:
-        added = np.zeros(frame.depth.shape)
-        if what.columns.bounce and footage.mode is not None:
-            added = bounced(room, pose, frame, footage.reader.K, footage.mode, what.job.profile)
-        values, rays = np.array(what.values), np.nan_to_num(frame.rays).reshape(-1, 2)
-        true = what.columns.true_rays(values, rays)
-        hits = room.cast(pose, true)
-        errors = what.columns.errors(values, hits, true, added.ravel(), what.job.uptime)
-        errors += hits.depth - room.cast(pose, rays).depth
-        right = frame.depth - errors.reshape(frame.depth.shape)
-        corrected = Observation(frame.rays, right, frame.sigma, frame.wraps)
-        pose = align(room, choose(corrected, _PIXELS), pose, _REFINEMENTS).pose
-    return pose
 
 
 def without_hidden(clean: Clean, image: Observation) -> Clean:

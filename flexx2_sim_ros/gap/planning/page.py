@@ -13,6 +13,7 @@ from flexx2_sim_ros.gap.planning.drawing import as_data_url, drawing
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
 from flexx2_sim_ros.gap.planning.scenes import Panel
 from flexx2_sim_ros.html_page import html_page
+from flexx2_sim_ros.truth.plane_file import plane_form
 
 _NODE = '/pmd_royale_ros_camera_node'  # of the real driver (pmd-royale-ros)
 _STYLE = """
@@ -34,8 +35,9 @@ _PREPARE = (
     'A black and a gray card of about 0.5 x 0.5 m, and a black one of 1 x 1 m; something shiny '
     'and white; a matt box of about 0.8 m.',
     'A scan of the room (phone or laser scanner, `.ply`), or a tape measure (better: a laser '
-    'distance meter) and a set square. For a scan, put board, cards and box in their places '
-    'first, and move only the camera afterwards: what the scan does not show becomes unknown.',
+    'distance meter) and a set square: `planes.yaml` is the form. For a scan, put board, cards '
+    'and box in their places first, and move only the camera afterwards: what the scan does not '
+    'show becomes unknown.',
 )
 _TILT = (
     'Without a scan, measure the distance of each plane: in a wall seen straight on, a bias of '
@@ -94,6 +96,18 @@ def _plane(panel: Panel) -> str:
     return f'{panel.centre[2]:g} m {turned}'
 
 
+def form(plan: Plan) -> str:
+    """Return ``planes.yaml`` for the recordings in which nothing moves, to be filled in."""
+    seen = {}
+    for planned in plan.recordings:
+        if not planned.scene.moving:
+            panels = map(_plane, planned.scene.panels)
+            seen[planned.name] = {
+                f'plane {number}': words for number, words in enumerate(panels, 1)
+            }
+    return plane_form(seen)
+
+
 def markdown(told: Checklist) -> str:
     """Return the checklist."""
     plan = told.plan
@@ -110,7 +124,6 @@ def markdown(told: Checklist) -> str:
             '',
             f'- For: {", ".join(planned.effects)}',
             f'- Ground truth: {truth_words(planned)}',
-            '- Measured: ______________',
             '',
         ]
     lines += ['## Afterwards', '', '```bash', *_afterwards(told), '```', '']
@@ -163,8 +176,9 @@ def _before(told: Checklist) -> list[str]:
 def _afterwards(told: Checklist) -> list[str]:
     camera = f' --profile {shlex.quote(told.named)}' if told.named else ''
     return [
-        f'flexx2 gap truth recordings/ --scan room.ply --out campaign/{camera}',
-        f'flexx2 gap diagnose campaign/ --out diagnosis/{camera}',
+        f'flexx2 gap start recordings/ --scan room.ply --out gap/{camera}',
+        '# or, with what you measured in planes.yaml:',
+        f'flexx2 gap start recordings/ --planes planes.yaml --out gap/{camera}',
     ]
 
 

@@ -1,20 +1,16 @@
-"""Place the planes of one recording, and write it with ground truth on them."""
+"""Place the planes of one recording."""
 
-from base64 import b64decode, b64encode
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
-import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from zlib import compress, decompress
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.clean import Clean, KNOWN, OUTSIDE
 from flexx2_sim_ros.truth.files import reason_of
-from flexx2_sim_ros.truth.gray_frames import gray_images
-from flexx2_sim_ros.truth.observation import Observation, observe
+from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.plane_constraints import (
     Constraints,
     contradiction,
@@ -26,13 +22,7 @@ from flexx2_sim_ros.truth.plane_constraints import (
 )
 from flexx2_sim_ros.truth.plane_file import Angle, PlaneHint
 from flexx2_sim_ros.truth.plane_finding import find_planes, ImagePlane
-from flexx2_sim_ros.truth.reflectivity import (
-    gray_samples,
-    GraySamples,
-    GrayScale,
-    with_reflectivity,
-)
-from flexx2_sim_ros.truth.writing import PageImages, picture_of, shows_light, write_truth
+from flexx2_sim_ros.truth.writing import PageImages, picture_of
 import numpy as np
 
 
@@ -43,8 +33,7 @@ class PlaneJob:
 
     Attributes
     ----------
-    path, target : pathlib.Path
-        The recording, and the file to write.
+    path : pathlib.Path
     hints : tuple of PlaneHint
         The planes in the recording.
     angles : tuple of Angle
@@ -60,7 +49,6 @@ class PlaneJob:
     """
 
     path: Path
-    target: Path
     hints: tuple[PlaneHint, ...]
     angles: tuple[Angle, ...]
     origin: tuple[float, float, float]
@@ -143,69 +131,13 @@ class Judged:
             for k, (surface, told) in enumerate(zip(self.planes.surfaces, self.taped, strict=True))
         ]
 
-    def to_json(self) -> str:
-        """Return it as text."""
-        table = {**vars(self), 'planes': None}
-        if self.planes is not None:
-            placed = self.planes.placed
-            table['planes'] = {
-                'surfaces': [
-                    {
-                        **vars(one),
-                        'inverse': one.inverse.tolist(),
-                        'part': _packed(one.part),
-                        'shape': one.part.shape,
-                    }
-                    for one in self.planes.surfaces
-                ],
-                'placed': [getattr(placed, field.name).tolist() for field in fields(placed)],
-                'covariance': self.planes.covariance.tolist(),
-            }
-        return json.dumps(table)
-
-    @classmethod
-    def from_json(cls, text: str) -> 'Judged':
-        """Return what `to_json` wrote."""
-        table: dict[str, Any] = json.loads(text)
-        table |= {key: tuple(table[key]) for key in ('reasons', 'taped')}
-        planes = table['planes']
-        if planes is not None:
-            table['planes'] = Nominal(
-                tuple(map(_surface, planes['surfaces'])),
-                PlacedPlanes(*map(np.array, planes['placed'])),
-                np.array(planes['covariance']),
-            )
-        return cls(**table)
-
 
 def _off(surface: ImagePlane, placed: PlacedPlanes, k: int) -> float:
     return round((surface.distance - float(placed.distances[k])) * 1e3, 2)
 
 
-def _packed(part: np.ndarray) -> str:
-    return b64encode(compress(part.tobytes())).decode()
-
-
-def _surface(row: dict[str, Any]) -> ImagePlane:
-    part = np.frombuffer(decompress(b64decode(row['part'])), np.uint8)
-    shape = row.pop('shape')
-    return ImagePlane(**{**row, 'inverse': np.array(row['inverse']), 'part': part.reshape(shape)})
-
-
-def place_planes(job: PlaneJob) -> str:
-    """
-    Find the planes of a recording and move them to the measurements.
-
-    Returns
-    -------
-    str
-        A `Judged` as text; refused when the recording cannot be read.
-
-    """
-    return _judged(job).to_json()
-
-
-def _judged(job: PlaneJob) -> Judged:
+def place_planes(job: PlaneJob) -> Judged:
+    """Find the planes of a recording and move them to the measurements."""
     try:
         reader = open_recording(job.path, job.camera, job.profile)
         footage = observe(reader, job.profile, job.motion)
@@ -261,72 +193,34 @@ def _fitted(surfaces: list[ImagePlane], image: Observation) -> PlacedPlanes:
 
 
 @dataclass(frozen=True)
-class PlaneWriting:
-    """
-    A recording to write, and its planes.
-
-    Attributes
-    ----------
-    job : PlaneJob
-    planes : Nominal
-    keys : mapping of str to numpy.ndarray
-        Further keys to write.
-    scale : GrayScale or None
-        What gray values mean; None where they are not used.
-
-    """
+class PlaneSurfaces:
+    """The planes of a recording; see `Surfaces`."""
 
     job: PlaneJob
     planes: Nominal
-    keys: Mapping[str, np.ndarray] = field(default_factory=dict)
-    scale: GrayScale | None = None
+    moving = False
 
+    def at(self, footage: Footage, number: int) -> Clean:
+        """Return the planes as the image shows them."""
+        return _render(self.job, self.planes, footage.still)[0]
 
-def read_plane_light(what: PlaneWriting) -> list[GraySamples]:
-    """
-    Return what a recording shows of the light that its planes send back; see `writing.read_light`.
+    def truths(self, footage: Footage) -> list[Clean]:
+        """Return the planes of the one image."""
+        return [self.at(footage, 0)]
 
-    Raises
-    ------
-    InputError
-        When the recording cannot be read.
+    def accuracy(self, footage: Footage, truths: Sequence[Clean]) -> dict[str, np.ndarray]:
+        """Return the plane of each pixel, and the covariance of the planes."""
+        return {
+            'plane': _render(self.job, self.planes, footage.still)[1],
+            'plane_covariance': self.planes.covariance,
+            'plane_names': np.array([surface.name for surface in self.planes.surfaces]),
+        }
 
-    """
-    reader = open_recording(what.job.path, what.job.camera, what.job.profile)
-    if not shows_light(reader, moving=False):
-        return []
-    image = observe(reader, what.job.profile, 'still').still
-    truth, _ = _render(what.job, what.planes, image)
-    samples = gray_samples(next(gray_images(reader, moving=False)), truth, image.rays)
-    return [] if samples is None else [samples]
-
-
-def write_planes(what: PlaneWriting) -> PageImages:
-    """
-    Write a recording with `clean_depth` on its planes, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        When the recording cannot be read or the file cannot be written.
-
-    """
-    job, planes = what.job, what.planes
-    reader = open_recording(job.path, job.camera, job.profile)
-    image = observe(reader, job.profile, 'still').still
-    truth, plane = _render(job, planes, image)
-    if what.scale is not None and shows_light(reader, moving=False):
-        gray = next(gray_images(reader, moving=False))
-        truth = with_reflectivity(truth, gray, image.rays, what.scale)
-    keys = {
-        'plane': plane,
-        'plane_covariance': planes.covariance,
-        'plane_names': np.array([surface.name for surface in planes.surfaces]),
-        **what.keys,
-    }
-    shares = write_truth(reader, job.target, [truth], False, keys)
-    # What contradicts a plane is counted plane by plane.
-    return replace(picture_of(truth, image, shares), notes=())
+    def shown(
+        self, footage: Footage, truths: Sequence[Clean], shares: dict[str, float]
+    ) -> tuple[PageImages, Any]:
+        """Return images of the median; what contradicts a plane is counted plane by plane."""
+        return replace(picture_of(truths[0], footage.still, shares), notes=()), None
 
 
 def _render(job: PlaneJob, planes: Nominal, image: Observation) -> tuple[Clean, np.ndarray]:

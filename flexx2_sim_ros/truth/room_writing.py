@@ -1,0 +1,173 @@
+"""Ground truth of a recording in a room."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from flexx2_sim_ros.truth.alignment import align, choose
+from flexx2_sim_ros.truth.clean import Clean, difference, REFUSED, render
+from flexx2_sim_ros.truth.columns import ErrorColumns
+from flexx2_sim_ros.truth.meshes import load_room
+from flexx2_sim_ros.truth.observation import Footage, Observation
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.registration import bounced, Job, LOST, Registered
+from flexx2_sim_ros.truth.rooms import Room
+from flexx2_sim_ros.truth.trajectory import Trajectory
+from flexx2_sim_ros.truth.writing import PageImages, picture_of, without_hidden
+import numpy as np
+
+_PIXELS = 2000
+_REFINEMENTS = 4
+_PATCH, _LEAST_PATCHES = 8, 10  # pixels; ASSUMED
+
+
+@dataclass(frozen=True)
+class RoomSurfaces:
+    """
+    A room as a recording shows it; see `Surfaces`.
+
+    Attributes
+    ----------
+    job : Job
+    registered : Registered
+    pose : tuple of float
+        Pose of a still recording from the joint fit; see `Pose.numbers`.
+    columns : ErrorColumns
+        The errors that all recordings share.
+    values : tuple of float
+        Coefficients of these errors.
+    covariance : numpy.ndarray
+        (6, 6) covariance of the pose.
+    room_error : float
+        Standard deviation of the room's surfaces along their normals, metres.
+    latency : float
+        How late images are by their stamps, seconds. Frames get the ground truth of their stamps.
+
+    """
+
+    job: Job
+    registered: Registered
+    pose: tuple[float, ...]
+    columns: ErrorColumns
+    values: tuple[float, ...]
+    covariance: np.ndarray
+    room_error: float
+    latency: float = 0.0
+
+    @property
+    def moving(self) -> bool:
+        """Return whether the camera moved."""
+        return self.registered.moving
+
+    def at(self, footage: Footage, number: int) -> Clean | None:
+        """Return the room from the pose of a frame."""
+        pose = self.registered.poses[number] if self.moving else self.pose
+        if not np.isfinite(pose).all():
+            return None
+        where = Pose.from_numbers(np.array(pose))
+        return render(load_room(self.job.room), where, footage.still.rays, self.room_error)
+
+    def truths(self, footage: Footage) -> list[Clean]:
+        """Return the room of each frame, or from the pose of a still recording."""
+        if self.moving:
+            return _of_frames(load_room(self.job.room), self, footage)
+        clean = self.at(footage, 0)
+        assert clean is not None
+        return [without_hidden(clean, footage.still)]
+
+    def accuracy(self, footage: Footage, truths: Sequence[Clean]) -> dict[str, np.ndarray]:
+        """Return the covariance of the pose."""
+        return {'pose_covariance': self.covariance}
+
+    def shown(
+        self, footage: Footage, truths: Sequence[Clean], shares: dict[str, float]
+    ) -> tuple[PageImages, Any]:
+        """Return images of the first frame or median, and how rough the room is, metres."""
+        first, image = truths[0], footage.still
+        return picture_of(first, image, shares), roughness(first, image)
+
+
+def roughness(clean: Clean, image: Observation) -> float:
+    """
+    Return how far measured depth and a room differ within small flat patches, beyond noise.
+
+    Parameters
+    ----------
+    clean : Clean
+        The room.
+    image : Observation
+        The image.
+
+    Returns
+    -------
+    float
+        Standard deviation along the normal, metres: median over patches, each without its mean
+        and tilt. NaN with too few patches.
+
+    """
+    height, width = (side - side % _PATCH for side in clean.depth.shape)
+    blocks, error, flat = [], difference(clean, image), clean.known & image.smooth
+    slant = np.cos(clean.incidence) * image.length
+    for values in (error * slant, image.sigma * slant, flat):
+        rows = values[:height, :width].reshape(height // _PATCH, _PATCH, -1, _PATCH)
+        blocks.append(rows.swapaxes(1, 2).reshape(-1, _PATCH**2))
+    error, noise, good = blocks
+    whole = good.all(axis=1) & np.isfinite(error).all(axis=1)
+    if whole.sum() < _LEAST_PATCHES:
+        return float('nan')
+    v, u = np.mgrid[:_PATCH, :_PATCH].reshape(2, -1)
+    plane, _ = np.linalg.qr(np.stack([np.ones(_PATCH**2), u, v], axis=1))
+    left = error[whole] - error[whole] @ plane @ plane.T
+    variance = (left**2).sum(axis=1) / (_PATCH**2 - 3) - (noise[whole] ** 2).mean(axis=1)
+    return float(np.sqrt(max(np.median(variance), 0.0)))
+
+
+def _of_frames(room: Room, what: RoomSurfaces, footage: Footage) -> list[Clean]:
+    # Of a moving camera. Where images are late, from where the camera was at the stamp: that is
+    # where later images were taken. The last frames have no later ones and are unknown, as are
+    # those beside a frame whose pose was lost.
+    frames = [footage.observe(image) for image in footage.frames()]
+    lost = np.array(what.registered.costs) > LOST
+    poses = [_pose_of(room, what, footage, frame, i) for i, frame in enumerate(frames)]
+    seen = [render(room, pose, footage.still.rays, what.room_error) for pose in poses]
+    truths = [
+        truth.without(True, REFUSED) if gone else without_hidden(truth, frame)
+        for truth, frame, gone in zip(seen, frames, lost, strict=True)
+    ]
+    if not what.latency:
+        return truths
+    stamp_ns = footage.reader.stamp_ns
+    path = Trajectory('', stamp_ns, np.array([pose.numbers() for pose in poses]))
+    late = stamp_ns + round(what.latency * 1e9)
+    after = np.searchsorted(stamp_ns, late)
+    beside = np.clip([after - 1, after], 0, len(lost) - 1)
+    out = []
+    for numbers, truth, gone in zip(path.at(late), truths, lost[beside].any(axis=0), strict=True):
+        if np.isfinite(numbers).all() and not gone:
+            placed = Pose.from_numbers(numbers)
+            there = render(room, placed, footage.still.rays, what.room_error)
+            out.append(there.without(~truth.known, REFUSED))
+        else:
+            out.append(truth.without(True, REFUSED))
+    return out
+
+
+def _pose_of(
+    room: Room, what: RoomSurfaces, footage: Footage, frame: Observation, number: int
+) -> Pose:
+    # The pose is fitted again, with the shared errors subtracted.
+    numbers = what.registered.poses[number]
+    pose = Pose.from_numbers(np.array(numbers if np.isfinite(numbers).all() else what.pose))
+    if what.values and not what.registered.believed:
+        added = np.zeros(frame.depth.shape)
+        if what.columns.bounce and footage.mode is not None:
+            added = bounced(room, pose, frame, footage.reader.K, footage.mode, what.job.profile)
+        values, rays = np.array(what.values), np.nan_to_num(frame.rays).reshape(-1, 2)
+        true = what.columns.true_rays(values, rays)
+        hits = room.cast(pose, true)
+        errors = what.columns.errors(values, hits, true, added.ravel(), what.job.uptime)
+        errors += hits.depth - room.cast(pose, rays).depth
+        right = frame.depth - errors.reshape(frame.depth.shape)
+        corrected = Observation(frame.rays, right, frame.sigma, frame.wraps)
+        pose = align(room, choose(corrected, _PIXELS), pose, _REFINEMENTS).pose
+    return pose

@@ -1,0 +1,114 @@
+"""`flexx2 gap start`: questions, and the commands that it prints and runs."""
+
+import io
+from pathlib import Path
+import shlex
+import shutil
+import subprocess
+from typing import Any
+
+from flexx2_sim_ros.cli.main import main
+from made_images import folder_of
+import pytest
+from real_frames import DATA
+import yaml
+
+BOARD = DATA.parent / 'cases' / 'real' / 'k2_board_strip'
+NAMES = ['v1.png', 'v2.png', 'v3.png']
+
+
+@pytest.fixture
+def ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
+    """Keep the commands in place of running them, except for conversions."""
+    monkeypatch.chdir(tmp_path)
+    commands: list[str] = []
+
+    def keep(words: list[str], check: bool) -> Any:
+        commands.append(shlex.join(words[3:]))
+        status = main(words[3:]) if words[3] == 'convert' else 0
+        return subprocess.CompletedProcess(words, status)
+
+    monkeypatch.setattr(subprocess, 'run', keep)
+    return commands
+
+
+def start(monkeypatch: pytest.MonkeyPatch, answers: str, *options: str) -> int:
+    monkeypatch.setattr('sys.stdin', io.StringIO(answers))
+    return main(['gap', 'start', *options])
+
+
+def test_piped_answers_lead_from_images_to_a_diagnosis(
+    ran: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder_of(Path('images'), NAMES)
+    answers = 'images\nkinect_v2\n\nplanes\n\n'
+    assert start(monkeypatch, answers) == 0
+    camera = '--profile kinect_v2'
+    convert = f'convert images gap/recordings --views --usecase depth_30fps {camera}'
+    assert ran == [convert]
+    said = capsys.readouterr().err
+    assert f'$ flexx2 {convert}' in said
+    assert 'planes.yaml: fill in what you measured, and run this command again' in said
+    form = Path('gap/planes.yaml')
+    blank = {'plane 1': {'distance': '___', 'box': '___'}}
+    assert yaml.safe_load(form.read_text())['recordings'] == dict.fromkeys(
+        ('v1', 'v2', 'v3'), blank
+    )
+    ran.clear()
+    assert start(monkeypatch, answers) == 0
+    assert ran == [
+        convert,
+        f'gap truth gap/recordings --planes gap/planes.yaml --out gap/campaign {camera}',
+        f'gap diagnose gap/campaign --out gap/diagnosis {camera}',
+    ]
+
+
+def test_options_leave_no_question(ran: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    Path('bags').mkdir()
+    more = '--trajectory poses.txt --clock-offset 0'
+    options = '--profile', '', '--scan', 'a b.ply', '--out', 'o', '--options', more
+    assert start(monkeypatch, '', 'bags', *options) == 0
+    assert ran == [
+        f"gap truth bags --scan 'a b.ply' --out o/campaign {more}",
+        'gap diagnose o/campaign --out o/diagnosis',
+    ]
+    ran.clear()
+    assert start(monkeypatch, '', 'bags', '--profile', '', '--none', '--out', 'o') == 0
+    assert ran == ['gap diagnose bags --out o/diagnosis']
+
+
+@pytest.mark.parametrize(
+    ('answers', 'options', 'said'),
+    [
+        ('', [], 'answer: must not be empty: Where are the recordings'),
+        ('nowhere\n', [], 'RECORDINGS: must be a folder, got nowhere'),
+        ('.\n\nfloor\n', [], 'ground truth: must be one of planes, board, scan, scene, none, got'),
+        ('.\n', ['--options', "'"], '--options: must be options, got'),
+        ('.\n\nscan\n', [], 'answer: must not be empty: Where is the file?'),
+    ],
+)
+def test_a_wrong_answer_is_one_sentence(
+    answers: str,
+    options: list[str],
+    said: str,
+    ran: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert start(monkeypatch, answers, *options) == 2
+    assert said in capsys.readouterr().err
+    assert ran == []
+
+
+def test_the_owner_of_a_kinect_types_one_command(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    if not BOARD.is_dir():
+        pytest.skip(f'{BOARD} is not there')
+    shutil.copytree(BOARD, tmp_path / 'k2', copy_function=shutil.copyfile)
+    monkeypatch.chdir(tmp_path)
+    options = 'k2', '--profile', 'kinect_v2', '--planes', 'k2/board.yaml'
+    assert start(monkeypatch, '\n', *options) == 0
+    (row,) = yaml.safe_load(Path('gap/campaign/truth.yaml').read_text())['recordings']
+    assert (row['name'], row['verdict']) == ('v0001.npz', 'used')
+    assert Path('gap/diagnosis/report.html').is_file()
