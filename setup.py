@@ -32,13 +32,15 @@ EXTRAS = {
 }
 EXTRAS['truth'] += EXTRAS['gap']
 EXTRAS['all'] = sorted({one for extra in EXTRAS.values() for one in extra})
-EXTRAS['ros'] = [
+EXTRAS['ros'] = [  # Both nodes, and the demo.
+    'matplotlib>=3.7',
+    'mujoco>=3.5',
     'ros-jazzy-common-interfaces',
     'ros-jazzy-rclpy[fastrtps]',
     'rosbags>=0.11',
     'tornado>=6.4',
 ]
-EXTRAS['test'] = [
+EXTRAS['test'] = EXTRAS['all'] + [
     'build',
     'colcon-common-extensions',
     'flake8',

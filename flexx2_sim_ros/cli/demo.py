@@ -27,7 +27,7 @@ _FRAME_SECONDS, _FRAMES = 60.0, 3
 _OPTIONS = """
 Start go1_cameras and two flexx2_camera nodes as processes, switch through the measured modes (all
 modes, if none was measured) while they stream, print rates, latency and noise, and write a
-picture. Needs ROS 2 (pip install "flexx2_sim_ros[all,ros]", or a sourced ROS 2 Jazzy).
+picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).
 
 --seconds SECONDS: how long to measure each mode (default %(default)s)
 --out OUT: folder for the picture and the nodes' logs (default %(default)s)

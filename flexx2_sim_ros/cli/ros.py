@@ -58,7 +58,7 @@ def ros() -> Iterator[Stop]:
     if importlib.util.find_spec('rclpy') is None:
         raise InputError(
             'ROS 2 is not installed or not sourced: rclpy cannot be imported. Source a ROS 2 '
-            'Jazzy installation, or run pip install "flexx2_sim_ros[all,ros]"'
+            'Jazzy installation, or run pip install "flexx2_sim_ros[ros]"'
         )
     make_room_for_images()
     import rclpy
