@@ -47,6 +47,8 @@ def first_line(command: list[str], cwd: Path = ROOT) -> str:
     with subprocess.Popen(command, cwd=cwd, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         line = process.stderr.readline()
+        while 'compiling the camera' in line:  # once, where nothing is compiled yet
+            line = process.stderr.readline()
         process.send_signal(signal.SIGINT)
         rest = process.stderr.read()
         assert process.wait(PATIENCE) == 0, line + rest
