@@ -285,6 +285,7 @@ def test_progress_ends_at_1_also_where_poses_are_fitted_once(
             profile=None,
             seed=0,
             prior=np.repeat([0.01, 0.5], 3),
+            held=False,
             mapped=mapped,
             progress=lambda text, share: shares.append(share),
         )

@@ -5,7 +5,7 @@ from pathlib import Path
 from bench.gap_campaigns import write_campaign
 from bench.planes import describe, record, VIEWS
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.gap import diagnose, measure
 from flexx2_sim_ros.gap.inference.own_errors import common_motion
 from flexx2_sim_ros.gap.report.words import accuracy
 from flexx2_sim_ros.truth import make_truth, PlaneRequest
@@ -73,3 +73,9 @@ def test_poses_stay_as_near_as_is_stated(tmp_path: Path) -> None:
     )
     assert held < min(free, 0.006)
     assert tables[1]['settings']['pose_prior'] == [0.002, 0.125]
+    assert [table['settings']['pose_held'] for table in tables] == [False, True]
+    # So they do where a set of effects is only measured: the poses hide less of the gap.
+    free, held = (
+        measure(tmp_path, camera, pose_prior=prior)['before'] for prior in (None, (0.002, 0.125))
+    )
+    assert held > free

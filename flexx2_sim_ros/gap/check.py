@@ -60,8 +60,8 @@ def check(
     out : str or pathlib.Path, optional
         Folder to write ``check.json`` and ``check.html`` to.
     pose_prior : tuple of float, optional
-        Standard deviations of the pose error of a recording: metres and degrees (default: as in
-        the diagnosis).
+        Standard deviations of the pose error of a recording: metres and degrees. They hold the
+        poses (default: as in the diagnosis).
     progress : callable, optional
         Called with the name of the current step and the fraction of the work that is done.
     scheduler : str, optional
@@ -110,6 +110,7 @@ def check(
             profile=profile,
             seed=seed,
             prior=np.array([metres] * 3 + [degrees] * 3),
+            held=before.pose_held if pose_prior is None else True,
             mapped=mapped,
             progress=portion(request.progress, 0.05, 0.6),
             known=request.known,

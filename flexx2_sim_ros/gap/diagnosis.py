@@ -19,6 +19,7 @@ from flexx2_sim_ros.gap.cost import CostRequest, known_of, measure_cost
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
+from flexx2_sim_ros.gap.data.prior import USUAL
 from flexx2_sim_ros.gap.elsewhere import Elsewhere
 from flexx2_sim_ros.gap.explained import explained, found_set, FoundSet
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
@@ -58,9 +59,7 @@ from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 
 _FORMS = 'catalogue', 'quick', 'all'
-_USUAL_POSE = 0.010, 0.5  # metres and degrees
-_BEFORE_COST = 0.6  # fraction of the work, on the progress bar
-_ROUNDS = 6  # jobs for each recording, on the progress bar
+_BEFORE_COST, _ROUNDS = 0.6, 6  # on the progress bar: part of the work, jobs of a recording
 
 
 @dataclass(frozen=True)
@@ -182,7 +181,7 @@ def diagnose(
 
     """
     began = time.monotonic()
-    usual = pose_prior or _USUAL_POSE
+    usual = pose_prior or USUAL
     _check(without, seed, jobs, usual, forms)
     told = table_of(parse_effects(known or {}, 'known'))
     known = table_of(given_effects(known or {}))
@@ -226,7 +225,7 @@ def diagnose(
             named = _simulate_named(model, chosen, used, simulator, forms, still)
             table = named.table(model, used, left_out)
         effects, decision = named.effects, named.decision
-        table['settings'] = _settings(found[0], seed, usual, told)
+        table['settings'] = _settings(found[0], seed, usual, model.held, told)
         posed = bool(model.own.posed.any())
         table['not_considered'] = _not_considered(without, known, no_phases, posed, hidden)
         if decision.verdict == 'unknown' and ResidualPatch.name not in known:
@@ -244,13 +243,14 @@ def diagnose(
 
 
 def _settings(
-    found: Found, seed: int, pose_prior: tuple[float, float], known: Table
+    found: Found, seed: int, pose_prior: tuple[float, float], held: bool, known: Table
 ) -> dict[str, Any]:
     return {
         'usecase': found.mode.name,
         'full_scale': found.full_scale,
         'seed': seed,
         'pose_prior': [float(one) for one in pose_prior],
+        'pose_held': held,
         'known': {name: plain(values) for name, values in known.items()},
     }
 

@@ -85,6 +85,7 @@ def fit_without_and_with(
     profile: Profile | None,
     seed: int,
     prior: np.ndarray,
+    held: bool,
     mapped: Map,
     progress: Progress,
     known: Table | None = None,
@@ -113,6 +114,8 @@ def fit_without_and_with(
         Seed of the simulations.
     prior : numpy.ndarray
         (6,) standard deviations of pose errors, metres and degrees.
+    held : bool
+        Whether they hold the poses; see `Model`.
     mapped : callable
         A map as from `workers`.
     progress : callable
@@ -147,9 +150,10 @@ def fit_without_and_with(
     used, after, unusable = summaries(found, more, with_known)
     if shifting:
         _, before, _ = summaries(used, columns, known)
-        models = Model(before, columns, prior), Model(after, more, prior)
+        one = Model(before, columns, prior, held=held)
     else:
-        models = Model(after, more, prior), Model(after, more, prior)
+        one = Model(after, more, prior, held=held)
+    models = one, Model(after, more, prior, held=held)
     if posed is not None:
         centre = np.array([posed[name] * posed['strength'] for name in NAMES])
         models[1].own.centre = centre / STEPS

@@ -7,6 +7,7 @@ from typing import Any
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
+from flexx2_sim_ros.gap.data.prior import USUAL
 from flexx2_sim_ros.gap.features.simulation import counts_edges
 from flexx2_sim_ros.gap.given_effects import fit_without_and_with
 from flexx2_sim_ros.gap.inference.effects import table_of
@@ -23,7 +24,7 @@ def measure(
     *,
     profile: Profile | None = None,
     jobs: int = 1,
-    pose_prior: tuple[float, float] = (0.010, 0.5),
+    pose_prior: tuple[float, float] | None = None,
 ) -> dict[str, Any]:
     """
     Measure the gap of a campaign without and with effects.
@@ -40,8 +41,9 @@ def measure(
         The camera (default: the Flexx2).
     jobs : int
         Number of processes.
-    pose_prior : tuple of float
-        Standard deviations of the pose error of a recording: metres and degrees.
+    pose_prior : tuple of float, optional
+        Standard deviations of the pose error of a recording: metres and degrees. They hold the
+        poses; left out, poses may be as wrong as they seem.
 
     Returns
     -------
@@ -56,7 +58,7 @@ def measure(
         When no recording or effect can be used.
 
     """
-    prior = np.array([pose_prior[0]] * 3 + [pose_prior[1]] * 3)
+    metres, degrees = pose_prior or USUAL
     parsed = parse_effects(effects)
     with workers(jobs, None) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
@@ -67,7 +69,8 @@ def measure(
             parsed,
             profile=profile,
             seed=seed,
-            prior=prior,
+            prior=np.array([metres] * 3 + [degrees] * 3),
+            held=pose_prior is not None,
             mapped=mapped,
             progress=lambda text, fraction: None,
         )

@@ -69,6 +69,8 @@ class DiagnosedWith:
         What the ground truth of the campaign hides.
     prior : tuple of float
         (6,) standard deviations of pose errors, metres and degrees.
+    held : bool
+        Whether they hold the poses; see `Model`.
     seed : int
         Seed of the simulations and draws.
 
@@ -79,6 +81,7 @@ class DiagnosedWith:
     modulation: bool
     hidden: tuple[Hidden, ...]
     prior: tuple[float, ...]
+    held: bool
     seed: int
 
     def candidates(self) -> list[Candidate]:
@@ -196,7 +199,8 @@ def expect(
 
     """
     new = [one for pair in pairs for one in pair]
-    model = Model([*known.evidence, *new], known.columns, np.array(known.source.prior))
+    about = known.source
+    model = Model([*known.evidence, *new], known.columns, np.array(about.prior), held=about.held)
     candidates, absorbed = decidable_candidates(model, known.candidates(), known.source.hidden)
     not_seen = undecided(model, candidates)
     right = wrong = total = 0.0

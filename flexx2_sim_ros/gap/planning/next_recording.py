@@ -202,10 +202,10 @@ def _setting(
     step = stepper(progress, text, 0.0, 0.2, len(found))
     simulations = Simulations(camera, columns, seed, prior, given)
     used, evidence, _ = summarise_all(campaign, found, left_out, simulations, mapped, step)
-    model = Model(evidence, columns, np.array(prior))
+    model = Model(evidence, columns, np.array(prior), held=before.pose_held)
     hidden = [one for one in hidden_effects(campaign) if one.effect not in without]
     source = DiagnosedWith(
-        tuple(columns), frozenset(without), modulation, tuple(hidden), prior, seed
+        tuple(columns), frozenset(without), modulation, tuple(hidden), prior, model.held, seed
     )
     standing, weights, known = what_is_known(model, source)
     if len(standing) < 2:

@@ -15,6 +15,7 @@ from flexx2_sim_ros.config_file import is_regular_file, read_config
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.gap.calibration.decisions import calibrated
+from flexx2_sim_ros.gap.data.prior import USUAL
 from flexx2_sim_ros.gap.features.catalogue import catalogue, Column
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.model import Model
@@ -28,7 +29,6 @@ from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 import yaml
 
-PRIOR = 0.010, 0.5  # metres, degrees: the default of `flexx2 gap diagnose --pose-prior`
 _DRAWS = 6
 Progress = Callable[[str, float], None]
 
@@ -226,7 +226,7 @@ def _simulate(
     # other random numbers than the catalogue; otherwise the fit would include their noise.
     known, _ = catalogue((), modulation)
     planned = planned_columns(modulation)
-    prior = (PRIOR[0],) * 3 + (PRIOR[1],) * 3
+    prior = (USUAL[0],) * 3 + (USUAL[1],) * 3
     outcomes: list[list[Evidence | str]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -252,7 +252,7 @@ def _simulate(
 
 
 def _model(evidence: Sequence[Evidence], columns: Sequence[Column]) -> Model:
-    return Model(evidence, columns, np.repeat(PRIOR, 3))
+    return Model(evidence, columns, np.repeat(USUAL, 3))
 
 
 def _hidden(

@@ -12,13 +12,13 @@ from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.gap.data.arrival import Arrival
 from flexx2_sim_ros.gap.data.given import given_effects, Table
+from flexx2_sim_ros.gap.data.prior import USUAL
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED
 from flexx2_sim_ros.gap.report.age import arrival_of
 from flexx2_sim_ros.limits import is_finite
 
 _SCHEMAS = 1, 2  # the keys that are read are the same
 _LARGEST = 50_000_000  # bytes of a diagnosis.json
-_POSE_PRIOR = 0.010, 0.5
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,8 @@ class Diagnosed:
         Effects that were taken as given: parameters by name.
     pose_prior : tuple of float
         Standard deviations of pose errors: metres and degrees.
+    pose_held : bool
+        Whether they were stated, so that they hold the poses.
     full_scale : float or None
         The floating-point amplitude that was taken for the camera's full scale, if any.
     checksums : dict of str to str
@@ -55,6 +57,7 @@ class Diagnosed:
     effects: tuple[Effect, ...]
     known: Table
     pose_prior: tuple[float, float]
+    pose_held: bool
     full_scale: float | None
     checksums: dict[str, str]
     unsummed: frozenset[str]
@@ -163,7 +166,8 @@ def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
         verdict=str(table.get('verdict', '')),
         effects=changing(effects),
         known=known,
-        pose_prior=_pose_prior(settings.get('pose_prior', _POSE_PRIOR)),
+        pose_prior=_pose_prior(settings.get('pose_prior', USUAL)),
+        pose_held=settings.get('pose_held') is True,
         full_scale=_full_scale(settings.get('full_scale')),
         checksums={str(row['checksum']): row['name'] for row in used if 'checksum' in row},
         unsummed=frozenset(row['name'] for row in used if 'checksum' not in row),
