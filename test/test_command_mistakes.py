@@ -181,7 +181,10 @@ def test_the_output_is_the_input(
 @pytest.mark.parametrize(
     ('words', 'sentence'),
     [
-        (['gap', 'nosuch'], 'COMMAND: must be one of start, diagnose, plan, target, check, cost, next, '),
+        (
+            ['gap', 'nosuch'],
+            'COMMAND: must be one of start, diagnose, plan, target, check, cost, next, ',
+        ),
         (['export', 'nosuch'], "isaac_lab, mujoco_playground, all, got 'nosuch' (see flexx2 exp"),
         (['simulate', 'in.npz', 'out.mcap'], 'OUT.npz: must end in .npz, got out.mcap'),
         (['simulate', 'dir', 'out.npz'], 'dir: must be an .npz archive, got a folder'),
