@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+import math
 from pathlib import Path
 import re
 import shlex
@@ -45,6 +46,11 @@ class Simulator:
         Whether lost messages are not sent again.
     stamped : bool
         Whether camera infos have the stamps of their images; the first stamp otherwise.
+    keeps : int
+        How many messages its publishers keep.
+    focal : float or None
+        Focal length in pixels of images whose camera info counts from the corner of the first
+        pixel; None for the lens of the Flexx2.
 
     """
 
@@ -55,6 +61,8 @@ class Simulator:
     nothing: float = np.inf
     best_effort: bool = False
     stamped: bool = True
+    keeps: int = 10
+    focal: float | None = None
 
 
 SIMULATORS = {
@@ -73,21 +81,34 @@ SIMULATORS = {
         nothing=0.0,
         best_effort=True,
     ),
+    # camera_plugin.cpp of mujoco_ros2_control, commit bda2b67: focal length of fovy, zfar of 50.
+    'mujoco_ros2_control': Simulator(
+        '/flexx2/depth',
+        '/flexx2/camera_info',
+        'flexx2_optical_frame',
+        nothing=50.0,
+        keeps=1,
+        focal=LENS.height / 2 / math.tan(math.radians(44.5) / 2),
+    ),
 }
 
 
-def scene() -> np.ndarray:
+def scene(fx: float = LENS.fx, cx: float = LENS.cx) -> np.ndarray:
     """Return (H, W) metres: a tilted board before nothing."""
     depth = np.full((LENS.height, LENS.width), np.nan, np.float32)
     u = np.arange(LENS.width)
-    depth[20:150] = 1.5 / (1 + 0.2 * (u - LENS.cx) / LENS.fx)
+    depth[20:150] = 1.5 / (1 + 0.2 * (u - cx) / fx)
     depth[:, 190:] = np.nan
     return depth
 
 
 def bag(path: Path, simulator: Simulator) -> Path:
     """Write what the simulator publishes from its start on."""
-    pixels = scene()
+    pixels, matrix = scene(), LENS.matrix
+    if simulator.focal:
+        pixels = scene(simulator.focal)
+        matrix = np.diag([simulator.focal, simulator.focal, 1.0])
+        matrix[:2, 2] = LENS.width / 2, LENS.height / 2
     if simulator.encoding == '16UC1':
         pixels = np.rint(1000 * pixels)
     pixels = np.where(np.isnan(pixels), simulator.nothing, pixels)
@@ -96,9 +117,7 @@ def bag(path: Path, simulator: Simulator) -> Path:
     for index in range(COUNT):
         stamp = index * 1_000_000_000 // RATE
         given = stamp if simulator.stamped else 0
-        topic, kind, _, message = info(
-            simulator.info, given, pixels.shape, LENS.matrix, np.zeros(5)
-        )
+        topic, kind, _, message = info(simulator.info, given, pixels.shape, matrix, np.zeros(5))
         entries.append((topic, kind, stamp, message))
         entries.append(image(simulator.depth, stamp, pixels, simulator.encoding))
         for _, _, _, message in entries[-2:]:
@@ -131,7 +150,7 @@ def publish_all(listener: Listener, path: Path, simulator: Simulator, heard: lis
     reliability = (
         ReliabilityPolicy.BEST_EFFORT if simulator.best_effort else ReliabilityPolicy.RELIABLE
     )
-    qos = QoSProfile(depth=10, reliability=reliability)
+    qos = QoSProfile(depth=simulator.keeps, reliability=reliability)
     publishers = {
         topic: listener.node.create_publisher(kind, topic, qos)
         for topic, kind in ((simulator.info, CameraInfo), (simulator.depth, Image))
@@ -171,7 +190,8 @@ def test_a_simulators_messages_become_frames(
     assert sorted(frames) == [index * 1_000_000_000 // RATE for index in range(COUNT)]
     assert {message.header.frame_id for message in heard} == {simulator.frame}
     noisy = np.stack([array_of(frames[stamp]) for stamp in sorted(frames)])
-    clean = scene()
+    # Where camera infos count from the corner, each ray shows what is half a pixel beside it.
+    clean = scene(cx=LENS.cx - LENS.fx / simulator.focal / 2) if simulator.focal else scene()
     assert np.isnan(noisy[:, :15]).all()
     assert np.isnan(noisy[:, :, 200:]).all()
     assert np.isfinite(noisy[:, 30:140, 20:180]).all()

@@ -50,6 +50,7 @@ def test_a_frame_as_bytes(with_clean: bool) -> None:
         'cy': 1.0,
         'distortion': [0.0] * 5,
         'clean': with_clean,
+        'without': False,
     }
     images = np.frombuffer(message, '<u2', offset=4 + length).reshape(-1, 3, 4)
     assert len(images) == 1 + with_clean

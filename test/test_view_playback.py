@@ -1,11 +1,16 @@
 """The page on recordings: a real process, a real browser."""
 
 from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import re
 
 from browser import Browser, chromium
+from flexx2_sim_ros.effects import parse_effects
 from made_bags import camera_entries, depths, SECOND, write
+import numpy as np
 import pytest
-from views import COUNT, save_walk, View
+from views import COUNT, EFFECTS, save_diagnosis, save_walk, SIZE, View
 
 NUMBER = "document.querySelector('[data-part=number]').textContent"
 
@@ -23,8 +28,15 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         for entry in camera_entries(name, depths(6, 8, 9), depths(6, 8, 9), start)
     ]
     write(folder / 'campaign' / 'c', sorted(entries, key=lambda entry: entry[2]))
-    with chromium(tmp_path_factory.mktemp('browser')) as browser:
-        view = View(folder, str(folder / 'campaign'))
+    with shown(folder, tmp_path_factory.mktemp('browser'), folder / 'campaign') as browser:
+        yield browser
+
+
+@contextmanager
+def shown(folder: Path, browsers: Path, *paths: Path) -> Iterator[Browser]:
+    """Open the page of paths; neither the page nor the server may complain."""
+    with chromium(browsers) as browser:
+        view = View(folder, *map(str, paths))
         try:
             size = {'width': 1280, 'height': 800, 'deviceScaleFactor': 1, 'mobile': False}
             browser.call('Emulation.setDeviceMetricsOverride', **size)
@@ -72,7 +84,7 @@ def test_keys_move_and_play_a_recording(page: Browser) -> None:
 def test_every_control_is_reached_with_tab_and_shows_it(page: Browser) -> None:
     page.evaluate('document.activeElement.blur(); window.scrollTo(0, 0)')
     reached = []
-    for _ in range(12):
+    for _ in range(13):
         page.call(
             'Input.dispatchKeyEvent',
             type='keyDown',
@@ -86,7 +98,7 @@ def test_every_control_is_reached_with_tab_and_shows_it(page: Browser) -> None:
         )
         reached.append(name)
         assert not name or style == 'solid', name
-    wanted = ['depth-range', 'difference-range', 'wipe', 'recording', 'choice']
+    wanted = ['depth-range', 'difference-range', 'wipe', 'mark', 'recording', 'choice']
     wanted += ['earlier', 'play', 'later', 'time-slider', 'rate']
     start = reached.index('depth-range')
     assert reached[start : start + len(wanted)] == wanted
@@ -94,23 +106,83 @@ def test_every_control_is_reached_with_tab_and_shows_it(page: Browser) -> None:
 
 def test_depth_is_compared_with_what_is_chosen(page: Browser) -> None:
     choice = "document.querySelector('[data-part=choice]')"
-    offset = "document.querySelector('[data-part=offset]').textContent"
+    offset = "document.querySelector('[data-part=difference-numbers]').textContent"
     names = page.evaluate(f'[...{choice}.options].map((option) => option.value)')
     assert names == ['clean', 'simulated']
 
     def choose(name: str) -> float:
         page.evaluate(
             f'(() => {{ {choice}.value = "{name}"; {choice}.dispatchEvent(new Event("change"));'
-            f'document.querySelector("[data-part=offset]").textContent = ""; }})()'
+            f'document.querySelector("[data-part=difference-numbers]").textContent = ""; }})()'
         )
         page.until(offset)
-        return float(page.evaluate(offset).removesuffix(' mm').replace('−', '-'))
+        return numbers(page, 'difference')[0]
 
     press(page, 'Home')
     page.until(f'{NUMBER} === "1 / {COUNT}"')
     # At 2 m sigma_z is 7 mm at most: the median of 2000 pixels is off by 1 mm with less than 1e-6.
     assert abs(choose('clean')) < 1.5
     assert abs(choose('simulated')) < 1.5
+
+
+def numbers(page: Browser, kind: str) -> list[float]:
+    """Return the millimetres under a difference: median, mean size, from where the worst are."""
+    text = page.evaluate(f"document.querySelector('[data-part={kind}-numbers]').textContent")
+    return [float(one.replace('−', '-')) for one in re.findall(r'([+−]?[\d.]+)(?=,| mm)', text)]
+
+
+def colours(page: Browser, part: str) -> np.ndarray:
+    """Return the (H, W, 3) colours of an image."""
+    data = page.evaluate(f"[...document.querySelector('[data-part={part}]').surface.image.data]")
+    return np.array(data, np.uint8).reshape(*SIZE, 4)[..., :3]
+
+
+def test_a_recording_is_played_beside_both_simulations(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    folder = tmp_path_factory.mktemp('paired')
+    (folder / 'campaign').mkdir()
+    save_walk(folder / 'campaign' / 'a.npz')
+    diagnosis = save_diagnosis(folder / 'diagnosis')
+    paths = diagnosis, folder / 'campaign'
+    with shown(folder, tmp_path_factory.mktemp('browser'), *paths) as page:
+        page.until('document.querySelector(".paired") !== null')
+        images = page.evaluate(
+            "[...document.querySelectorAll('figure')].filter((one) => one.offsetWidth)"
+            '.map((one) => [one.offsetTop, one.offsetLeft, one.firstChild.dataset.part])'
+            '.sort((a, b) => a[0] - b[0] || a[1] - b[1]).map((one) => one[2])'
+        )
+        assert images == ['simulated', 'without', 'clean', 'cloud', 'gap', 'difference']
+        assert page.evaluate(
+            'document.getElementById("time").getBoundingClientRect().top >='
+            ' document.querySelector(".camera").getBoundingClientRect().bottom'
+        )
+        # The recording has no offset; the simulation with the effects of the diagnosis has one.
+        bias = 1000 * parse_effects(EFFECTS)[0].bias
+        without, with_effects = numbers(page, 'gap'), numbers(page, 'difference')
+        assert without[0] - with_effects[0] == pytest.approx(bias, abs=2)
+        assert without[2] > 2 * without[1] > 0
+        green = (colours(page, 'gap') == (0, 158, 115)).all(axis=2)
+        assert 0.01 <= green.sum() / (SIZE[0] * (SIZE[1] - 4)) < 0.015
+        recorded = colours(page, 'simulated')
+        assert (colours(page, 'without') != recorded).any(axis=2).mean() > 0.02
+        page.evaluate("document.getElementById('mark').focus()")
+        page.call('Input.dispatchKeyEvent', type='keyDown', code='Space', key=' ', text=' ')
+        page.key('keyUp', 'Space', ' ')
+        page.evaluate("document.getElementById('wipe').focus()")
+        for kind in ('keyDown', 'keyUp'):
+            page.call(
+                'Input.dispatchKeyEvent',
+                type=kind,
+                code='End',
+                key='End',
+                windowsVirtualKeyCode=35,
+            )
+        page.evaluate('new Promise(requestAnimationFrame)')
+        assert not (colours(page, 'gap') == (0, 158, 115)).all(axis=2).any()
+        assert page.evaluate("document.getElementById('play').dataset.action") == 'play'
+        for kind in ('without', 'clean'):
+            np.testing.assert_array_equal(colours(page, kind), recorded)
 
 
 def choose_recording(page: Browser, at: int) -> None:

@@ -13,7 +13,7 @@ from urllib.request import urlopen
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.cli.view_files import open_files
-from flexx2_sim_ros.effects import parse_effects, save_effects
+from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, open_recording
 from flexx2_sim_ros.view.access import Access
@@ -24,19 +24,7 @@ from flexx2_sim_ros.view.web import bind
 from made_bags import camera_entries, depths, write
 import numpy as np
 import pytest
-from views import K, save_walk, SIZE, USECASE
-
-# Its parameters are sure to be seen: each frame takes most of the ones before it.
-EFFECTS = {'temporal_filter': {}, 'offset': {}}
-
-
-def save_diagnosis(folder: Path, **more: Any) -> Path:
-    """Write what a diagnosis writes, as far as the page reads it."""
-    folder.mkdir()
-    table = {'schema': 2, 'verdict': 'none', 'gap': {}, 'effects': [], 'recordings': []} | more
-    (folder / 'diagnosis.json').write_text(json.dumps(table))
-    save_effects(folder / 'effects.yaml', parse_effects(EFFECTS))
-    return folder
+from views import EFFECTS, K, save_diagnosis, save_walk, SIZE, USECASE
 
 
 def packed_parts(body: bytes) -> tuple[dict[str, Any], list[np.ndarray]]:

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
+import json
 import os
 from pathlib import Path
 import select
@@ -13,6 +14,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from flexx2_sim_ros.camera import Camera
+from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.packing import ViewedFrame
 from flexx2_sim_ros.view.server import Server
@@ -24,6 +26,8 @@ from tornado.websocket import websocket_connect
 PATIENCE = 60.0
 # Of the recording that `save_walk` writes.
 USECASE, COUNT, SIZE = 'Mode_5_30fps', 12, (43, 56)
+# Their parameters are sure to be seen: each frame takes most of the ones before it.
+EFFECTS = {'temporal_filter': {}, 'offset': {}}
 K = np.array([[52.0, 0, 27.5], [0, 52.0, 21.0], [0, 0, 1]])
 
 
@@ -160,3 +164,12 @@ def save_walk(path: Path, **more: Any) -> dict[str, np.ndarray]:
     arrays = {'depth': depth, 'clean_depth': clean, 'K': K, 'stamp': stamp} | more
     np.savez(path, **{'usecase': np.array(USECASE)} | arrays)
     return arrays
+
+
+def save_diagnosis(folder: Path, **more: Any) -> Path:
+    """Write what a diagnosis writes, as far as the page reads it."""
+    folder.mkdir()
+    table = {'schema': 2, 'verdict': 'none', 'gap': {}, 'effects': [], 'recordings': []} | more
+    (folder / 'diagnosis.json').write_text(json.dumps(table))
+    save_effects(folder / 'effects.yaml', parse_effects(EFFECTS))
+    return folder

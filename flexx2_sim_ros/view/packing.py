@@ -2,8 +2,8 @@
 Frames as bytes for the page.
 
 A message has the length of its head (uint32), the head (JSON, padded with spaces to a multiple of
-four bytes), the simulated depth and, if there is one, the clean depth (uint16, row by row). All
-numbers are little-endian. Its colour tables are here, too.
+four bytes), and the images of a `ViewedFrame` that there are, in its order (uint16, row by row).
+All numbers are little-endian. Its colour tables are here, too.
 """
 
 from dataclasses import dataclass
@@ -56,7 +56,9 @@ class ViewedFrame:
     clean : numpy.ndarray or None
         The same for the clean depth that it was simulated from.
     intrinsics : Intrinsics
-        Of both images.
+        Of all images.
+    without : numpy.ndarray or None
+        The same as `clean` without the effects of a diagnosis, where `clean` is with them.
 
     """
 
@@ -65,6 +67,7 @@ class ViewedFrame:
     simulated: np.ndarray
     clean: np.ndarray | None
     intrinsics: Intrinsics
+    without: np.ndarray | None = None
 
     @property
     def invalid_fraction(self) -> float:
@@ -101,10 +104,11 @@ def pack(name: str, shot: ViewedFrame) -> bytes:
             'cy': camera.cy,
             'distortion': camera.distortion,
             'clean': shot.clean is not None,
+            'without': shot.without is not None,
         }
     ).encode()
     head += b' ' * (-len(head) % 4)
-    images = [shot.simulated] + ([] if shot.clean is None else [shot.clean])
+    images = [one for one in (shot.simulated, shot.clean, shot.without) if one is not None]
     return b''.join(
         [len(head).to_bytes(4, 'little'), head, *(pack_depth(image).tobytes() for image in images)]
     )

@@ -184,13 +184,20 @@ class RecordedCamera:
 
         """
         images = self._frames.at(number)
-        compared = None
+        compared = without = None
         if reference == CLEAN and CLEAN in self.references:
             compared = self._clean(number)
         elif reference in self._simulations:
             compared = self._simulations[reference].at(number)
+        if reference == EFFECTS and compared is not None:
+            without = self._simulations[SIMULATED].at(number)
         return ViewedFrame(
-            number, int(self._reader.stamp_ns[number]), images['depth'], compared, self._intrinsics
+            number,
+            int(self._reader.stamp_ns[number]),
+            images['depth'],
+            compared,
+            self._intrinsics,
+            without,
         )
 
     def _clean(self, number: int) -> np.ndarray:

@@ -6,14 +6,19 @@ export const depthColours = Uint32Array.from(DEPTH, pixel);
 const differenceColours = Uint32Array.from(DIFFERENCE, pixel);
 const invalid = pixel(INVALID);
 const line = pixel([255, 255, 255]);
+const mark = pixel([0, 158, 115]);  // Okabe and Ito's bluish green
 
 // A message of the server's, as packing.py describes it.
 export function unpack(buffer) {
   const length = new DataView(buffer).getUint32(0, true);
   const frame = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, length)));
   const size = frame.width * frame.height;
-  frame.simulated = new Uint16Array(buffer, 4 + length, size);
-  frame.clean = frame.clean ? new Uint16Array(buffer, 4 + length + 2 * size, size) : null;
+  let at = 4 + length;
+  for (const kind of ['simulated', 'clean', 'without']) {
+    const there = kind === 'simulated' || frame[kind];
+    frame[kind] = there ? new Uint16Array(buffer, at, size) : null;
+    if (there) at += 2 * size;
+  }
   return frame;
 }
 
@@ -43,15 +48,18 @@ export function drawDepth(canvas, frame, depth, most, under = null, wiped = 0) {
   context.putImageData(image, 0, 0);
 }
 
-export function drawDifference(canvas, frame, most) {
+// Of depth and `other`. Pixels that differ by `worst` steps or more are marked.
+export function drawDifference(canvas, frame, other, most, worst = Infinity) {
   const { image, words, context } = surface(canvas, frame.width, frame.height);
-  const { clean, simulated } = frame;
+  const { simulated } = frame;
   const factor = 127 * frame.unit / most;
   for (let i = 0; i < words.length; i++) {
-    const valid = clean && clean[i] && simulated[i];
-    words[i] = valid
-      ? differenceColours[Math.max(1, Math.min(255, Math.round(128 + factor * (simulated[i] - clean[i]))))]
-      : invalid;
+    if (!(other && other[i] && simulated[i])) words[i] = invalid;
+    else {
+      const steps = simulated[i] - other[i];
+      words[i] = Math.abs(steps) >= worst ? mark
+        : differenceColours[Math.max(1, Math.min(255, Math.round(128 + factor * steps)))];
+    }
   }
   context.putImageData(image, 0, 0);
 }
@@ -64,13 +72,14 @@ export function drawBars(depthBar, differenceBar) {
   }
 }
 
+export const signed = (value) => `${value < 0 ? '−' : '+'}${Math.abs(value).toFixed(1)}`;
+
 // What is under the pointer, in words.
 export function read(frame, kind, u, v) {
   const at = v * frame.width + u;
   const metres = (image) => (image && image[at] ? image[at] * frame.unit : NaN);
-  const clean = metres(frame.clean), simulated = metres(frame.simulated);
-  const value = { clean, simulated, difference: 1000 * (simulated - clean) }[kind];
-  const text = Number.isNaN(value) ? 'invalid'
-    : kind === 'difference' ? `${value >= 0 ? '+' : '−'}${Math.abs(value).toFixed(1)} mm` : `${value.toFixed(3)} m`;
+  const other = { difference: 'clean', gap: 'without' }[kind];
+  const value = other ? 1000 * (metres(frame.simulated) - metres(frame[other])) : metres(frame[kind]);
+  const text = Number.isNaN(value) ? 'invalid' : other ? `${signed(value)} mm` : `${value.toFixed(3)} m`;
   return `(${u}, ${v}) ${text}`;
 }

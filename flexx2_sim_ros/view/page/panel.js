@@ -4,8 +4,8 @@ import { drawDepth, drawDifference, read } from './draw.js';
 
 export const find = (id) => document.getElementById(id);
 // What the sliders at the top set, for all columns.
-export const scale = { depthMost: 4, differenceMost: 0.03, wiped: 0 };
-const IMAGES = ['clean', 'simulated', 'difference'];
+export const scale = { depthMost: 4, differenceMost: 0.03, wiped: 0, marked: true };
+const IMAGES = ['clean', 'simulated', 'difference', 'without', 'gap'];
 
 let drawing = false;
 const panels = new Set();
@@ -63,10 +63,18 @@ export class Panel {
   draw() {
     if (!this.dirty || !this.frame) return;
     this.dirty = false;
-    const { depthMost, differenceMost, wiped } = scale;
-    drawDepth(this.part.clean, this.frame, this.frame.clean, depthMost);
-    drawDepth(this.part.simulated, this.frame, this.frame.simulated, depthMost, this.frame.clean, wiped);
-    drawDifference(this.part.difference, this.frame, differenceMost);
+    const { depthMost, differenceMost, wiped, marked } = scale;
+    const { worst = {}, without } = this.frame;
+    const { clean, simulated } = this.frame;
+    // The line moves over both simulations where there are two.
+    drawDepth(this.part.clean, this.frame, clean, depthMost, without && simulated, wiped);
+    drawDepth(this.part.simulated, this.frame, simulated, depthMost, without ? null : clean, wiped);
+    drawDifference(this.part.difference, this.frame, clean, differenceMost, marked ? worst.difference : Infinity);
+    this.section.classList.toggle('paired', Boolean(without));
+    if (without) {
+      drawDepth(this.part.without, this.frame, without, depthMost, simulated, wiped);
+      drawDifference(this.part.gap, this.frame, without, differenceMost, marked ? worst.gap : Infinity);
+    }
     this.cloud.draw(this.frame, depthMost);
     this.readOut();
     this.drawn();

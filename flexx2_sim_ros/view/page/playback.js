@@ -1,8 +1,8 @@
 // Recordings: a column for each camera, a slider over time, and what depth is compared with.
-import { unpack } from './draw.js';
+import { signed, unpack } from './draw.js';
 import { find, Panel } from './panel.js';
 
-const PERCENT = 100, MILLIMETRES = 1000, RETRY_MS = 1000, SAME_SECONDS = 0.0005;
+const PERCENT = 100, MILLIMETRES = 1000, RETRY_MS = 1000, SAME_SECONDS = 0.0005, WORST = 0.01;
 
 class Recorded extends Panel {
   constructor(recording, camera, { name, usecase, start, stamps, references, notes }) {
@@ -22,6 +22,7 @@ class Recorded extends Panel {
     this.part.choice.setAttribute('aria-label', 'compare with');
     this.part.choice.replaceChildren(...references.map(([key, text]) => new Option(text, key)));
     this.part.choice.disabled = !references.length;
+    if (references.some(([key]) => key === 'effects')) this.part.choice.value = 'effects';
     this.part.choice.addEventListener('change', () => { this.show(this.number); });
     find('cameras').append(this.section);
   }
@@ -62,7 +63,12 @@ class Recorded extends Panel {
     this.part.time.textContent = `${this.stamps[number].toFixed(3)} s`;
     this.part['recorded-invalid'].textContent = `${(PERCENT * invalid(frame)).toFixed(1)} %`;
     if (this.differences.length < frame.simulated.length) this.differences = new Int32Array(frame.simulated.length);
-    this.part.offset.textContent = medianDifference(frame, this.differences);
+    frame.worst = {};
+    for (const [kind, other] of [['difference', frame.clean], ['gap', frame.without]]) {
+      const { text, worst } = differ(frame, other, this.differences);
+      this.part[`${kind}-numbers`].textContent = text;
+      frame.worst[kind] = worst;
+    }
     this.take(frame);
   }
 
@@ -103,15 +109,23 @@ function invalid({ simulated }) {
   return count / simulated.length;
 }
 
-// Of the pixels that both images have. `differences` has room for all of them.
-function medianDifference({ simulated, clean, unit }, differences) {
-  let count = 0;
-  for (let i = 0; clean && i < clean.length; i++) {
-    if (simulated[i] && clean[i]) differences[count++] = simulated[i] - clean[i];
+// Of the pixels that both images have: numbers in words, and how many steps the worst are apart.
+// `room` is for the differences of all pixels.
+function differ({ simulated, unit }, other, room) {
+  let count = 0, sum = 0;
+  for (let i = 0; other && i < other.length; i++) {
+    if (simulated[i] && other[i]) room[count++] = simulated[i] - other[i];
   }
-  if (!count) return '–';
-  const median = MILLIMETRES * unit * differences.subarray(0, count).sort()[count >> 1];
-  return `${median < 0 ? '−' : '+'}${Math.abs(median).toFixed(1)} mm`;
+  if (!count) return { text: '', worst: Infinity };
+  const steps = room.subarray(0, count), millimetres = MILLIMETRES * unit;
+  const median = millimetres * steps.sort()[count >> 1];
+  for (let i = 0; i < count; i++) sum += steps[i] = Math.abs(steps[i]);
+  const worst = Math.max(1, steps.sort()[Math.floor((1 - WORST) * count)]);
+  return {
+    text: `median ${signed(median)}, size ${(millimetres * sum / count).toFixed(1)}, `
+      + `worst ${PERCENT * WORST} % from ${(millimetres * worst).toFixed(0)} mm`,
+    worst,
+  };
 }
 
 // The columns, the slider and the keys.
@@ -195,7 +209,7 @@ class Player {
   key(event) {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
     // Of a control that has the focus, keys are its own; but a slider does nothing on space.
-    if (event.target.closest(event.code === 'Space' ? 'select, button, summary' : 'select, input')) return;
+    if (event.target.closest(event.code === 'Space' ? 'select, button, summary, [type=checkbox]' : 'select, input')) return;
     const actions = {
       Space: () => this.toggle(),
       ArrowLeft: () => this.step(-1),
@@ -215,8 +229,9 @@ export function playback({ headline, recordings }) {
   find('nothing').remove();
   find('headline').textContent = headline;
   find('about').hidden = !headline && recordings.length < 2;
+  find('mark-label').hidden = false;
   find('wipe-name').textContent = 'wipe';
-  find('wipe').setAttribute('aria-label', 'wipe from recorded depth to what it is compared with');
+  find('wipe').setAttribute('aria-label', 'wipe between recorded depth and what it is compared with');
   find('difference-scale-name').textContent = 'difference';
   new Player(recordings).open(0);
 }

@@ -19,6 +19,10 @@ for (const [id, apply] of [
     drawAll();
   });
 }
+find('mark').addEventListener('change', ({ target }) => {
+  scale.marked = target.checked;
+  drawAll();
+});
 drawBars(find('depth-bar'), find('difference-bar'));
 if (RECORDED) playback(RECORDED);
 else live();
