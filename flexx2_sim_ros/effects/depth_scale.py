@@ -48,8 +48,6 @@ class DepthScale(Effect):
     smooth: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('pose',)
     like_a_pose: ClassVar[tuple[Mapping[str, float], ...]] = ({},)
-    # A little of it looks like drift beside jumps: python -m bench.gap_many --seeds 3.
-    doubt: ClassVar[float] = 1.0
     family: ClassVar[str] = 'constant'
     compared: ClassVar[str] = 'factor'
     batched: ClassVar[tuple[str, ...] | None] = ()
