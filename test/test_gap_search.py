@@ -9,7 +9,6 @@ from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.calibration.search import SEARCH
 from flexx2_sim_ros.gap.data.campaign import read
 from flexx2_sim_ros.gap.data.clues import Clues, clues_of, light_edges
-from flexx2_sim_ros.gap.data.registration import register
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.search import of_registration, search, SEARCHES
 from flexx2_sim_ros.gap.work import find
@@ -93,25 +92,10 @@ def test_the_light_that_saturates_a_camera_head_on_is_found(tmp_path: Path) -> N
     assert lobe in (4.0, 6.0, 9.0)
 
 
-@pytest.mark.parametrize('factor', [0.91, 1.02, 1.1])
-def test_a_scale_of_depth_is_found_beside_pose_errors(factor: float, tmp_path: Path) -> None:
-    effects = {'depth_scale': {'factor': factor}, 'offset': {'bias': -0.028}}
-    write_campaign(tmp_path, effects=effects, seed=3, frames=4, scale=0.5)
-    with workers(1, None) as mapped:
-        files, _ = find(tmp_path, None, mapped)
-    recordings = [read(one, None) for one in files]
-    found = search([clues_of(one) for one in recordings], files[0].mode)
-    assert found['stretch'][0] == pytest.approx(factor - 1, rel=0.1, abs=0.006)
-    # Nor do poses take it up, which are wrong by 2 mm and take up some of the offset.
-    prior = np.array([0.010] * 3 + [0.5] * 3)
-    motions = [register(one, prior)[0] for one in recordings]
-    assert np.sqrt(np.square(np.array(motions)[:, :2]).mean()) < 0.010
-
-
 def test_what_is_found_becomes_variants_of_effects() -> None:
     plain = {candidate.label for candidate in catalogue()[1]}
     found = {'wave': (0.8,), 'fold': (2.49,), 'latency': (0.115,), 'darkness': (0.002, 3.0)}
-    found |= {'glare': (6.0, 12.0, 2.0, 6.0), 'stretch': (0.05,)}
+    found['glare'] = 6.0, 12.0, 2.0, 6.0
     columns, candidates = catalogue((), True, found)
     new = [one for one in candidates if one.label not in plain]
     assert {one.effect for one in new} == {
@@ -120,7 +104,6 @@ def test_what_is_found_becomes_variants_of_effects() -> None:
         'time_offset',
         'low_signal_dropout',
         'saturation',
-        'depth_scale',
     }
     names = {column.name for column in columns}
     assert all(node[1] in names for one in new for term in one.terms for node in term.nodes)

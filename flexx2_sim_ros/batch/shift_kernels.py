@@ -76,7 +76,6 @@ def wiggle(
 
 @wp.kernel
 def shift_alike(
-    p: wp.array(dtype=wp.float32),
     lens: Lens,
     first: wp.int32,
     chunk: wp.int32,
@@ -95,7 +94,6 @@ def shift_alike(
         same += _drift(elapsed, e.warm_up_drift_bias, e.warm_up_drift_tau, e.warm_up_drift_uptime)
     own_row = ((first + n) * lens.height + y) * lens.width
     row = (n * lens.height + y) * lens.width
-    i = padded(lens, n, y, 0)
     spread = e.fixed_pattern_rms
     begin = first_of(c, chunk)
     end = end_of(c, chunk, lens.width)
@@ -116,8 +114,6 @@ def shift_alike(
                     e.amplitude_bias_log_knee,
                     e.amplitude_bias_span,
                 )
-            if e.depth_scale_strength > 0.0:
-                shift += e.depth_scale_part * distance(at(p, i + x), 0.0)
             put(phasors.shifts, shifts + x, shift)
             x += stride
         f += 1

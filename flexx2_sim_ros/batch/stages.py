@@ -27,7 +27,7 @@ import numpy as np
 import warp as wp
 
 # Effects whose kernels run only where an environment has one of them.
-_SHIFTS_ALIKE = {'offset', 'warm_up_drift', 'fixed_pattern', 'amplitude_bias', 'depth_scale'}
+_SHIFTS_ALIKE = {'offset', 'warm_up_drift', 'fixed_pattern', 'amplitude_bias'}
 _CHANGES_NOISE = {'excess_noise', 'ambient_light'}
 _LOSES = {
     'low_signal_dropout': dropout_kernels.lose_dark,
@@ -195,7 +195,7 @@ class BatchStages:
         if 'wiggling' in self._names:
             launch(shift_kernels.wiggle, grid, surfaces.p, *part, self._lights, phasors)
         if self._names & _SHIFTS_ALIKE:
-            launch(shift_kernels.shift_alike, grid, surfaces.p, *part, self._lights, kept, phasors)
+            launch(shift_kernels.shift_alike, grid, *part, self._lights, kept, phasors)
         if self._names & _CHANGES_NOISE:
             launch(shift_kernels.change_noise, grid, surfaces, *part, phasors, seen)
 

@@ -114,14 +114,6 @@ def offset() -> None:
 
 
 @signature
-def depth_scale() -> None:
-    for factor, strength in ((1.02, 1.0), (0.9, 2.0)):
-        for distance in (0.5, 2.0):
-            seen = shift('depth_scale', wall(distance), factor=factor, strength=strength)
-            close(seen, strength * (factor - 1) * distance, rel=1e-3)
-
-
-@signature
 def warm_up_drift() -> None:
     seconds = np.array([0.0, 60.0, 900.0, 1800.0, 7200.0])
     small = np.ones((4, 4))

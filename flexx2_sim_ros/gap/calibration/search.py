@@ -32,10 +32,6 @@ class Search:
     wave_agrees: float = constant(
         0.85, 'fraction', 'of the recordings that a wave improves', BENCH
     )
-    stretched: float = constant(0.005, 'of depth', 'a smaller scale is near enough to 0')
-    stretch_agrees: float = constant(
-        3.0, 'median deviations of recordings', 'by which a scale must differ from 0'
-    )
     latencies: tuple[float, float, float] = constant((-0.2, 0.4, 0.01), 's', 'that are tried')
     latency_gains: float = constant(
         0.02,

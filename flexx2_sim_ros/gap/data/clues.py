@@ -6,17 +6,10 @@ from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.calibration.search import SEARCH
 from flexx2_sim_ros.gap.data.covariates import log_amplitude, look_at, PixelCovariates
 from flexx2_sim_ros.gap.data.pose import pose_columns
-from flexx2_sim_ros.gap.data.registration import (
-    change_by_latency,
-    frames_between,
-    is_usual,
-    RecordingData,
-)
+from flexx2_sim_ros.gap.data.registration import change_by_latency, frames_between, RecordingData
 from flexx2_sim_ros.physics.surface import analyse
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
-
-SCALE = -2
 
 
 @dataclass(frozen=True)
@@ -31,8 +24,7 @@ class Clues:
     sigma : numpy.ndarray
         (N,) metres, of the errors.
     own : numpy.ndarray
-        (N, M) metres: what a small motion of the camera, a line over range and a latency change;
-        column `SCALE` is the depth, which the line's slope scales.
+        (N, M) metres: what a small motion of the camera, a line over range and a latency change.
     length : numpy.ndarray
         (N,) length of each pixel's ray, as a multiple of its depth.
     distance : numpy.ndarray
@@ -148,7 +140,7 @@ def _samples(
     clean = _clean(recording, t)
     limit = REGISTRATION.outlier_sigmas * cover.sigma + SEARCH.largest_error
     with np.errstate(invalid='ignore'):
-        good = cover.inside & is_usual(error, clean, limit)
+        good = cover.inside & (np.abs(error) < limit)
     moves = pose_columns(clean, recording.K, recording.mode.sensor)
     late = np.zeros_like(clean)
     if recording.clean.ndim == 3:

@@ -273,7 +273,7 @@ def _differences(
         with np.errstate(invalid='ignore'):
             error = real - image - np.nan_to_num(biases.given[i] - biases.plain[i])
             limit = REGISTRATION.outlier_sigmas * sigma + REGISTRATION.outlier
-            error = np.where(scene.inside & is_usual(error, image, limit), error, np.nan)
+            error = np.where(scene.inside & (np.abs(error) < limit), error, np.nan)
         changes = [(biases.plain[i], one[i]) for one in biases.changed]
         other = [np.nan_to_num(one - plain) for plain, one in changes]
         if late is not None:
@@ -288,19 +288,6 @@ def _differences(
         )
         others.append(other)
     return frames, np.array(others)
-
-
-def is_usual(error: np.ndarray, depth: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """
-    Return whether errors, (H, W) metres, are no outliers.
-
-    They are within a limit, or within it of what most of the image has in proportion to its
-    depth: a scale of depth makes the errors of all far surfaces large.
-    """
-    ratio = error / depth
-    some = ratio[np.isfinite(ratio)]
-    shared = depth * (np.median(some) if some.size else 0.0)
-    return np.asarray((np.abs(error) < limit) | (np.abs(error - shared) < limit))
 
 
 def _mean_depth(depth: np.ndarray) -> np.ndarray:

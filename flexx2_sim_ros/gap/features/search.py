@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.calibration.search import SEARCH
-from flexx2_sim_ros.gap.data.clues import Clues, latencies, light_edges, SCALE
+from flexx2_sim_ros.gap.data.clues import Clues, latencies, light_edges
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
@@ -73,24 +73,6 @@ def wave(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     return (1.0 / best,) if share >= enough and agree >= SEARCH.wave_agrees else ()
 
 
-def stretch(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
-    """
-    Find by which part of itself depth is too long, the same in all recordings.
-
-    Returns
-    -------
-    tuple of float
-        The part; empty if it is small, or if recordings do not agree.
-
-    """
-    parts = [_Waves(one).scale for one in clues if len(one.error) >= SEARCH.fewest]
-    if len(parts) < 2:
-        return ()
-    part = float(np.median(parts))
-    off = float(np.median(np.abs(np.array(parts) - part)))
-    return (part,) if abs(part) > max(SEARCH.stretched, SEARCH.stretch_agrees * off) else ()
-
-
 def inside_of(effects: Iterable[Effect]) -> Found:
     """Return what `search` would find in a camera with these effects, as far as they say it."""
     found = {
@@ -122,7 +104,6 @@ class _Waves:
             rest = error - own @ (inverse @ ((own.T * weight) @ error))
         self._weight, self._own, self._rest = weight, own, rest
         self._project = inverse @ (own.T * weight)
-        self.scale = float((self._project @ error)[SCALE])
         self._clues = clues
         self.power = float((weight * rest**2).sum())
 
@@ -298,5 +279,4 @@ SEARCHES: dict[str, Callable[[Sequence[Clues], Mode], tuple[float, ...]]] = {
     'latency': latency,
     'darkness': darkness,
     'glare': glare,
-    'stretch': stretch,
 }
