@@ -27,6 +27,7 @@ KEYS = [
     'alternatives',
     'refused',
     'not_decidable',
+    'disagree',
     'unexplained',
     'where',
     'gap',
