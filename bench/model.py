@@ -1,12 +1,15 @@
 """The camera model's cost a frame, on one core, against a floor and a plain implementation."""
 
 from itertools import count
+import time
 
 from bench.scenes import room
 from bench.timing import one_core, peak_megabytes, side_by_side
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
+
+_STACK = 20  # frames, as in a recording of a diagnosis
 
 
 def straightforward(
@@ -45,6 +48,7 @@ def run(rounds: int = 400) -> None:
     matrix = profile.intrinsics.matrix
     generator = np.random.default_rng(1)
     stamps = count()
+    stack = np.repeat(scene[None], _STACK, 0)
     with one_core():
         times = side_by_side(
             {
@@ -54,16 +58,20 @@ def run(rounds: int = 400) -> None:
                     scene, matrix[0, 0], matrix[1, 1], camera.mode, generator
                 ),
                 'model': lambda: camera.capture(scene, matrix, next(stamps)),
+                'stack': lambda: camera.capture(stack, matrix, np.arange(_STACK)),
             },
             rounds,
+            time.process_time,
         )
+    times['stack'] /= _STACK
     rows = (
         ('NumPy, two float64 normals a pixel (floor)', 'floor'),
         ('NumPy, two float32 normals a pixel', 'floor32'),
         ('straightforward NumPy sigma(z, theta) + shifted pixels', 'plain'),
         ('this model: normals, axial, lateral', 'model'),
+        (f'the same, a frame of {_STACK} at once', 'stack'),
     )
-    print(f'{"a 224 x 172 frame, one core, medians":56s}      ms  / floor  / plain')
+    print(f'{"a 224 x 172 frame, one core, median CPU time":56s}      ms  / floor  / plain')
     for text, name in rows:
         print(
             f'{text:56s} {times[name]:7.2f} {times[name] / times["floor"]:8.2f} '

@@ -18,7 +18,6 @@ _TAPS = wp.constant(motion_artefact.TAPS)
 _NAN = wp.constant(wp.float32(float('nan')))
 _PER_NANOSECOND = wp.constant(wp.float32(1e-9))
 
-_edge_distance = compiled(passing.edge_distance)
 _edge_reach = compiled(passing.edge_reach)
 _is_edge = compiled(passing.is_edge)
 _own_change = compiled(passing.own_change)
@@ -104,6 +103,28 @@ def mark_edges(lens: Lens, first: wp.int32, chunk: wp.int32, motion: Motion):
         x += stride
 
 
+@wp.func
+def edge_distance(
+    edges: wp.array(dtype=wp.float32), i: wp.int32, step: wp.int32, far: wp.int32
+) -> wp.int32:
+    """
+    Return how many steps the first pixel of another surface or colour is away; 0 if too far.
+
+    An edge is 1 between a pixel and the one before it in its row, or in its column if steps go
+    along that.
+    """
+    found = wp.int32(0)
+    j = i + wp.max(step, 0)
+    k = wp.int32(1)
+    while k <= far:
+        if at(edges, j) > 0.0:
+            found = wp.int32(k)
+            k = wp.int32(far)
+        j += step
+        k += 1
+    return found
+
+
 @wp.kernel(launch_bounds=(256, 4))  # docs/batch.md#on-a-gpu
 def find_motion(
     lens: Lens,
@@ -133,10 +154,10 @@ def find_motion(
     stride = stride_of(lens.width)
     while x < end:
         i = row + x
-        right = _edge_distance(motion.across, i, 1, wp.min(reach, lens.width - 1 - x))
-        left = _edge_distance(motion.across, i, -1, wp.min(reach, x))
-        down = _edge_distance(motion.down, i, lens.width, wp.min(reach, lens.height - 1 - y))
-        up = _edge_distance(motion.down, i, -lens.width, wp.min(reach, y))
+        right = edge_distance(motion.across, i, 1, wp.min(reach, lens.width - 1 - x))
+        left = edge_distance(motion.across, i, -1, wp.min(reach, x))
+        down = edge_distance(motion.down, i, lens.width, wp.min(reach, lens.height - 1 - y))
+        up = edge_distance(motion.down, i, -lens.width, wp.min(reach, y))
         start, gain = _own_change(
             at(motion.depth, before + x),
             at(motion.late, row + x),

@@ -10,6 +10,8 @@ class Frame:
     """
     What the camera saw.
 
+    The images of one call share memory: keep a copy of one to let go of the others.
+
     Attributes
     ----------
     depth : numpy.ndarray

@@ -16,7 +16,7 @@ from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import fill_uniforms
 import numpy as np
-from scipy import ndimage
+import scipy  # its parts are imported on use
 
 # Pixels. Of a square wider than 2, what lies beyond the neighbours counts as theirs, and pixels
 # two away from an edge stay as they are.
@@ -128,7 +128,7 @@ class FlyingPixels(Effect):
         mask = _near_jumps(surface.row_jumps, surface.column_jumps)
         if self.width is not None:
             reach = int(np.ceil(_REACH * self.strength * self.width))
-            mask = ndimage.binary_dilation(mask, np.ones((3, 3)), max(reach - 1, 1))
+            mask = scipy.ndimage.binary_dilation(mask, np.ones((3, 3)), max(reach - 1, 1))
         near = np.flatnonzero(mask)
         near = near[np.isfinite(state.depth.reshape(-1)[near])]
         if not near.size or (self.width is None and self.rounded[0] == 0.0):
@@ -159,7 +159,7 @@ class FlyingPixels(Effect):
         there = (direction != 0).astype(np.float32)
         width = self.strength * self.width
         real, imaginary, count = (
-            ndimage.gaussian_filter(
+            scipy.ndimage.gaussian_filter(
                 image, width, mode='constant', truncate=_REACH, output=np.float32
             ).reshape(-1)[near]
             for image in (light.real, light.imag, there)

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 import math
 from typing import Any, ClassVar
 
+from flexx2_sim_ros.effects import passing
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.passing import edge_reach, find_passing, is_edge, own_change
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.shapes import Scale
 from flexx2_sim_ros.effects.unwrapping import agree
@@ -24,6 +24,7 @@ _ZERO = f32(0.0)
 _HALF = f32(0.5)
 _ONE = f32(1.0)
 _TWO_PI = f32(2.0 * math.pi)
+_STILL, _MOVING = np.uint8(1), np.uint8(2)
 
 
 def tap_moment(tap: float, taps: float, acquisition: float, stamp_at: float) -> float:
@@ -119,10 +120,11 @@ def motion_shift(
     return shift_between(c0 + c2, s1 + s3, cosine, sine, wave_number)
 
 
-_find_passing = compiled(find_passing)
-_edge_reach = compiled(edge_reach)
-_is_edge = compiled(is_edge)
-_own_change = compiled(own_change)
+_find_passing = compiled(passing.find_passing)
+_is_edge = compiled(passing.is_edge)
+_is_level = compiled(passing.is_level)
+_own_change = compiled(passing.own_change)
+_resembles = compiled(passing.resembles)
 _motion_shift = compiled(motion_shift)
 
 
@@ -192,7 +194,7 @@ class MotionArtefact(Effect):
             or before[0] >= state.stamp
             or before[1].shape != shown
             or (
-                np.array_equal(before[1], state.depth, equal_nan=True)
+                np.array_equal(before[1].view(np.uint32), state.depth.view(np.uint32))
                 and np.array_equal(before[2], rho)
             )
         ):
@@ -202,71 +204,92 @@ class MotionArtefact(Effect):
         taps = TAPS * len(state.shifts)
         moments = on_images(tap_moment)(np.arange(taps), taps, duration / interval, self.stamp_at)
         moments = moments.astype(np.float32)
-        images = [
-            np.ascontiguousarray(np.broadcast_to(image, shown), np.float32)
+        images = tuple(
+            np.ascontiguousarray(np.broadcast_to(image, shown), np.float32).reshape(-1)
             for image in (before[1], state.depth, before[2], rho)
-        ]
+        )
         # Where in its pixel an edge is, is not known: a random place.
         places = state.uniforms(self.stream)
         motion = np.empty((5, *shown), np.float32)
-        flat = [image.reshape(-1) for image in images]
-        _find_motion(*flat, places, np.float32(interval), moments[[0, -1]], motion)
+        _find_motion(images, places, np.float32(interval), moments[[0, -1]], motion)
         for index, (k, shift) in enumerate(zip(state.wave_numbers, state.shifts, strict=True)):
             own = moments[index * TAPS : (index + 1) * TAPS]
-            _demodulate(images[1], motion, own, np.float32(k), shift)
+            _demodulate(state.depth, motion, own, np.float32(k), shift)
         # Frequencies that saw different surfaces.
         agree(state, np.flatnonzero(motion[-1] != _ONE))
 
 
-@loop(error_model='numpy', fastmath=FAST)
-def _edge_distances(depth, rho, width, reach):
-    # As `edge_distance`, of all pixels to the right, left, down and up.
-    away = np.zeros((4, depth.size), np.int32)
-    for ahead, step in ((0, 1), (2, width)):
-        for i in range(step, depth.size):
-            if step > 1 or i % width:
-                j = i - step
-                if _is_edge(depth[j], depth[i], rho[j], rho[i]):
-                    away[ahead, j] = away[ahead + 1, i] = 1
-                elif 0 < away[ahead + 1, j] < reach:
-                    away[ahead + 1, i] = away[ahead + 1, j] + 1
-        for i in range(depth.size - step - 1, -1, -1):
-            near = away[ahead, i + step] if step > 1 or (i + 1) % width else 0
-            if away[ahead, i] == 0 and 0 < near < reach:
-                away[ahead, i] = near + 1
-    return away
-
-
-@loop(error_model='numpy', fastmath=FAST)
-def _find_motion(early, late, early_rho, late_rho, places, seconds, ends, motion):
-    height, width = places.shape
+def _find_motion(
+    images: tuple[np.ndarray, ...],
+    places: np.ndarray,
+    seconds: np.float32,
+    ends: np.ndarray,
+    motion: np.ndarray,
+) -> None:
+    # The images are flat: depth before and now, reflectivity before and now. Few edges move, and
+    # only pixels near them are looked into.
+    late, shape = images[1], places.shape
     earliest, latest = _ONE - ends[0], ends[1] - _ONE
-    near = _edge_distances(late, late_rho, width, _edge_reach(earliest, latest))
-    for y in range(height):
-        for x in range(width):
-            i = y * width + x
-            motion[0, y, x], motion[1, y, x] = _own_change(
-                early[i], late[i], early_rho[i], late_rho[i], seconds
-            )
-            motion[2, y, x], motion[3, y, x], motion[4, y, x] = _find_passing(
-                early,
-                late,
-                early_rho,
-                late_rho,
-                near[0, i],
-                near[1, i],
-                near[2, i],
-                near[3, i],
-                i,
-                i,
-                y,
-                x,
-                height,
-                width,
-                earliest,
-                latest,
-                places[y, x],
-            )
+    _find_change(*images, seconds, motion[0].reshape(-1), motion[1].reshape(-1))
+    motion[2], motion[3:] = late.reshape(shape), _ONE
+    near = np.zeros((late.size, 4), np.uint16)
+    for side, step in ((0, 1), (2, shape[1])):
+        edges = np.zeros(late.size, np.uint8)
+        _find_edges(*images, step, edges)
+        if step == 1:
+            edges.reshape(shape)[:, -1] = _STILL  # The next row is not beside it.
+        moving = np.flatnonzero(edges == _MOVING)
+        _reach_out(
+            edges, moving, step, passing.edge_reach(earliest, latest), near[:, side : side + 2]
+        )
+    pixels = np.flatnonzero(near.view(np.uint64))
+    _pass_edges(*images, pixels, near, places, earliest, latest, motion)
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _find_change(early, late, early_rho, late_rho, seconds, start, gain):
+    for i in range(late.size):
+        start[i], gain[i] = _own_change(early[i], late[i], early_rho[i], late_rho[i], seconds)
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _find_edges(early, late, early_rho, late_rho, step, edges):
+    # Between each pixel and the one a step further.
+    other, other_rho = late[step:], late_rho[step:]
+    before, before_rho = early[step:], early_rho[step:]
+    for i in range(other.size):
+        by_colour = _is_level(late[i], other[i])
+        still = _resembles(early[i], early_rho[i], late[i], late_rho[i], by_colour)
+        still &= _resembles(before[i], before_rho[i], other[i], other_rho[i], by_colour)
+        edge = _is_edge(late[i], other[i], late_rho[i], other_rho[i])
+        edges[i] = (_STILL if still else _MOVING) if edge else 0
+
+
+@loop()
+def _reach_out(edges, moving, step, reach, near):
+    # How many pixels away an edge that moves is, before and after it, if none is between.
+    for i in moving:
+        for k in range(1, reach + 1):
+            j = i - (k - 1) * step
+            if j < 0 or (k > 1 and edges[j]):
+                break
+            near[j, 0] = k
+        for k in range(1, reach + 1):
+            j = i + k * step
+            if j >= edges.size or (k > 1 and edges[j - step]):
+                break
+            near[j, 1] = k
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _pass_edges(was, now, was_rho, now_rho, pixels, near, places, first, last, motion):
+    h, w = places.shape
+    for i in pixels:
+        y, x, place = i // w, i % w, places[i // w, i % w]
+        right, left, down, up = near[i, 0], near[i, 1], near[i, 2], near[i, 3]
+        motion[2, y, x], motion[3, y, x], motion[4, y, x] = _find_passing(
+            was, now, was_rho, now_rho, right, left, down, up, i, i, y, x, h, w, first, last, place
+        )
 
 
 @loop(error_model='numpy', fastmath=FAST)
@@ -274,20 +297,10 @@ def _demodulate(late, motion, moments, wave_number, shift):
     m0, m1, m2, m3 = moments
     for y in range(late.shape[0]):
         for x in range(late.shape[1]):
-            here = late[y, x]
-            add = shift[y, x]
+            here, add = late[y, x], shift[y, x]
+            start, gain = motion[0, y, x], motion[1, y, x]
+            other, light, when = motion[2, y, x], motion[3, y, x], motion[4, y, x]
             more = _motion_shift(
-                here,
-                motion[0, y, x],
-                motion[1, y, x],
-                motion[2, y, x],
-                motion[3, y, x],
-                motion[4, y, x],
-                m0,
-                m1,
-                m2,
-                m3,
-                wave_number,
-                add,
+                here, start, gain, other, light, when, m0, m1, m2, m3, wave_number, add
             )
             shift[y, x] = add + more if here > _ZERO else add

@@ -56,6 +56,11 @@ def is_edge(first: float, second: float, first_rho: float, second_rho: float) ->
     return jump or size(first_rho - second_rho) > _COLOUR * least(first_rho, second_rho)
 
 
+def is_level(first: float, second: float) -> bool:
+    """Say whether the depths of two neighbours are alike."""
+    return size(first - second) <= _JUMP * least(first, second)
+
+
 def resembles(depth: float, rho: float, other: float, other_rho: float, by_colour: bool) -> bool:
     """Say whether two pixels may show the same surface and, if it counts, the same colour."""
     near = size(depth - other) <= _JUMP * other
@@ -65,33 +70,6 @@ def resembles(depth: float, rho: float, other: float, other_rho: float, by_colou
 def edge_reach(earliest: float, latest: float) -> int:
     """Return how many pixels away edges can be that pass in time; see `find_passing`."""
     return i32(ceiling(most(earliest, latest) * f32(_WIDEST)))
-
-
-def edge_distance(edges: NDArray[np.float32], i: int, step: int, far: int) -> int:
-    """
-    Return how many steps the first pixel of another surface or colour is away; 0 if too far.
-
-    Parameters
-    ----------
-    edges : numpy.ndarray
-        Flat image: 1 where there is an edge between a pixel and the one before it in its row (or
-        its column, if steps go along that), otherwise 0.
-    i, step : int
-        A pixel, and from one pixel to the next.
-    far : int
-        Steps to be looked at.
-
-    """
-    found = i32(0)
-    j = i + most(step, 0)
-    k = i32(1)
-    while k <= far:
-        if at(edges, j) > _ZERO:
-            found = i32(k)
-            k = i32(far)
-        j += step
-        k += 1
-    return found
 
 
 def edge_speed(
@@ -126,7 +104,7 @@ def edge_speed(
     own_rho = at(late_rho, late_i)
     other = at(late, late_i + step)
     other_rho = at(late_rho, late_i + step)
-    by_colour = size(own - other) <= _JUMP * least(own, other)
+    by_colour = is_level(own, other)
     speed = i32(0)
     n = i32(0)
     while n <= 2 * _WIDEST:
@@ -172,7 +150,7 @@ def find_passing(
     early, late, early_rho, late_rho : numpy.ndarray
         Flat images: depth and reflectivity in the frame before and in this one.
     right, left, down, up : int
-        How many pixels away the next surface or colour is, see `edge_distance`; 0: none counts.
+        How many pixels away the next surface or colour is; 0: none counts.
     early_i, late_i : int
         The pixel, in both.
     y, x, height, width : int

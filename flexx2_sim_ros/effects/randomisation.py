@@ -9,7 +9,7 @@ from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.limits import is_finite
 import numpy as np
-from scipy.special import ndtr, ndtri
+import scipy  # its parts are imported on use
 
 _KEYS = {'effects', 'correlations'}
 _MOST = 200  # distributions in a file
@@ -48,8 +48,8 @@ class Distribution:
         """Return the values at quantiles, 0 to 1."""
         if self.mean is None or self.sd is None:
             return np.asarray(self.low + (self.high - self.low) * quantile)
-        start, end = (ndtr((x - self.mean) / self.sd) for x in (self.low, self.high))
-        values = self.mean + self.sd * ndtri(start + (end - start) * quantile)
+        start, end = (scipy.special.ndtr((x - self.mean) / self.sd) for x in (self.low, self.high))
+        values = self.mean + self.sd * scipy.special.ndtri(start + (end - start) * quantile)
         return np.clip(values, self.low, self.high)
 
     @property
@@ -104,10 +104,10 @@ class Randomisation:
         draws = draws.reshape(count, sum(size))
         level, vectors = np.linalg.eigh(self.correlation)
         root = vectors * np.sqrt(np.maximum(level, 0))
-        quantiles = ndtr(draws[:, : size[0]] @ root.T)
+        quantiles = scipy.special.ndtr(draws[:, : size[0]] @ root.T)
         values = [one.at(quantiles[:, k]) for k, one in enumerate(self.distributions)]
         chances = [self.probabilities[effect.name] for effect in self.effects]
-        on = ndtr(draws[:, size[0] :]) < np.array(chances)
+        on = scipy.special.ndtr(draws[:, size[0] :]) < np.array(chances)
         return np.array(values).reshape(size[0], count).T, on
 
     def draw(self, count: int, seed: int) -> list[tuple[Effect, ...]]:

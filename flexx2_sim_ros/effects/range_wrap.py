@@ -228,12 +228,9 @@ class RangeWrap(Effect):
     ) -> None:
         # Take depth times `lengths` modulo the ambiguity.
         measured = state.measured
-        with np.errstate(invalid='ignore'):
-            beyond = np.flatnonzero(
-                on_images(is_beyond)(
-                    measured * lengths, state.depth, ambiguity, np.float32(state.mode.range_max)
-                )
-            )
+        flags, most = np.empty(measured.shape, np.bool_), np.float32(state.mode.range_max)
+        _find_beyond(measured, lengths, state.depth, ambiguity, most, flags)
+        beyond = np.flatnonzero(flags)
         if beyond.size:
             chances = state.uniforms(self.share_stream).reshape(-1)[beyond]
             ray = lengths.reshape(-1)[beyond]
@@ -270,16 +267,16 @@ class RangeWrap(Effect):
         draws = np.empty((len(frequencies), state.depth.size), np.float32)
         fill_normals(state.key, *stamp_words(state.stamp), self.stream, draws.reshape(-1))
         errors = on_images(misread)(
-            np.stack([shift[risky] for shift in shifts]),
+            np.stack(shifts).take(risky, axis=1),
             spreads[:, None],
             sigma[risky],
-            draws[:, risky],
+            draws.take(risky, axis=1),  # Seven times as fast as draws[:, risky].
         )
         apart = any_apart(frequencies, errors)
         pixels = risky[apart]
         values = state.measured.reshape(-1)[pixels] * ray[pixels]
         _unwrap(
-            errors[:, apart].T.copy(),
+            errors.compress(apart, axis=1).T.copy(),
             np.arange(pixels.size),
             np.array(state.spans, np.float32),
             np.array(state.weights, np.float32),
@@ -324,6 +321,15 @@ def _pairs(frequencies: Sequence[float]) -> list[tuple[int, int, np.float32]]:
 
 
 _wrong_jump = compiled(wrong_jump)
+_is_beyond = compiled(is_beyond)
+
+
+@loop(error_model='numpy')
+def _find_beyond(measured, lengths, depth, ambiguity, range_max, beyond):
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            here = measured[y, x] * lengths[y, x]
+            beyond[y, x] = _is_beyond(here, depth[y, x], ambiguity, range_max)
 
 
 @loop(error_model='numpy')

@@ -15,7 +15,7 @@ from flexx2_sim_ros.formulas.scalars import f32, i32, least, most
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np
-from scipy import fft
+import scipy  # its parts are imported on use
 
 BLOCK = 4  # A wide kernel is applied to the image at a quarter of its resolution.
 _BLOCK_PIXELS = f32(BLOCK)
@@ -175,8 +175,8 @@ def _scatter_finely(image: np.ndarray, width: float, exponent: float) -> np.ndar
     # The same at full resolution, for kernels as narrow as a few pixels.
     height, wide = image.shape
     shape = 2 * height, 2 * wide
-    spectrum = fft.fft2(image, s=shape) * _spectrum(height, wide, width * wide, exponent)
-    return np.asarray(fft.ifft2(spectrum)[:height, :wide])
+    spectrum = scipy.fft.fft2(image, s=shape) * _spectrum(height, wide, width * wide, exponent)
+    return np.asarray(scipy.fft.ifft2(spectrum)[:height, :wide])
 
 
 @lru_cache(maxsize=16)

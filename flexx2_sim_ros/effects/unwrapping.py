@@ -44,7 +44,7 @@ def agree(state: FrameState, pixels: np.ndarray, lengths: np.ndarray | float = 1
 
     """
     frequencies = state.mode.modulation_hz
-    if len(frequencies) < 2:
+    if len(frequencies) < 2 or not pixels.size:
         return
     shifts = np.stack([shift.reshape(-1)[pixels] * lengths for shift in state.shifts])
     apart = any_apart(frequencies, shifts)

@@ -50,8 +50,10 @@ class _Cache(FunctionCache):
 
 def kept_loop(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Return a loop compiled by numba; see `flexx2_sim_ros.physics.compiled.loop`."""
-    function.__qualname__ += f'_{digest_of(function)}'
-    compiled_loop = njit(**options)(function)
+    # Other threads run meanwhile: a loop changes nothing but arrays that its caller gives it. What
+    # was kept of loops that held the lock has the name without "_free".
+    function.__qualname__ += f'_{digest_of(function)}_free'
+    compiled_loop = njit(nogil=True, **options)(function)
     with suppress(RuntimeError):  # No folder can be written.
         compiled_loop._cache = _Cache(function)
     return compiled_loop

@@ -1,7 +1,7 @@
 """Which pixel is nearest, where an image has holes."""
 
 import numpy as np
-from scipy import ndimage
+import scipy  # its parts are imported on use
 
 
 def nearest_pixels(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -19,7 +19,7 @@ def nearest_pixels(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         Row and column, (H, W) int each: an index into images.
 
     """
-    row, column = ndimage.distance_transform_edt(
+    row, column = scipy.ndimage.distance_transform_edt(
         ~known, return_distances=False, return_indices=True
     )
     return row, column

@@ -11,7 +11,7 @@ _CLEAR = np.float32(FEATURES.gross)
 VALID, BETWEEN, PAIRS, SWITCHES = range(4)
 
 
-@loop(nogil=True)
+@loop()
 def count_at_jumps(depth, clean, sigma, ends, follows, sides, out):
     """
     Count depths between the surfaces at a jump, and changes from one surface to the other.

@@ -18,7 +18,7 @@ _PER_METRE = np.float32(1000 / MEASURES.bin_mm)
 _SIGMAS, _PER_SIGMA = np.float32(FEATURES.gross), np.float32(_NORMAL / (2 * FEATURES.gross))
 
 
-@loop(nogil=True)
+@loop()
 def count_depths(depth, inside, ray, histogram):
     """Count how often which depth occurs on surfaces, and which distance along the ray."""
     for y in range(depth.shape[0]):
@@ -33,7 +33,7 @@ def count_depths(depth, inside, ray, histogram):
                     histogram[1, j] += 1
 
 
-@loop(error_model='numpy', nogil=True)
+@loop(error_model='numpy')
 def count_errors(depth, clean, sigma, surface, regions, tiles, at_edges, counts, normal, edges):
     """
     Count the errors of a frame.
@@ -71,7 +71,7 @@ def count_errors(depth, clean, sigma, surface, regions, tiles, at_edges, counts,
             normal[tiles[y, x], i] += 1
 
 
-@loop(error_model='numpy', nogil=True)
+@loop(error_model='numpy')
 def less_around(total, sigma, count, least):
     """Return total / sigma less its mean over 5 x 5 pixels, NaN where 12 or fewer count."""
     height, width = total.shape
@@ -98,7 +98,7 @@ def less_around(total, sigma, count, least):
     return out
 
 
-@loop(error_model='numpy', nogil=True)
+@loop(error_model='numpy')
 def grain_moments(grain):
     """
     Return what grain, clipped at 3 sigma, says.
@@ -132,7 +132,7 @@ def grain_moments(grain):
     return number, square, rows / max(row_pairs, 1.0), columns, product / products
 
 
-@loop(error_model='numpy', nogil=True)
+@loop(error_model='numpy')
 def add_errors(depth, clean, sigma, cells, out):
     """
     Add up errors in sigma by the cell that each pixel belongs to (-1 for none).

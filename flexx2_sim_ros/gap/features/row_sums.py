@@ -121,7 +121,7 @@ class PixelSums(NamedTuple):
     errors: np.ndarray
 
 
-@loop(error_model='numpy', nogil=True, fastmath=FAST)
+@loop(error_model='numpy', fastmath=FAST)
 def gather_rows(depth, surfaces, frames, frame_sums, pixel_sums, passing, step):
     """
     Add all frames of one clean image to the sums.
