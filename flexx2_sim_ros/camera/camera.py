@@ -179,8 +179,10 @@ class Camera:
         """
         views = as_views(clean_depth, K, stamp, reflectivity)
         self._keep_environments(views)
-        # One block: the allocator then keeps it for the next call, which saves its page faults.
-        out = list(np.empty((4, *views.clean.shape), np.float32))
+        # A stack in one block: the allocator keeps it for the next call, without page faults.
+        whole = np.empty((4, *views.clean.shape), np.float32)
+        stacked = views.clean[..., 0, 0].size > 1
+        out = list(whole) if stacked else [np.empty_like(one) for one in whole]
         if self._changing:
             self._run_stages(views, out)
         else:

@@ -10,7 +10,7 @@ class Frame:
     """
     What the camera saw.
 
-    The images of one call share memory: keep a copy of one to let go of the others.
+    The images of a stack share memory: keep a copy of one to let go of the others.
 
     Attributes
     ----------
