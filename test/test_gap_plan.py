@@ -10,19 +10,14 @@ from flexx2_sim_ros.camera import flexx2, Intrinsics
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.data.prior import USUAL
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.drawing import drawing
 from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
 from flexx2_sim_ros.gap.planning.power import planned_columns, power
-from flexx2_sim_ros.gap.planning.table import (
-    compute,
-    PowerRequest,
-    PRIOR,
-    read_table,
-    shipped_table,
-)
+from flexx2_sim_ros.gap.planning.table import compute, PowerRequest, read_table, shipped_table
 from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
 from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
@@ -192,7 +187,7 @@ def test_truth_has_the_errors_that_it_admits(two: Path, tmp_path: Path) -> None:
 @pytest.fixture(scope='module')
 def thrice(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Evidence], list[Column]]:
     """Return three recordings of each set-up: far_0, far_1, far_2, near_0, near_1, near_2."""
-    folder, prior = tmp_path_factory.mktemp('campaign'), np.repeat(PRIOR, 3)
+    folder, prior = tmp_path_factory.mktemp('campaign'), np.repeat(USUAL, 3)
     (folder / 'two.yaml').write_text(TWO)
     plan = read_plan(folder / 'two.yaml')
     again = [
@@ -219,7 +214,7 @@ def candidates_of(effects: set[str]) -> list[Candidate]:
 def test_an_effect_is_not_found_where_an_undecided_one_explains_as_much(
     thrice: tuple[list[Evidence], list[Column]],
 ) -> None:
-    model = Model(*thrice, np.repeat(PRIOR, 3))
+    model = Model(*thrice, np.repeat(USUAL, 3))
     candidates = candidates_of(EFFECTS - {'fixed_pattern'})
 
     def smallest(*hidden: str) -> float | None:
@@ -236,7 +231,7 @@ def test_a_pattern_is_found_by_what_the_recordings_have_in_common(
 ) -> None:
     evidence, columns = thrice
     # At most of these walls the noise of the single recording hides the pattern.
-    model = Model(evidence[::2], columns, np.repeat(PRIOR, 3))
+    model = Model(evidence[::2], columns, np.repeat(USUAL, 3))
     found = power('fixed_pattern', model, candidates_of(EFFECTS), set(), KINDS[0], 0, draws=2)
     assert found.smallest in (1.0, 2.0)
 

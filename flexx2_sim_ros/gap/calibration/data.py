@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.calibration.about import constant, DEFINITION
+from flexx2_sim_ros.gap.calibration.about import ASSUMED, constant, DEFINITION
 
 
 @dataclass(frozen=True)
@@ -100,6 +100,9 @@ class GroundTruth:
     )
     scales: tuple[float, ...] = constant(
         (6.0, 1.0, 1.0), 'feature scales', 'of the loss when only nuisances are fitted'
+    )
+    usual: tuple[float, float] = constant(
+        (0.010, 0.5), 'm, deg', 'the same of a pose of which nothing is stated', ASSUMED
     )
     tape: float = constant(0.003, 'm', 'standard deviation of a tape measure')
     laser: float = constant(0.001, 'm', 'the same of a laser distance meter')

@@ -5,7 +5,7 @@ from flexx2_sim_ros.recording.truth import Truth
 import numpy as np
 
 POSE = 6
-USUAL = 0.010, 0.5  # ASSUMED: errors of a pose where none are stated, metres and degrees
+USUAL = GROUND_TRUTH.usual  # metres and degrees
 
 
 def covariance_of(truth: Truth, usual: np.ndarray) -> np.ndarray | None:
