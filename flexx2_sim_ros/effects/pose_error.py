@@ -20,10 +20,7 @@ NEAREST = f32(1e-3)  # depth of a point that the other camera can see, over its 
 CLOSEST = f32(10.0)
 MOST_STEPS = 64
 _MOST_OF = f32(0.9)
-# Steps: one, in which two inverse depths are near, half a one for a last that is cut short, and
-# rounding.
-_MARGIN = f32(1.51)
-_NONE = f32(-1.0)
+_MARGIN = f32(2.0)  # steps: one, in which two inverse depths are near, and one cut short
 _TINY = f32(1e-9)
 _ZERO = f32(0.0)
 _HALF = f32(0.5)
@@ -168,12 +165,8 @@ class PoseError(Effect):
         height, width = state.depth.shape
         depth = np.empty((height, width), np.float32)
         index = np.empty((height, width), np.int32)
-        inverse, across, down = tangents(state.depth, state.mode.sensor)
         _look_from(
-            np.ascontiguousarray(inverse[PAD:-PAD, PAD:-PAD]).reshape(-1),
-            across.reshape(-1),
-            down.reshape(-1),
-            inverse.max(),
+            *tangents(state.depth, state.mode.sensor),
             np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
             rotation.astype(np.float32),
             step.astype(np.float32),
@@ -182,7 +175,7 @@ class PoseError(Effect):
         )
         state.depth = depth
         if state.reflectivity.size > 1:
-            state.reflectivity = np.take(state.reflectivity, index)
+            state.reflectivity = state.reflectivity.ravel()[index]
 
 
 def rotation_of(turn: np.ndarray) -> np.ndarray:
@@ -196,28 +189,27 @@ def rotation_of(turn: np.ndarray) -> np.ndarray:
 
 
 @inlined
-def _show(p, inverse, rays, lens, step, height, rows, index, shown):
-    # Where the old image sees points of rays, and the inverse depths of the surfaces it shows
-    # there. Arithmetic apart from look-ups becomes vector instructions.
+def _shown_at(p, dx, dy, dz, lens, step, inverse, height, width):
+    # The inverse depth of the surface that the old image shows where it sees a point of a ray.
     fx, fy, cx, cy = lens
-    width = index.size
-    for x in range(width):
-        ratio = most(_depth_ratio(rays[2, x], step[2], inverse[x]), NEAREST)
-        column = _pixel_at(_place_at(rays[0, x], step[0], inverse[x], ratio, fx, cx), width - 1)
-        rows[x] = _pixel_at(_place_at(rays[1, x], step[1], inverse[x], ratio, fy, cy), height - 1)
-        index[x] = rows[x] * width + column
-    for x in range(width):
-        shown[x] = p[index[x]]
+    ratio = _depth_ratio(dz, step[2], inverse)
+    column = _pixel_at(_place_at(dx, step[0], inverse, ratio, fx, cx), np.int32(width - 1))
+    row = _pixel_at(_place_at(dy, step[1], inverse, ratio, fy, cy), np.int32(height - 1))
+    return p[row + PAD, column + PAD]
 
 
 @inlined
-def _plan(dx, dy, dz, lens, step, inverse, nearest):
-    # How many steps a ray is followed, how long each is, and the nearest point before the first:
-    # all points that are nearer than ``nearest``, the largest inverse depth of the image, are
-    # free and are skipped.
+def _in_front(p, dx, dy, dz, lens, step, inverse, nearest, height, width):
+    # The inverse depth of the point of a ray whose place in the old image shows what is seen: of
+    # the nearest surface that the ray meets, else ``inverse``, the pixel's own one before. A ray
+    # is followed from near to far, about one pixel of the old image at a time. A surface that was
+    # hidden there goes on from the last pixel that was not. All points that are nearer than
+    # ``nearest``, the largest inverse depth of the image, are free: they are skipped.
     fx, fy, cx, cy = lens
     closest = _closest_seen(dz, step[2])
     far, close = _depth_ratio(dz, step[2], inverse), _depth_ratio(dz, step[2], closest)
+    if inverse >= closest or far < NEAREST or close < NEAREST:
+        return inverse
     path = _parallax(
         _place_at(dx, step[0], inverse, far, fx, cx),
         _place_at(dy, step[1], inverse, far, fy, cy),
@@ -226,77 +218,56 @@ def _plan(dx, dy, dz, lens, step, inverse, nearest):
     )
     pixel = (closest - inverse) / most(path, _ONE)
     steps = np.int32(least(path + _HALF, np.float32(MOST_STEPS)))
+    free = inverse
     reach = (nearest - inverse) / pixel + _MARGIN
-    short = reach < np.float32(steps)
-    steps = np.int32(reach) if short else steps
-    free = least(inverse + np.float32(steps + 1) * pixel, closest) if short else inverse
-    unseen = (inverse >= closest) | (far < NEAREST) | (close < NEAREST)
-    return np.int32(0) if unseen else steps, pixel, free
-
-
-@inlined
-def _find_front(p, before, nearest, rays, lens, step, height, front):
-    # The inverse depths of the points of a row of rays whose places in the old image show what is
-    # seen: of the nearest surface that a ray meets, else ``before``, the pixel's own one before. A
-    # ray is followed from near to far, about one pixel of the old image at a time. A surface that
-    # was hidden there goes on from the last pixel that was not.
-    width = front.size
-    steps = np.empty(width, np.int32)
-    rows, index = np.empty_like(steps), np.empty_like(steps)
-    pixel, free = np.empty(width, np.float32), np.empty(width, np.float32)
-    there, here, again = np.empty_like(pixel), np.empty_like(pixel), np.empty_like(pixel)
-    for x in range(width):
-        dx, dy, dz = rays[0, x], rays[1, x], rays[2, x]
-        steps[x], pixel[x], free[x] = _plan(dx, dy, dz, lens, step, before[x], nearest)
-        front[x] = _NONE
-    for k in range(steps.max(), 0, -1):
-        for x in range(width):
-            closest = _closest_seen(rays[2, x], step[2])
-            there[x] = least(before[x] + np.float32(k) * pixel[x], closest)
-        _show(p, there, rays, lens, step, height, rows, index, here)
-        _show(p, here, rays, lens, step, height, rows, index, again)
-        for x in range(width):
-            met = _is_near(here[x], there[x], pixel[x])
-            met &= _is_near(again[x], here[x], _HALF * pixel[x])
-            on = (k <= steps[x]) & (front[x] < _ZERO)
-            front[x] = here[x] if on & met else front[x]
-            free[x] = there[x] if on & (here[x] < there[x]) else free[x]
-    _show(p, before, rays, lens, step, height, rows, index, here)
-    for x in range(width):
-        hidden = (steps[x] > 0) & (here[x] > before[x] + pixel[x])
-        own = free[x] if hidden else before[x]
-        front[x] = own if front[x] < _ZERO else front[x]
+    if reach < np.float32(steps):
+        steps = np.int32(reach)
+        free = least(inverse + np.float32(steps + 1) * pixel, closest)
+    for k in range(steps, 0, -1):
+        there = least(inverse + np.float32(k) * pixel, closest)
+        here = _shown_at(p, dx, dy, dz, lens, step, there, height, width)
+        if _is_near(here, there, pixel):
+            again = _shown_at(p, dx, dy, dz, lens, step, here, height, width)
+            if _is_near(again, here, _HALF * pixel):
+                return here
+        if here < there:
+            free = there
+    if steps > 0 and (
+        _shown_at(p, dx, dy, dz, lens, step, inverse, height, width) > inverse + pixel
+    ):
+        return free
+    return inverse
 
 
 @loop(error_model='numpy', fastmath=FAST)
-def _look_from(p, across, down, nearest, camera, rotation, shift, depth, index):
-    # A point X of the moved camera is rotation X + shift in the old one, where the plane seen by a
+def _look_from(p, across, down, lens, rotation, step, depth, index):
+    # A point X of the moved camera is rotation X + step in the old one, where the plane seen by a
     # pixel is n . X = 1. Which pixel that is, is found from the depth the ray had before, or that
     # of a surface that has come in front of it.
     height, width = depth.shape
-    fx, fy, cx, cy = camera
-    lens, step = (fx, fy, cx, cy), (shift[0], shift[1], shift[2])
+    fx, fy, cx, cy = lens
     first, second, third = rotation
-    rays = np.empty((3, width), np.float32)
-    rows, at = np.empty(width, np.int32), np.empty(width, np.int32)
-    front, here = np.empty(width, np.float32), np.empty(width, np.float32)
-    du, dv = np.empty(width, np.float32), np.empty(width, np.float32)
+    nearest = p.max()
     for y in range(height):
-        ray_y = (np.float32(y) - cy) / fy
         for x in range(width):
-            ray_x = (np.float32(x) - cx) / fx
-            rays[0, x], rays[1, x], rays[2, x] = _turned_ray(first, second, third, ray_x, ray_y)
-        before = p[y * width : (y + 1) * width]
-        _find_front(p, before, nearest, rays, lens, step, height, front)
-        _show(p, front, rays, lens, step, height, rows, at, here)
-        for x in range(width):
-            du[x], dv[x] = across[at[x]], down[at[x]]
-        for x in range(width):
-            dx, dy, dz = rays[0, x], rays[1, x], rays[2, x]
-            column = at[x] - rows[x] * width
-            u, v = np.float32(column) - cx, np.float32(rows[x]) - cy
-            nx, ny, nz = _plane_normal(here[x], du[x], dv[x], u, v, fx, fy)
-            z = _depth_of_plane(nx, ny, nz, dx, dy, dz, step[0], step[1], step[2])
-            behind = _depth_ratio(dz, step[2], front[x]) < NEAREST  # The camera it was.
-            index[y, x] = 0 if behind else at[x]
-            depth[y, x] = _NAN if behind | (here[x] <= _ZERO) else z
+            ray_x, ray_y = (np.float32(x) - cx) / fx, (np.float32(y) - cy) / fy
+            dx, dy, dz = _turned_ray(first, second, third, ray_x, ray_y)
+            before = p[y + PAD, x + PAD]
+            inverse = _in_front(p, dx, dy, dz, lens, step, before, nearest, height, width)
+            far = _depth_ratio(dz, step[2], inverse)
+            index[y, x] = 0
+            depth[y, x] = _NAN
+            if far < NEAREST:
+                continue  # Behind the camera it was.
+            place_x = _place_at(dx, step[0], inverse, far, fx, cx)
+            place_y = _place_at(dy, step[1], inverse, far, fy, cy)
+            column = _pixel_at(place_x, np.int32(width - 1))
+            row = _pixel_at(place_y, np.int32(height - 1))
+            index[y, x] = row * width + column
+            here = p[row + PAD, column + PAD]
+            if here > _ZERO:
+                u, v = np.float32(column) - cx, np.float32(row) - cy
+                nx, ny, nz = _plane_normal(
+                    here, across[row, column], down[row, column], u, v, fx, fy
+                )
+                depth[y, x] = _depth_of_plane(nx, ny, nz, dx, dy, dz, step[0], step[1], step[2])
