@@ -179,10 +179,12 @@ class Camera:
         """
         views = as_views(clean_depth, K, stamp, reflectivity)
         self._keep_environments(views)
-        # A stack in one block: the allocator keeps it for the next call, without page faults.
-        whole = np.empty((4, *views.clean.shape), np.float32)
-        stacked = views.clean[..., 0, 0].size > 1
-        out = list(whole) if stacked else [np.empty_like(one) for one in whole]
+        shape = views.clean.shape
+        if views.clean[..., 0, 0].size > 1:
+            # A stack in one block: the allocator keeps it for the next call, without page faults.
+            out = list(np.empty((4, *shape), np.float32))
+        else:
+            out = [np.empty(shape, np.float32) for _ in range(4)]
         if self._changing:
             self._run_stages(views, out)
         else:

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis
-from flexx2_sim_ros.effects.passing import kept_by, lose, lost_by, survival
+from flexx2_sim_ros.effects.losing import kept_by, lose, lost_by, survival
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import arccos, log_from_zero
 from flexx2_sim_ros.physics.compiled import compiled, loop

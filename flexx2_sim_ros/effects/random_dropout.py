@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.passing import lose
+from flexx2_sim_ros.effects.losing import lose
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 import numpy as np

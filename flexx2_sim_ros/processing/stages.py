@@ -218,8 +218,10 @@ class Fill(Stage):
         """Return images with fewer holes."""
         valid = np.isfinite(images)
         if self.method == 'temporal':
-            last = memory.setdefault('last', np.full_like(images, _NAN))
-            seen = memory.setdefault('seen', np.zeros(images.shape, np.int64))
+            if 'last' not in memory:
+                memory['last'] = np.full_like(images, _NAN)
+                memory['seen'] = np.zeros(images.shape, np.int64)
+            last, seen = memory['last'], memory['seen']
             last[valid], seen[valid] = images[valid], stamp
             return np.where(stamp - seen <= round(self.seconds * 1e9), last, _NAN)
         out = images.copy()

@@ -67,7 +67,8 @@ def disagreement(
             if name not in others:
                 others[name] = _without(model, chosen, name)
             begun.append(_begin(model, others[name], candidate))
-    sides = [_sides(model, *one) for one in _most_apart(begun)]
+    best = _most_apart(begun)
+    sides = [_sides(model, base, one, values, has) for base, one, values, has, _ in best]
     clear = [one for one in sides if one is not None and one.gain >= UNLIKE.gain]
     return max(clear, key=lambda one: one.gain, default=None)
 
@@ -99,10 +100,7 @@ def _begin(model: Model, base: Fit, candidate: Candidate) -> _Begun:
     neutral = np.array([term.neutral for term in candidate.terms])
     best = base, candidate, neutral, np.zeros(len(model.gap), bool), 0.0
     for i, term in enumerate(candidate.terms):
-        steps = np.array([value for value, _ in term.nodes]) - term.neutral
-        if len(steps) == 1:
-            steps = steps * UNLIKE.factors
-        for value in np.clip(term.neutral + steps, term.low, term.high):
+        for value, _ in term.nodes:
             values = neutral.copy()
             values[i] = value
             gain = base.loss - losses_at(model, _with(base, candidate, values))
@@ -118,12 +116,7 @@ def _with(base: Fit, candidate: Candidate, values: np.ndarray) -> Fit:
 
 
 def _sides(
-    model: Model,
-    base: Fit,
-    candidate: Candidate,
-    values: np.ndarray,
-    has: np.ndarray,
-    smaller: float,
+    model: Model, base: Fit, candidate: Candidate, values: np.ndarray, has: np.ndarray
 ) -> Disagreement | None:
     parts, now = [*base.candidates, candidate], _with(base, candidate, values)
     for _ in range(UNLIKE.rounds):
