@@ -142,6 +142,11 @@ def test_invalid_messages_are_one_log_line_and_other_pages_drive_on(
 def test_a_page_that_floods_is_closed_and_its_robot_stops(user: Listener, tmp_path: Path) -> None:
     view = View(tmp_path, '--cmd-vel', '/view_flood/cmd_vel')
     heard = user.listen('/view_flood/cmd_vel', Twist)
+    # The flood is over in less than a second: both sides have to know each other before it.
+    before = Page(view.url)
+    user.spin_until(lambda: heard, 'a command')
+    before.fall_silent()
+    user.spin_until(lambda: not heard[-1].angular.z, 'the stop of the page before')
 
     async def flood() -> None:
         socket = await connect(view.url)
@@ -152,7 +157,8 @@ def test_a_page_that_floods_is_closed_and_its_robot_stops(user: Listener, tmp_pa
             pass
 
     run(flood())
-    user.spin_until(lambda: heard and heard[-1].linear.x == 0, 'the stop')
+    user.spin_until(lambda: any(twist.linear.x for twist in heard), 'a command of the flood')
+    user.spin_until(lambda: heard[-1].linear.x == 0, 'the stop')
     count = len(heard)
     assert count < 20_000
     page = Page(view.url)
