@@ -1,4 +1,4 @@
-"""Where a gap lies: cut up along covariates, and as conditions on pixels."""
+"""Where a gap lies: the covariate that it depends on, and conditions on pixels."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -22,14 +22,14 @@ from flexx2_sim_ros.gap.features.simulation import Scenes
 from flexx2_sim_ros.gap.inference.cover import cover
 from flexx2_sim_ros.gap.inference.main_covariate import main_covariate
 from flexx2_sim_ros.gap.inference.told import told, uncertainty_coefficient
-from flexx2_sim_ros.gap.inference.where import cells
+from flexx2_sim_ros.gap.inference.where import beside
 from flexx2_sim_ros.gap.report.places import finding
 import numpy as np
 import pytest
 
 
 def made_up(count: int, noise: float) -> Any:
-    """Return what `cells` asks of a model, with nothing in it."""
+    """Return what `beside` and `main_covariate` ask of a model, with nothing in it."""
     shape = (count, SIZE)
     counts = np.concatenate([np.full(axis.bins, 1e4 / axis.bins) for axis in AXES.values()])
     evidence = [
@@ -50,28 +50,22 @@ def made_up(count: int, noise: float) -> Any:
     )
 
 
-def test_a_gap_is_placed_along_the_covariate_that_shows_it_best() -> None:
+def test_what_differs_in_whole_images_and_beyond_surfaces_is_listed_beside() -> None:
+    model = made_up(6, 0.001)
     difference = np.zeros((6, SIZE))
-    for i, feature in enumerate(LAYOUT):
-        if feature.channel == 'invalid':
-            # All of it in one bin of incidence; along the others it is spread thin.
-            if feature.axis == 'incidence' and feature.place == 7:
-                difference[:, i] = 0.5
-            elif feature.axis in ('all', 'distance', 'radius', 'region', 'log_amplitude'):
-                difference[:, i] = 0.5 / 9
-    ((_, cell),) = cells(made_up(6, 0.001), difference)
-    assert (cell['covariate'], cell['low'], cell['high']) == ('incidence', 68.0, 75.0)
-    assert cell['channel'] == 'invalid'
-    assert cell['size'] == pytest.approx(0.5)
-    # The same everywhere: said in one line.
-    difference[:] = [
-        0.5 if f.channel == 'bias' and f.axis not in ('edge', 'structure') else 0.0 for f in LAYOUT
+    for one in (Feature('static_grain', 'structure', 0), Feature('invalid', 'beyond', 0)):
+        difference[:, LAYOUT.index(one)] = 0.5
+    # A recording without such pixels counts for nothing.
+    model.good[0], difference[0] = False, 9.0
+    rows = [row for _, row in beside(model, difference, False, 2 * difference)]
+    assert [(row['covariate'], row['channel']) for row in rows] == [
+        ('nothing there', 'invalid'),
+        ('structure', 'static_grain'),
     ]
-    ((_, cell),) = cells(made_up(6, 0.001), difference)
-    assert (cell['covariate'], cell['unit_size']) == ('all', 'mm')
-    assert cell['size'] == pytest.approx(1.0)
-    assert cells(made_up(6, 0.001), np.zeros((6, SIZE))) == []
-    assert cells(made_up(6, 1.0), difference) == []  # lost in noise
+    assert [row['size'] for row in rows] == pytest.approx([1.0, 1.0])
+    noisy, some = made_up(5, 1.0), difference[1:]
+    assert beside(noisy, some, False, some) == []  # lost in noise
+    assert beside(model, bias_along(6, 'all', {0: 1.0}), True, difference) == []  # of surfaces
 
 
 def bias_along(count: int, axis: str, places: dict[int, float]) -> np.ndarray:

@@ -208,27 +208,8 @@ class Unlike:
 class Where:
     """How differences are located."""
 
-    most: int = constant(60, 'rows', 'that are listed')
     degrees: int = constant(100, '', 'of freedom of the noise of features')
-    all_over: float = constant(0.85, 'fraction of pixels', 'a difference in more is everywhere')
     false_discoveries: float = constant(0.1, 'rate', 'of listed differences')
-    besides: float = constant(1.2, '', 'power along another covariate that is listed, too')
-    selective: float = constant(0.5, 'fraction', 'of such a covariate that may differ')
-    cuts: Mapping[str, float] = table(
-        {
-            'all': 1.0,
-            'distance': 0.9,
-            'incidence': 0.9,
-            'radius': 0.9,
-            'region': 0.8,
-            'log_amplitude': 0.9,
-            'fine_distance': 0.8,
-            'recording': 0.5,
-        },
-        'factor',
-        'on the power of differences along a covariate: finer ones must do better',
-        ASSUMED,
-    )
     main: Mapping[str, float] = table(
         {
             'all': 1.0,

@@ -6,7 +6,7 @@ from typing import Any
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import WHERE
-from flexx2_sim_ros.gap.data.axes import AXES, Axes
+from flexx2_sim_ros.gap.data.axes import Axes
 from flexx2_sim_ros.gap.features.features import (
     CHANNEL_UNITS,
     LAYOUT,
@@ -21,22 +21,9 @@ from flexx2_sim_ros.gap.inference.model import Model
 import numpy as np
 from scipy import stats
 
-_BESIDES = ('concavity', 'speed')  # listed in addition, where they show more
-_ALWAYS = ('edge', 'beyond', 'structure')  # are not about surfaces
-_EDGE = [
-    f'{side} side of a jump {where}, {near}'
-    for where in ('to the right', 'to the left', 'below', 'above')
-    for side in ('near', 'far')
-    for near in ('next to it', '2 to 3 px away')
-]
-# Groups of surface pixels do not contain these: listed beside the conditions on pixels.
-_BESIDE = ('structure', 'nothing there', 'beyond the range', *_BESIDES)
-_AT_EDGES = np.array([f.axis == 'edge' for f in LAYOUT])
-_IN_SIGMA = np.array(
-    [f.axis != 'structure' and CHANNEL_UNITS[f.channel] == 'sigma' for f in LAYOUT]
-)
-_BINS = np.array([0 if f.axis == 'structure' else AXES[f.axis].start + f.place for f in LAYOUT])
-_INDEX = {(f.channel, f.axis, f.place): i for i, f in enumerate(LAYOUT)}
+_UNITS = {**CHANNEL_UNITS, **STRUCTURE_UNITS}
+# What is not about surfaces, so that groups of their pixels do not contain it.
+_BESIDE = [i for i, f in enumerate(LAYOUT) if f.axis in ('structure', 'beyond')]
 
 
 def places(
@@ -75,8 +62,8 @@ def places(
     -------
     list of dict
         First the covariate that the difference depends on most, see `main_covariate`. Then
-        conditions that select the pixels that differ, see `cover`, and the rows of `cells` that
-        are not about surface pixels. All rows of `cells` where pixels are too few to be grouped.
+        conditions that select the pixels that differ, see `cover`, and what differs in whole
+        images and where no surface is; the largest difference first.
 
     """
     rows = _all_places(model, difference, shown, groups, exact, sigma_error)
@@ -90,7 +77,7 @@ def places(
 
 def _main_row(main: MainCovariate, model: Model) -> dict[str, Any]:
     names, axes = [e.name for e in model.evidence], model.evidence[0].axes
-    unit = {**CHANNEL_UNITS, **STRUCTURE_UNITS}[main.channel]
+    unit = _UNITS[main.channel]
     tolerance = FEATURES.tolerances[main.channel]
     p = _tail(np.array([main.difference]), tolerance, np.array([main.noise**2]))
     return {
@@ -128,17 +115,15 @@ def _all_places(
     exact: bool,
     sigma_error: float,
 ) -> list[dict[str, Any]]:
-    # Rows of `cover` and `cells`, the largest difference first.
-    binned = cells(model, difference, exact, shown)
-    conditions = cover(groups, not exact, sigma_error)
-    if not conditions:
-        return [row for _, row in binned]
+    # The largest difference first.
     names, axes = [e.name for e in model.evidence], model.evidence[0].axes
+    conditions = cover(groups, not exact, sigma_error)
     rows = [row for one in conditions for row in _rows(one, names, axes)]
-    q = stats.false_discovery_control(np.array([row['q_value'] for _, row in rows]))
-    for (_, row), value in zip(rows, q, strict=True):
-        row['q_value'] = float(value)
-    rows += [item for item in binned if item[1]['covariate'] in _BESIDE]
+    if rows:
+        q = stats.false_discovery_control(np.array([row['q_value'] for _, row in rows]))
+        for (_, row), value in zip(rows, q, strict=True):
+            row['q_value'] = float(value)
+    rows += beside(model, difference, exact, shown)
     return [row for _, row in sorted(rows, key=lambda item: -item[0])]
 
 
@@ -167,11 +152,11 @@ def _rows(one: WhereCondition, names: list[str], axes: Axes) -> list[tuple[float
     return out
 
 
-def cells(
-    model: Model, difference: np.ndarray, exact: bool = False, shown: np.ndarray | None = None
+def beside(
+    model: Model, difference: np.ndarray, exact: bool, shown: np.ndarray
 ) -> list[tuple[float, dict[str, Any]]]:
     """
-    List the bins in which real and simulated differ by more than the tolerance.
+    List what differs by more than the tolerance in whole images, and where no surface is.
 
     Parameters
     ----------
@@ -180,130 +165,41 @@ def cells(
     difference : numpy.ndarray
         (R, SIZE) real minus simulated features.
     exact : bool
-        Whether the difference has no noise, as the change by effects. The places of edges are
-        never known exactly.
-    shown : numpy.ndarray, optional
-        (R, SIZE) from which the listed sizes come; ``difference`` when left out.
+        Whether the difference has no noise, as the change by effects.
+    shown : numpy.ndarray
+        (R, SIZE) from which the listed sizes come.
 
     Returns
     -------
     list of tuple
-        The difference as a multiple of the tolerance, largest first; and a dict of ``covariate,
-        low, high, unit, channel, size, unit_size, q_value, detail``.
+        The difference as a multiple of the tolerance; and the row.
 
     """
-    count = model.good.sum(axis=0)
-    each = np.where(model.good, difference, 0)
-    # Variance that noise, and edges known to a pixel only, leave in these recordings.
-    uncertain = model.good & (_AT_EDGES | (not exact))
-    own = np.where(uncertain, model.scale2 - np.square(TOLERANCE), 0)
-    with np.errstate(invalid='ignore', divide='ignore'):
-        mean, variance = each.sum(axis=0) / count, own.sum(axis=0) / count**2
-    usable = count > 0
-    q = np.ones(len(mean))
-    if usable.any():
-        p = _tail(mean[usable], TOLERANCE[usable], variance[usable])
-        q[usable] = stats.false_discovery_control(p)
-    significant = usable & (q < WHERE.false_discoveries)
-    weights = np.sum([e.counts for e in model.evidence], axis=0)
-    found: list[tuple[float, dict[str, Any]]] = []
+    good, tolerance = model.good[:, _BESIDE], TOLERANCE[_BESIDE]
+    count = good.sum(axis=0)
+    noise = np.where(good & (not exact), model.scale2[:, _BESIDE] - np.square(tolerance), 0)
+    mean, size = (
+        np.where(good, one[:, _BESIDE], 0).sum(axis=0) / np.maximum(count, 1)
+        for one in (difference, shown)
+    )
+    q = stats.false_discovery_control(
+        _tail(mean, tolerance, noise.sum(axis=0) / np.maximum(count, 1) ** 2)
+    )
     axes = model.evidence[0].axes
-    physical, gross = _in_units(model, difference if shown is None else shown), False
-    with np.errstate(invalid='ignore', divide='ignore'):
-        sizes = physical.sum(axis=0) / count
-    for channel in CHANNEL_UNITS:
-        best, *others = _axes_to_list(
-            model, channel, np.where(usable, mean, 0), variance, weights, each, own
-        )
-        index = [i for i in _indices(channel, best) if significant[i]]
-        if best == 'recording':
-            found += _recordings(model, channel, each, own, physical)
-        elif sum(weights[_BINS[i]] for i in index) > WHERE.all_over * weights[0]:
-            index, others = _indices(channel, 'all'), []
-        if channel == 'kurtosis' and gross:
-            continue  # Gross errors change the kurtosis wherever they are.
-        gross |= channel in ('high', 'low') and bool(index)
-        for name in others:
-            index += _along(channel, name, significant, weights)
-        found += [
-            (abs(mean[i]) / TOLERANCE[i], _cell(axes, i, float(sizes[i]), float(q[i])))
-            for i in index
-        ]
-    for name in STRUCTURE_UNITS:
-        i = _INDEX[name, 'structure', 0]
-        if significant[i]:
-            found.append(
-                (abs(mean[i]) / TOLERANCE[i], _cell(axes, i, float(sizes[i]), float(q[i])))
-            )
-    found.sort(key=lambda item: -item[0])
-    return found[: WHERE.most]
-
-
-def _along(channel: str, name: str, significant: np.ndarray, weights: np.ndarray) -> list[int]:
-    # Features that differ along another axis. If most pixels along it differ, the axis does not
-    # say where the difference is, and none is listed.
-    index = _indices(channel, name)
-    some = [i for i in index if significant[i]]
-    selective = weights[_BINS[some]].sum() < WHERE.selective * weights[_BINS[index]].sum()
-    return some if name in _ALWAYS or selective else []
-
-
-def _axes_to_list(
-    model: Model,
-    channel: str,
-    mean: np.ndarray,
-    variance: np.ndarray,
-    weights: np.ndarray,
-    each: np.ndarray,
-    own: np.ndarray,
-) -> list[str]:
-    # The best axis is the one with the largest mean square difference of a channel, averaged over
-    # its bins, minus the part that noise causes; then other axes that are listed, too.
-    power = {}
-    for name in (*WHERE.cuts, *_BESIDES):
-        if name == 'recording':
-            i = _INDEX[channel, 'all', 0]
-            weight = np.array([e.counts[0] for e in model.evidence]) * model.good[:, i]
-            square = each[:, i] ** 2 - own[:, i]
-        else:
-            index = _indices(channel, name)
-            if not index:
-                continue
-            axis = AXES[name]
-            weight = weights[axis.start : axis.start + axis.bins]
-            square = mean[index] ** 2 - np.nan_to_num(variance[index], posinf=0.0)
-        power[name] = float((weight * square).sum() / max(weight.sum(), 1.0))
-    best = max(WHERE.cuts, key=lambda name: WHERE.cuts[name] * power.get(name, -np.inf))
     return [
-        best,
-        *(name for name in _BESIDES if power.get(name, 0.0) > WHERE.besides * power[best]),
-        *(name for name in _ALWAYS if _indices(channel, name)),
+        (
+            abs(mean[k]) / tolerance[k],
+            {
+                **_bounds(axes, LAYOUT[i].axis, LAYOUT[i].place, LAYOUT[i].place),
+                'channel': LAYOUT[i].channel,
+                'size': float(size[k]),
+                'unit_size': _UNITS[LAYOUT[i].channel],
+                'q_value': float(q[k]),
+            },
+        )
+        for k, i in enumerate(_BESIDE)
+        if q[k] < WHERE.false_discoveries
     ]
-
-
-def _indices(channel: str, axis: str) -> list[int]:
-    bins = AXES[axis].bins if axis in AXES else 0
-    return [_INDEX[channel, axis, i] for i in range(bins) if (channel, axis, i) in _INDEX]
-
-
-def _in_units(model: Model, shown: np.ndarray) -> np.ndarray:
-    # (R, SIZE) differences, in mm where they are in sigma, by each recording's own sigma_z.
-    sigma = np.nan_to_num([e.sigma for e in model.evidence], posinf=0.0)
-    return np.where(model.good, shown, 0) * np.where(_IN_SIGMA, 1000 * sigma[:, _BINS], 1.0)
-
-
-def _recordings(
-    model: Model, channel: str, each: np.ndarray, own: np.ndarray, physical: np.ndarray
-) -> list[tuple[float, dict[str, Any]]]:
-    i = _INDEX[channel, 'all', 0]
-    p = _tail(each[:, i], TOLERANCE[i], own[:, i])
-    out = []
-    for r, (size, q) in enumerate(zip(each[:, i], stats.false_discovery_control(p), strict=True)):
-        if model.good[r, i] and q < WHERE.false_discoveries:
-            cell = _cell(model.evidence[r].axes, i, float(physical[r, i]), float(q))
-            cell.update(covariate='recording', low=r, high=r, detail=model.evidence[r].name)
-            out.append((abs(float(size)) / float(TOLERANCE[i]), cell))
-    return out
 
 
 def _tail(size: np.ndarray, limit: Any, variance: np.ndarray) -> np.ndarray:
@@ -319,26 +215,6 @@ def mean_sigma(model: Model) -> np.ndarray:
         good = np.isfinite(inverse)
         mean = np.where(good, inverse, 0).sum(axis=0) / good.sum(axis=0)
         return np.asarray(np.nan_to_num(1 / mean))
-
-
-def _cell(axes: Axes, index: int, size: float, q: float) -> dict[str, Any]:
-    feature = LAYOUT[index]
-    out = {
-        **_bounds(axes, feature.axis, feature.place, feature.place),
-        'channel': feature.channel,
-        'size': size,
-        'unit_size': '',
-        'q_value': q,
-    }
-    if feature.axis == 'structure':
-        out['unit_size'] = STRUCTURE_UNITS[feature.channel]
-        return out
-    if feature.axis == 'edge':
-        out['detail'] = _EDGE[feature.place]
-    if feature.channel == 'lag':
-        out['size'] = float(likeness(size))
-    out['unit_size'] = 'mm' if _IN_SIGMA[index] else CHANNEL_UNITS[feature.channel]
-    return out
 
 
 def _bounds(axes: Axes, name: str, first: int, last: int) -> dict[str, Any]:
