@@ -170,7 +170,6 @@ def test_a_note_on_several_recordings_is_said_once() -> None:
 @pytest.mark.parametrize(
     ('cell', 'said'),
     [
-        (row('concavity', low=0.02), 'concave corners read 12 mm too far'),
         (row('all', size=-3.0), 'all surfaces read 3 mm too near'),
         (
             row('distance', 'invalid', low=2.0, high=3.0, unit='m', size=0.46, unit_size=''),

@@ -49,11 +49,6 @@ class Features:
     )
     gross: float = constant(6.0, 'sigma_z', 'a larger error is gross, and clipped', DEFINITION)
     gross_change: float = constant(8.5, 'sigma_z', 'limit of the difference of two errors')
-    change_steps: int = constant(
-        12, '', 'sizes of a change of depth to each side, each twice the one before', DEFINITION
-    )
-    change_m: float = constant(0.0002, 'm', 'smallest of them', DEFINITION)
-    change_sigma: float = constant(0.05, 'sigma_z', 'the same in sigma_z', DEFINITION)
     jump: float = constant(0.25, 'm', 'a larger gross error is another surface')
     lattice_bin: float = constant(1e-4, 'm', 'histogram of depths', DEFINITION)
     lattice_range: float = constant(7.5, 'm', 'its range', DEFINITION)

@@ -210,62 +210,15 @@ class Where:
 
     degrees: int = constant(100, '', 'of freedom of the noise of features')
     false_discoveries: float = constant(0.1, 'rate', 'of listed differences')
-    main: Mapping[str, float] = table(
-        {
-            'all': 1.0,
-            'distance': 0.9,
-            'incidence': 0.9,
-            'radius': 0.9,
-            'log_amplitude': 0.9,
-            'concavity': 0.9,
-            'speed': 0.9,
-            'uptime': 0.9,
-            'edge': 0.9,
-            'region': 0.8,
-            'fine_distance': 0.65,
-            'recording': 0.5,
-        },
-        'factor',
-        'on the energy of a difference along a covariate, for the first row: finer covariates '
-        'must do better, and a recording is named only if nothing else comes near',
-        'python -m bench.gap_where of aac5156 --seeds 21,22; by hand',
-    )
-    unexpected: float = constant(
-        0.2,
-        'factor',
-        'on the energy along covariates that no named effect depends on by its formula',
-        'python -m bench.gap_where of aac5156 --seeds 21,22,23; by hand: 0 names the same, '
-        '0.5 has 8 misses',
-    )
-    tells: float = constant(
-        0.1,
-        'fraction of the entropy',
-        'of what effects change at a pixel, that a covariate takes away; below, they act '
-        'everywhere alike',
-        'python -m bench.gap_localisation of aac5156; by hand: 0.02 to 0.15 name the same',
-    )
-    least_entropy: float = constant(
-        0.1, 'nats', 'added to an entropy that is divided by: what is rare says little'
-    )
-    varies: float = constant(
-        0.05,
-        'fraction of the energy',
-        'of a difference along a covariate of the named effects, above that of its mean: then '
-        'it is not the same everywhere',
-        'python -m bench.gap_where of aac5156 --seeds 21,22,23: 64 of 66 right; other values were '
-        'not tried',
-    )
-    stretch: float = constant(
-        0.5, 'largest difference', 'bins beside it with this much are in the same row'
-    )
     uptimes: tuple[float, ...] = constant(
         (30.0, 120.0, 450.0, 1200.0), 's', 'limits of intervals of uptime', DEFINITION
     )
-    fewest_uptimes: int = constant(3, '', 'intervals that show a drift')
     most_conditions: int = constant(3, '', 'covariates that select pixels')
     worth: Mapping[str, float] = table(
         {
             'all': 0.0,
+            'uptime': 0.02,
+            'speed': 0.02,
             'distance': 0.02,
             'incidence': 0.02,
             'radius': 0.02,

@@ -82,6 +82,7 @@ ENDLESS = (
     'log_amplitude',
     'fine_distance',
     'edge',
+    'speed',
 )
 BINS = sum(axis.bins for axis in AXES.values())
 

@@ -142,8 +142,8 @@ def look_at(
         at_jump = seen & (edge >= 0)
         bins.put_classes('edge', edge, at_jump)
         if before is not None and interval > 0:
-            same = np.abs(clean - before) < BINNING.same_surface * clean
-            bins.put('speed', (clean - before) / np.float32(interval), inside & same)
+            speed = speed_of(clean, before, interval)
+            bins.put('speed', speed, inside & np.isfinite(speed))
         # Pixels that should have no depth: there is no surface, or it is out of range.
         far = (clean > BINNING.beyond * mode.range_max) & (clean > 0)
         no_return = (far | ~(clean > 0)) & (edge < 0) & compared
@@ -251,8 +251,15 @@ def log_amplitude(
     return np.asarray(np.log(rho * surface.cos_incidence / clean**2))
 
 
+def speed_of(clean: np.ndarray, before: np.ndarray, interval: float) -> np.ndarray:
+    """Return how fast surfaces move away, (H, W) m/s; NaN where they are not the same."""
+    same = np.abs(clean - before) < BINNING.same_surface * clean
+    return np.where(same, (clean - before) / np.float32(interval), np.nan)
+
+
 def sort_everywhere(
     clean: np.ndarray,
+    speed: np.ndarray | None,
     reflectivity: np.ndarray | None,
     K: np.ndarray,  # noqa: N803
     sensor: Sensor,
@@ -265,6 +272,8 @@ def sort_everywhere(
     ----------
     clean : numpy.ndarray
         (H, W) float32 metres.
+    speed : numpy.ndarray or None
+        (H, W) m/s as from `speed_of`; None in a scene that stands still.
     reflectivity : numpy.ndarray or None
         (H, W) in 0..1.
     K : numpy.ndarray
@@ -301,6 +310,10 @@ def sort_everywhere(
         axis = axes[name]
         if name == 'edge':
             np.copyto(out, axis.start, where=seen & (edge >= 0))
+        elif name == 'speed':
+            if speed is not None:
+                moves = seen & np.isfinite(speed)
+                put_in_bins(speed, moves, np.array(axis.edges), axis.start, out)
         elif name in places:
             np.copyto(out, places[name], where=seen)
         else:

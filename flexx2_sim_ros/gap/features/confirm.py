@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 from flexx2_sim_ros.gap.calibration.features import FEATURES, SIMULATION
 from flexx2_sim_ros.gap.data.registration import RecordingData
-from flexx2_sim_ros.gap.features.changes import count_changes
 from flexx2_sim_ros.gap.features.features import features, lattice_spectrum, static_grain
 from flexx2_sim_ros.gap.features.physical import distance, distances, histogram, Measures, UNITS
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
@@ -69,8 +68,6 @@ class Outcome:
         (h, w) images for the report: mean error in sigma of real, before and after.
     groups : PixelGroups
         What differs in small groups of pixels.
-    changes : numpy.ndarray
-        (2, BINS, CLASSES) what the effects change at single pixels, see `count_changes`.
     grain : numpy.ndarray
         (h, w) float16 static pattern simulated with the effects, in sigma.
     frame : SingleFrame or None
@@ -86,7 +83,6 @@ class Outcome:
     counts: np.ndarray
     maps: dict[str, np.ndarray]
     groups: PixelGroups
-    changes: np.ndarray
     grain: np.ndarray
     frame: SingleFrame | None
 
@@ -168,7 +164,6 @@ def confirm(
             [one.groups for one in after],
             len(recording.depth),
         ),
-        count_changes(before[0].depth, after[0].depth, scenes),
         static_grain(after[0].seen.sums).astype(np.float16),
         single_frame(middle, [one.depth[middle] for one in (real, before[0], after[0])], scenes)
         if show

@@ -7,7 +7,7 @@ import math
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES, ENDLESS
-from flexx2_sim_ros.gap.data.covariates import PixelCovariates, sort_everywhere
+from flexx2_sim_ros.gap.data.covariates import PixelCovariates, sort_everywhere, speed_of
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.pixel_patterns import (
     add_errors,
@@ -92,8 +92,12 @@ class GroupSums:
                 if reflectivity is not None and reflectivity.ndim == 3
                 else reflectivity
             )
+            before = max(t - 1, 0)
+            interval = float(recording.stamp[t] - recording.stamp[before]) * 1e-9
+            with np.errstate(invalid='ignore'):
+                speed = speed_of(image, frames[before], interval) if interval > 0 else None
             bins, incidence = sort_everywhere(
-                image, rho, recording.K, recording.mode.sensor, recording.axes
+                image, speed, rho, recording.K, recording.mode.sensor, recording.axes
             )
             self._cells[t] = _cells(
                 image, rho, incidence, bins, recording.mode.range_max, scenes[t].compared

@@ -1,8 +1,14 @@
-"""The fewest conditions that single out the pixels in which real and simulated differ."""
+"""
+The fewest conditions that single out the pixels in which real and simulated differ.
 
-from collections.abc import Sequence
+In few recordings covariates are alike: the dark surfaces may be the distant ones. Where effects
+are named, the covariates that these depend on by their formulas come first.
+"""
+
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
+from flexx2_sim_ros.effects import ageing, Effect
 from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES, ENDLESS
 from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, PixelGroups
@@ -10,6 +16,16 @@ import numpy as np
 
 _NOISE = GROUP_CHANNELS.index('log_variance')
 _CLASSES = ('recording', 'region')  # whose bins are not in an order
+# Covariates of effects, and the axes along which these show.
+_SHOWS_ALONG = {
+    'distance': ('distance', 'fine_distance'),
+    'incidence': ('incidence',),
+    'amplitude': ('log_amplitude',),
+    'concavity': ('log_amplitude',),  # indirect light shows where direct light is weak
+    'image': ('region', 'radius'),
+    'edge': ('edge',),
+    'none': ('all',),
+}
 
 
 @dataclass(frozen=True)
@@ -20,7 +36,7 @@ class WhereCondition:
     Attributes
     ----------
     axis : str
-        Of `ENDLESS`, or ``recording``.
+        Of `ENDLESS`, ``recording`` or ``uptime``.
     first, last : int
         Bins of it, inclusive.
     difference : numpy.ndarray
@@ -43,8 +59,25 @@ class WhereCondition:
     bias: float
 
 
+def shows_along(kind: type[Effect]) -> tuple[str, ...]:
+    """Return the axes along which an effect shows, by its formula."""
+    if kind.role == 'pose':
+        return ('recording',)
+    if kind.repeats:  # Each pixel has an error of its own.
+        return ('all',)
+    if kind.covariate != 'time':
+        return _SHOWS_ALONG[kind.covariate]
+    if ageing([kind.name]):
+        return ('uptime',)
+    return ('speed', 'edge' if kind.needs_motion else 'all')
+
+
 def cover(
-    recordings: Sequence[PixelGroups], real: bool, sigma_error: float = 0.0
+    recordings: Sequence[PixelGroups],
+    real: bool,
+    sigma_error: float = 0.0,
+    expected: Collection[str] = (),
+    uptimes: Sequence[float | None] = (),
 ) -> list[WhereCondition]:
     """
     Find conditions on covariates that select the pixels that differ, and few others.
@@ -60,11 +93,15 @@ def cover(
         Whether to use the difference of the real camera. Otherwise that of the effects.
     sigma_error : float
         Fraction by which sigma_z is wrong. It is taken off the real camera's difference.
+    expected : collection of str
+        Axes of which the first is taken, if the data allow it; see `shows_along`.
+    uptimes : sequence of float or None
+        Seconds since power-on of each recording, for the axis ``uptime``.
 
     Returns
     -------
     list of WhereCondition
-        Empty where nothing differs.
+        Those of the first covariate, then of the second. Empty where nothing differs.
 
     """
     count = np.concatenate([groups.count for groups in recordings])
@@ -86,9 +123,12 @@ def cover(
     bins['recording'] = np.repeat(np.arange(len(recordings)), [len(s.count) for s in recordings])[
         :, None
     ] + np.zeros(known.shape, int)
+    if 'uptime' in expected and None not in uptimes:
+        intervals = np.searchsorted(np.array(WHERE.uptimes), np.array(uptimes, float))
+        bins['uptime'] = intervals[bins['recording']]
     inside, outside = weight * differs[:, None], weight * ~differs[:, None]
     out = []
-    for name, some in _select(bins, inside, outside):
+    for name, some in _select(bins, inside, outside, expected):
         for first, last in _stretches(some, bins[name][known], name in _CLASSES):
             here = (bins[name] >= first) & (bins[name] <= last)
             part = (inside * here).sum(axis=1)  # of each group's pixels, in this interval
@@ -108,14 +148,19 @@ def cover(
 
 
 def _select(
-    bins: dict[str, np.ndarray], inside: np.ndarray, outside: np.ndarray
+    bins: dict[str, np.ndarray], inside: np.ndarray, outside: np.ndarray, expected: Collection[str]
 ) -> list[tuple[str, np.ndarray]]:
     # Forward selection of covariates: name of each, and which of its bins are selected.
     named, best = np.zeros(inside.shape, bool), 0.0
     chosen: list[tuple[str, np.ndarray]] = []
     for _ in range(WHERE.most_conditions):
         tries = [(*_pick(place, inside, outside, named), name) for name, place in bins.items()]
-        value, some, name = max(tries, key=lambda one: one[0] - WHERE.worth[one[2]])
+        meant = [
+            one
+            for one in tries
+            if one[2] in expected and not chosen and one[0] > WHERE.worth[one[2]]
+        ]
+        value, some, name = max(meant or tries, key=lambda one: one[0] - WHERE.worth[one[2]])
         if value - WHERE.worth[name] <= best:
             break
         best = value

@@ -1,22 +1,14 @@
 """Where the real camera and the simulation differ."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect
-from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import Axes
-from flexx2_sim_ros.gap.features.features import (
-    CHANNEL_UNITS,
-    LAYOUT,
-    likeness,
-    STRUCTURE_UNITS,
-    TOLERANCE,
-)
+from flexx2_sim_ros.gap.features.features import CHANNEL_UNITS, LAYOUT, STRUCTURE_UNITS, TOLERANCE
 from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, GROUP_TOLERANCE, PixelGroups
-from flexx2_sim_ros.gap.inference.cover import cover, WhereCondition
-from flexx2_sim_ros.gap.inference.main_covariate import main_covariate, MainCovariate
+from flexx2_sim_ros.gap.inference.cover import cover, shows_along, WhereCondition
 from flexx2_sim_ros.gap.inference.model import Model
 import numpy as np
 from scipy import stats
@@ -31,7 +23,6 @@ def places(
     difference: np.ndarray,
     shown: np.ndarray,
     groups: Sequence[PixelGroups],
-    tells: Mapping[str, float],
     exact: bool,
     sigma_error: float,
     named: Collection[type[Effect]],
@@ -49,8 +40,6 @@ def places(
         (R, SIZE) real minus simulated features, from which the listed sizes come.
     groups : sequence of PixelGroups
         One for each recording, from the simulation with the effects found.
-    tells : mapping of str to float
-        How much each covariate tells about what these effects change, see `told`.
     exact : bool
         Whether effects explain the difference. Then their change is listed, which has no noise.
     sigma_error : float
@@ -61,32 +50,27 @@ def places(
     Returns
     -------
     list of dict
-        First the covariate that the difference depends on most, see `main_covariate`. Then
-        conditions that select the pixels that differ, see `cover`, and what differs in whole
-        images and where no surface is; the largest difference first.
+        Conditions that select the pixels that differ, first those of the covariate that the
+        difference depends on most, see `cover`; and what differs in whole images and where no
+        surface is. The largest difference is first, of the first covariate and of the others.
 
     """
-    rows = _all_places(model, difference, shown, groups, exact, sigma_error)
-    main = main_covariate(model, difference, shown, exact, named, tells)
-    if main is None:
-        return rows
-    first = _main_row(main, model)
-    same = ('covariate', 'low', 'high', 'detail', 'channel')
-    return [first, *(row for row in rows if any(row[key] != first[key] for key in same))]
-
-
-def _main_row(main: MainCovariate, model: Model) -> dict[str, Any]:
     names, axes = [e.name for e in model.evidence], model.evidence[0].axes
-    unit = _UNITS[main.channel]
-    tolerance = FEATURES.tolerances[main.channel]
-    p = _tail(np.array([main.difference]), tolerance, np.array([main.noise**2]))
-    return {
-        **_interval(axes, names, main.axis, main.first, main.last),
-        'channel': main.channel,
-        'size': float(likeness(main.size)) if main.channel == 'lag' else main.size,
-        'unit_size': 'mm' if unit == 'sigma' else unit,
-        'q_value': float(p[0]),
-    }
+    expected = {axis for one in named for axis in shows_along(one)}
+    uptimes = [e.uptime for e in model.evidence]
+    conditions = cover(groups, not exact, sigma_error, expected, uptimes)
+    first = [one.axis == conditions[0].axis for one in conditions]
+    rows = [
+        (main, *row)
+        for main, one in zip(first, conditions, strict=True)
+        for row in _rows(one, names, axes)
+    ]
+    if rows:
+        q = stats.false_discovery_control(np.array([row['q_value'] for *_, row in rows]))
+        for (*_, row), value in zip(rows, q, strict=True):
+            row['q_value'] = float(value)
+    rows += [(False, *row) for row in beside(model, difference, exact, shown)]
+    return [row for *_, row in sorted(rows, key=lambda item: (not item[0], -item[1]))]
 
 
 def _interval(
@@ -105,26 +89,6 @@ def _interval(
     if axis == 'recording':
         cell.update(low=first, high=first, detail=names[first])
     return cell
-
-
-def _all_places(
-    model: Model,
-    difference: np.ndarray,
-    shown: np.ndarray,
-    groups: Sequence[PixelGroups],
-    exact: bool,
-    sigma_error: float,
-) -> list[dict[str, Any]]:
-    # The largest difference first.
-    names, axes = [e.name for e in model.evidence], model.evidence[0].axes
-    conditions = cover(groups, not exact, sigma_error)
-    rows = [row for one in conditions for row in _rows(one, names, axes)]
-    if rows:
-        q = stats.false_discovery_control(np.array([row['q_value'] for _, row in rows]))
-        for (_, row), value in zip(rows, q, strict=True):
-            row['q_value'] = float(value)
-    rows += beside(model, difference, exact, shown)
-    return [row for _, row in sorted(rows, key=lambda item: -item[0])]
 
 
 def _rows(one: WhereCondition, names: list[str], axes: Axes) -> list[tuple[float, dict[str, Any]]]:

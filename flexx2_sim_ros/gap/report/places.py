@@ -43,7 +43,6 @@ _NEXT_STEPS = {
     'edge': 'To see it alone, record the edge of a box in front of a wall.',
     'speed': 'To see it alone, move the camera towards a wall, then hold it still.',
     'uptime': 'To see it alone, record a still scene from power-on for half an hour.',
-    'concavity': 'To see it alone, record the corner of two bright walls.',
     'radius': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
     'region': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
     'recording': 'Look for what was different in this recording: lighting, poses, settings.',
@@ -122,10 +121,6 @@ def group(cell: dict[str, Any]) -> str:
     """Return the pixels of a row of `where` as text, in plural."""
     name, low, high = cell['covariate'].removeprefix('fine_'), cell['low'], cell['high']
     span = _span(low, high, cell['unit'])
-    if name == 'concavity' and (low or 0) > 0:
-        return 'concave corners'
-    if name == 'concavity' and high is not None and high < 0:
-        return 'convex edges of objects'
     if name == 'speed':
         return f'surfaces {_direction(low, high)} ({span})'
     words = {

@@ -23,7 +23,6 @@ from flexx2_sim_ros.gap.inference.effects import fitted_effects
 from flexx2_sim_ros.gap.inference.improvement import all_measured, simulated_losses, taken_off
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import Patch
-from flexx2_sim_ros.gap.inference.told import told
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.report.age import age_table, arrival_of, with_delay
@@ -260,7 +259,6 @@ def _where(
         difference + added,
         residual + added,
         [one.groups for one in confirmed],
-        told([one.changes for one in confirmed]),
         identified,
         decision.accepted.sigma,
         [one.kind for one in decision.accepted.candidates] if decision.explains_gap else [],
