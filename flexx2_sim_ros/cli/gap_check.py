@@ -66,19 +66,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(table: dict[str, Any], console: Console) -> None:
-    from flexx2_sim_ros.gap.report.check_page import headline, lines, sentences
+    from flexx2_sim_ros.gap.report.check_page import headline, HEADS, lines, sentences
 
     console.print(printable(headline(table)), style='bold')
-    shown = Table(
-        Column(overflow='fold'),
-        'before',
-        'after',
-        'two simulations',
-        'change',
-        '',
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-    )
+    first = Column(overflow='fold')
+    shown = Table(first, *HEADS[1:-1], '', box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for line in lines(table):
         # A value above its interval, so that the table fits a terminal of 80 columns.
         shown.add_row(*(text.replace(' (', '\n(') for text in line))
