@@ -1,11 +1,10 @@
 """`flexx2 gap next`: rank recordings by how well they settle what a diagnosis leaves open."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.atomic import check_outputs, output_folder, write_text
+from flexx2_sim_ros.atomic import as_json, check_outputs, write_texts
 from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import printable
@@ -73,9 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
             jobs=arguments.jobs,
             progress=progress,
         )
-    folder = output_folder(out)
-    write_text(folder / _FILE, json.dumps(found.table, indent=2, allow_nan=False) + '\n')
-    write_text(folder / _PAGE, page(found, profile.intrinsics))
+    write_texts(out, {_FILE: as_json(found.table), _PAGE: page(found, profile.intrinsics)})
     console.print(_shown(found.table))
     console.print(printable(suggested(found.table)))
     console.print(f'{out}: {_FILE}, {_PAGE}')
