@@ -1,6 +1,5 @@
 """The figures of a characterization, as PNG."""
 
-from collections.abc import Sequence
 import math
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, sigma_against
 from flexx2_sim_ros.characterize.analysis import Cell, Characterization, ModeResult
 from flexx2_sim_ros.characterize.histogram import Histogram
-from flexx2_sim_ros.characterize.paper_tables import angle_groups, paper_noise, TextTable
+from flexx2_sim_ros.characterize.paper_tables import angle_groups, paper_noise
 from flexx2_sim_ros.characterize.tiles import join
 from flexx2_sim_ros.profiles.modes import NoiseModel
 import numpy as np
@@ -240,52 +239,6 @@ def bias_figure(result: Characterization, path: Path) -> bool:
     figure.savefig(path, dpi=130)
     pyplot.close(figure)
     return True
-
-
-def tables_figure(tables: Sequence[TextTable], path: Path) -> None:
-    """Draw tables below each other."""
-    pyplot = _pyplot()
-    lines = [len(table.rows) + 3 for table in tables]
-    figure, axes = pyplot.subplots(
-        len(tables),
-        1,
-        squeeze=False,
-        height_ratios=lines,
-        figsize=(12.5, 0.25 * sum(lines)),
-        gridspec_kw={'hspace': 0},
-    )
-    for axis, table, count in zip(axes.flat, tables, lines, strict=True):
-        axis.axis('off')
-        axis.text(
-            0.0,
-            1.0,
-            table.title,
-            va='top',
-            fontsize=11,
-            fontweight='bold',
-            transform=axis.transAxes,
-        )
-        drawn = axis.table(
-            [[_text(field) for field in row.fields] for row in table.rows],
-            colLabels=table.head,
-            cellLoc='right',
-            colLoc='right',
-            edges='B',
-            bbox=(0.0, 0.4 / count, 1.0, 1.0 - 1.6 / count),
-        )
-        drawn.auto_set_font_size(False)
-        drawn.auto_set_column_width(range(len(table.head)))
-        for (line, column), cell in drawn.get_celld().items():
-            cell.set(edgecolor='#444444' if line == 0 else '#dddddd', linewidth=0.8)
-            colour = '#8a3324' if line and table.rows[line - 1].paper else 'black'
-            cell.set_text_props(
-                fontsize=9,
-                color=colour,
-                ha='left' if column == 0 else 'right',
-                fontweight='bold' if line == 0 else 'normal',
-            )
-    figure.savefig(path, dpi=110, bbox_inches='tight')
-    pyplot.close(figure)
 
 
 def amplitude_figure(result: Characterization, path: Path) -> bool:

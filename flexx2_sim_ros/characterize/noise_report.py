@@ -24,7 +24,7 @@ from flexx2_sim_ros.profiles.files import ProfileFile
 import numpy as np
 
 _PAGE = 'report.html'
-_FIGURES = ('sigma_z', 'histogram', 'tables', 'lateral', 'bias', 'amplitude')
+_FIGURES = ('sigma_z', 'histogram', 'lateral', 'bias', 'amplitude')
 _SHARPNESS = 1.45  # pixels of a figure for each pixel of the page
 _STYLE = """
 .numbers th, .numbers td { padding: .22rem .55rem; text-align: right; white-space: nowrap; }
@@ -101,7 +101,6 @@ def _draw(result: Characterization, folder: Path, camera: str | None) -> dict[st
     drawings: dict[str, Callable[[Path], Any]] = {
         'sigma_z': lambda path: figures.axial_figure(result, path),
         'histogram': lambda path: figures.histogram_figure(histogram, path),
-        'tables': lambda path: figures.tables_figure(four_tables(result), path),
         'lateral': lambda path: figures.lateral_figure(result, path),
         'bias': lambda path: figures.bias_figure(result, path),
         'amplitude': lambda path: figures.amplitude_figure(result, path),
