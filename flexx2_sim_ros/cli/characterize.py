@@ -1,7 +1,6 @@
 """`flexx2 characterize`: the paper's measurement, on the simulated camera or on a real one."""
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ _BACKENDS = ('auto', 'egl', 'osmesa', 'ray')
 _OUT = 'characterization'
 
 
-def add_options(parser: argparse.ArgumentParser, _: Sequence[str]) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its own commands."""
     parser.description = (
         'Measure noise as the paper did: record a flat board at several distances '

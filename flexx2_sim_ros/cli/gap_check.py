@@ -4,13 +4,13 @@ import argparse
 from typing import Any
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.options import add_table, number
+from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
 
-_OPTIONS = """
+OPTIONS = """
 Compare the recordings in FRESH with their simulation, before and after the effects of
 DIAGNOSIS/effects.yaml are simulated. Prints a table with 90 % intervals over recordings, and
 writes check.json and check.html. The exit status is 0 if the gap shrinks and no physical measure
@@ -33,11 +33,7 @@ fresh FRESH: folder of recordings with clean_depth (.npz or bags)
 
 example: flexx2 gap check diagnosis/ fresh/ --out checked/
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(parser, _OPTIONS, pose_prior=number(0, 1e3, above=True))
+VALUES = {'pose_prior': number(0, 1e3, above=True)}
 
 
 def run(arguments: argparse.Namespace) -> int:

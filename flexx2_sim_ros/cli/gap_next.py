@@ -6,14 +6,13 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import as_json, check_outputs, write_texts
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 _FILE, _PAGE = 'next.json', 'next.html'
 _ROWS = 10
-_OPTIONS = f"""
+OPTIONS = f"""
 Simulate the explanations that DIAGNOSIS leaves open in recordings that you could make next, and
 diagnose each together with the recordings of CAMPAIGN. The ranking says how often that names the
 right cause. Prints the suggestion and the ranking, and writes {_FILE} and {_PAGE} with pictures of
@@ -35,17 +34,11 @@ campaign CAMPAIGN: folder of the recordings that were diagnosed
 
 example: flexx2 gap next diagnosis/ campaign/ --truth tape
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        out={'required': False},
-        truth={'action': 'append', 'default': []},
-        scene={'action': 'append', 'default': []},
-    )
+VALUES = {
+    'out': {'required': False},
+    'truth': {'action': 'append', 'default': []},
+    'scene': {'action': 'append', 'default': []},
+}
 
 
 def run(arguments: argparse.Namespace) -> int:
