@@ -9,13 +9,11 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder
-from flexx2_sim_ros.cli.common import messages
+from flexx2_sim_ros.cli.common import messages, plain_table
 from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError, printable
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
 _SHOW_SECONDS = 0.25
 _DRAIN_SECONDS = 2.0
@@ -132,14 +130,9 @@ def _remarks(recorder: Any) -> dict[str, str]:
 
 
 def _report(recorder: Any, path: Path) -> None:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    for name in ('topic', 'messages', 'from [s]', 'Hz', 'MB', 'lost', 'gaps'):
-        table.add_column(
-            name,
-            justify='left' if name == 'topic' else 'right',
-            no_wrap=name != 'topic',
-            overflow='fold',
-        )
+    numbers = 'messages', 'from [s]', 'Hz', 'MB', 'lost', 'gaps'
+    table = plain_table('topic', *numbers, text=('topic',), whole=numbers)
+    table.columns[0].overflow = 'fold'
     for name, topic in sorted(recorder.topics.items()):
         gaps = topic.gaps()
         text = f'{gaps.count} ({gaps.longest:.3f} s)' if gaps.count else '0'
