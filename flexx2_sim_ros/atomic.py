@@ -6,9 +6,10 @@ are complete. A process locks its scratch folder. The folder of a killed process
 the next run that writes beside it removes it.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 import errno
+import json
 import os
 from pathlib import Path
 import secrets
@@ -17,6 +18,7 @@ import sqlite3
 import stat
 import sys
 import tempfile
+from typing import Any
 
 from flexx2_sim_ros.errors import InputError, MachineError, shown_path
 from flexx2_sim_ros.signals import before_leaving
@@ -91,6 +93,18 @@ def write_text(path: str | Path, text: str) -> None:
     """Write a text file in UTF-8, completely or not at all; see `whole`."""
     with whole(path) as part:
         part.write_text(text, encoding='utf-8', errors='backslashreplace')
+
+
+def write_texts(folder: str | Path, texts: Mapping[str, str]) -> None:
+    """Write text files by name into a folder, made if missing, all of them or none."""
+    with whole_files(output_folder(folder)) as part:
+        for name, text in texts.items():
+            write_text(part / name, text)
+
+
+def as_json(table: Mapping[str, Any]) -> str:
+    """Return the content of a JSON file."""
+    return json.dumps(table, indent=2, allow_nan=False) + '\n'
 
 
 def checked_target(path: str | Path) -> Path:

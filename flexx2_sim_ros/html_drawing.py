@@ -4,16 +4,11 @@ import base64
 from collections.abc import Callable, Sequence
 from html import escape
 
+from flexx2_sim_ros.html_parts import Html
 from flexx2_sim_ros.png import encode_png
 from matplotlib import colormaps
 import numpy as np
 
-# What `curves` needs in a page's style; the classes are real, simulated, simulated with effects.
-CURVE_STYLE = """
-.curve { fill: none; stroke-width: 2; } .grid { stroke: var(--line); }
-.real { stroke: var(--ink); } .simulated { stroke: var(--orange); stroke-dasharray: 5 3; }
-.effects { stroke: var(--blue); } svg text { fill: var(--ink); }
-"""
 _KINDS = ('real', 'simulated', 'effects')
 _RED, _BLUE, _NOTHING = (178, 24, 43), (33, 102, 172), (205, 205, 205)
 _DEPTHS = 63  # colours of a scale of depth
@@ -83,17 +78,13 @@ def _data_url(index: np.ndarray, palette: np.ndarray) -> str:
     return 'data:image/png;base64,' + base64.b64encode(file).decode()
 
 
-def bar(before: float, after: float | None, null: float) -> str:
-    """
-    Return a small SVG bar: before, after if any, and a mark at what two simulations differ by.
-
-    Its class is ``bar``: the style of the page gives its size.
-    """
+def bar(before: float, after: float | None, null: float) -> Html:
+    """Return a small SVG bar: before, after if any, and a mark at how simulations differ."""
     top = max(before, after or 0.0, null, 1e-12) / _BAR_WIDTH
     second = ''
     if after is not None:
         second = f'<rect y="8" height="5" width="{after / top:.1f}" class="after"/>'
-    return (
+    return Html(
         f'<svg class="bar" viewBox="0 0 {_BAR_WIDTH} 16" preserveAspectRatio="none" role="img" '
         'aria-label="before and after">'
         f'<rect y="2" height="5" width="{before / top:.1f}" class="before"/>'
@@ -123,9 +114,9 @@ def curves(
     least: float,
     kinds: Sequence[str] = _KINDS,
     band: np.ndarray | None = None,
-) -> str:
+) -> Html:
     """
-    Return curves as an SVG figure; the page needs `CURVE_STYLE`.
+    Return curves as an SVG figure.
 
     Parameters
     ----------
@@ -174,7 +165,7 @@ def curves(
         parts.append(f'<polyline points="{points}" class="curve {kinds[i]}"/>')
         parts.append(_legend_entry(legend, names[i], kinds[i]))
         legend += 42 + 7 * len(names[i])
-    return (
+    return Html(
         f'<figure><svg viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" font-size="12" '
         f'role="img" aria-label="{escape(y_label)} against {escape(x_label)}">'
         f'{"".join(parts)}</svg></figure>'

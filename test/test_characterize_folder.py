@@ -233,7 +233,7 @@ def test_the_command_writes_a_page_figures_and_a_profile(
     printed = capsys.readouterr()
     assert 'left out' in printed.err
     assert str(hostile) in printed.err
-    for name in ('sigma_z', 'histogram', 'tables', 'bias'):
+    for name in ('sigma_z', 'histogram', 'bias'):
         assert (out / f'{name}.png').read_bytes().startswith(PNG)
     # No edge of the board is in the image.
     assert not (out / 'lateral.png').exists()

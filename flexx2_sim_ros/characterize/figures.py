@@ -1,6 +1,5 @@
 """The figures of a characterization, as PNG."""
 
-from collections.abc import Sequence
 import math
 from pathlib import Path
 from typing import Any
@@ -8,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.characterize.amplitude import AmplitudeCounts, sigma_against
 from flexx2_sim_ros.characterize.analysis import Cell, Characterization, ModeResult
 from flexx2_sim_ros.characterize.histogram import Histogram
-from flexx2_sim_ros.characterize.paper_tables import angle_groups, paper_noise, TextTable
+from flexx2_sim_ros.characterize.paper_tables import angle_groups, paper_noise
 from flexx2_sim_ros.characterize.tiles import join
 from flexx2_sim_ros.profiles.modes import NoiseModel
 import numpy as np
@@ -20,16 +19,10 @@ _FEW = 100  # pixels in a bin that are enough for a fraction
 
 def axial_figure(result: Characterization, path: Path) -> None:
     """Draw sigma_z against distance: a panel a mode, a colour an angle, model and band."""
-    pyplot = _pyplot()
     columns = min(3, len(result.modes))
     rows = math.ceil(len(result.modes) / columns)
-    figure, axes = pyplot.subplots(
-        rows,
-        columns,
-        squeeze=False,
-        layout='constrained',
-        figsize=(4.1 * columns + (1.6 if columns == 1 else 0.6), 3.7 * rows + 0.4),
-    )
+    figure = _figure(4.1 * columns + (1.6 if columns == 1 else 0.6), 3.7 * rows + 0.4)
+    axes = figure.subplots(rows, columns, squeeze=False)
     angles = angle_groups(result.modes)
     colours = _colours(len(angles))
     for axis, mode in zip(axes.flat, result.modes, strict=False):
@@ -56,8 +49,7 @@ def axial_figure(result: Characterization, path: Path) -> None:
         loc='outside right center',
         frameon=False,
     )
-    figure.savefig(path, dpi=130)
-    pyplot.close(figure)
+    figure.savefig(path)
 
 
 def _draw_angle(axis: Any, mode: ModeResult, angle: float, colour: Any) -> None:
@@ -109,8 +101,8 @@ def _at_axis(cell: Cell, model: NoiseModel) -> tuple[float, float]:
 
 def histogram_figure(histogram: Histogram, path: Path) -> None:
     """Draw one recording's noise with the model's Gaussian."""
-    pyplot = _pyplot()
-    figure, axis = pyplot.subplots(figsize=(7.4, 3.7), layout='constrained')
+    figure = _figure(7.4, 3.7)
+    axis = figure.subplots()
     middle = 0.5e3 * (histogram.edges[1:] + histogram.edges[:-1])
     width = 1e3 * float(np.diff(histogram.edges)[0])
     total = histogram.counts.sum()
@@ -139,8 +131,7 @@ def histogram_figure(histogram: Histogram, path: Path) -> None:
     axis.set_ylim(top=1.28 * axis.get_ylim()[1])
     axis.legend(loc='upper right', frameon=False)
     axis.grid(True, alpha=0.25)
-    figure.savefig(path, dpi=130)
-    pyplot.close(figure)
+    figure.savefig(path)
 
 
 def lateral_figure(result: Characterization, path: Path) -> bool:
@@ -148,10 +139,8 @@ def lateral_figure(result: Characterization, path: Path) -> bool:
     modes = [mode for mode in result.modes if mode.edges]
     if not modes:
         return False
-    pyplot = _pyplot()
-    figure, axis = pyplot.subplots(
-        figsize=(max(6.4, 2.3 * len(modes) + 1.8), 3.9), layout='constrained'
-    )
+    figure = _figure(max(6.4, 2.3 * len(modes) + 1.8), 3.9)
+    axis = figure.subplots()
     angles = angle_groups(modes)
     colours = dict(zip(angles, _colours(len(angles)), strict=True))
     for place, mode in enumerate(modes):
@@ -188,8 +177,7 @@ def lateral_figure(result: Characterization, path: Path) -> bool:
     axis.set_ylim(bottom=0)
     axis.grid(True, axis='y', alpha=0.25)
     figure.legend(loc='outside right center', frameon=False)
-    figure.savefig(path, dpi=130)
-    pyplot.close(figure)
+    figure.savefig(path)
     return True
 
 
@@ -215,8 +203,8 @@ def bias_figure(result: Characterization, path: Path) -> bool:
     modes = [mode for mode in result.modes if any(m.bias_of for m in mode.measurements)]
     if not modes:
         return False
-    pyplot = _pyplot()
-    figure, axis = pyplot.subplots(figsize=(8.4, 3.2), layout='constrained')
+    figure = _figure(8.4, 3.2)
+    axis = figure.subplots()
     colours = _colours(len(modes))
     for mode, colour in zip(modes, colours, strict=True):
         points = np.array([(m.distance, 1e3 * m.bias) for m in mode.measurements if m.bias_of])
@@ -237,55 +225,8 @@ def bias_figure(result: Characterization, path: Path) -> bool:
     axis.grid(True, alpha=0.25)
     axis.margins(y=0.15)
     figure.legend(loc='outside right center', frameon=False)
-    figure.savefig(path, dpi=130)
-    pyplot.close(figure)
+    figure.savefig(path)
     return True
-
-
-def tables_figure(tables: Sequence[TextTable], path: Path) -> None:
-    """Draw tables below each other."""
-    pyplot = _pyplot()
-    lines = [len(table.rows) + 3 for table in tables]
-    figure, axes = pyplot.subplots(
-        len(tables),
-        1,
-        squeeze=False,
-        height_ratios=lines,
-        figsize=(12.5, 0.25 * sum(lines)),
-        gridspec_kw={'hspace': 0},
-    )
-    for axis, table, count in zip(axes.flat, tables, lines, strict=True):
-        axis.axis('off')
-        axis.text(
-            0.0,
-            1.0,
-            table.title,
-            va='top',
-            fontsize=11,
-            fontweight='bold',
-            transform=axis.transAxes,
-        )
-        drawn = axis.table(
-            [[_text(field) for field in row.fields] for row in table.rows],
-            colLabels=table.head,
-            cellLoc='right',
-            colLoc='right',
-            edges='B',
-            bbox=(0.0, 0.4 / count, 1.0, 1.0 - 1.6 / count),
-        )
-        drawn.auto_set_font_size(False)
-        drawn.auto_set_column_width(range(len(table.head)))
-        for (line, column), cell in drawn.get_celld().items():
-            cell.set(edgecolor='#444444' if line == 0 else '#dddddd', linewidth=0.8)
-            colour = '#8a3324' if line and table.rows[line - 1].paper else 'black'
-            cell.set_text_props(
-                fontsize=9,
-                color=colour,
-                ha='left' if column == 0 else 'right',
-                fontweight='bold' if line == 0 else 'normal',
-            )
-    figure.savefig(path, dpi=110, bbox_inches='tight')
-    pyplot.close(figure)
 
 
 def amplitude_figure(result: Characterization, path: Path) -> bool:
@@ -299,8 +240,8 @@ def amplitude_figure(result: Characterization, path: Path) -> bool:
         return False
     from flexx2_sim_ros.characterize.amplitude import EDGES
 
-    pyplot = _pyplot()
-    figure, (noise, validity) = pyplot.subplots(1, 2, figsize=(9.0, 3.6), layout='constrained')
+    figure = _figure(9.0, 3.6)
+    noise, validity = figure.subplots(1, 2)
     for (mode, counts), colour in zip(counted, _colours(len(counted)), strict=True):
         curve = sigma_against(join([m.tiles for m in mode.measurements]))
         label = _text(mode.usecase)
@@ -325,8 +266,7 @@ def amplitude_figure(result: Characterization, path: Path) -> bool:
         axis.grid(True, alpha=0.25)
     handles, labels = noise.get_legend_handles_labels()
     figure.legend(handles, labels, loc='outside upper center', frameon=False)
-    figure.savefig(path, dpi=130)
-    pyplot.close(figure)
+    figure.savefig(path)
     return True
 
 
@@ -351,10 +291,7 @@ def _colours(number: int) -> list[Any]:
     return list(colormaps['viridis'](np.linspace(0.0, 0.85, max(number, 1))))
 
 
-def _pyplot() -> Any:
-    import matplotlib
+def _figure(width: float, height: float) -> Any:
+    from matplotlib.figure import Figure
 
-    matplotlib.use('Agg')
-    from matplotlib import pyplot
-
-    return pyplot
+    return Figure(figsize=(width, height), dpi=130, layout='constrained')

@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import checked_target, whole
-from flexx2_sim_ros.cli.options import add_table, SEEDS, whole_number
+from flexx2_sim_ros.cli.options import SEEDS, whole_number
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import centred
 from flexx2_sim_ros.profiles.files import find_profile
@@ -18,7 +18,7 @@ from rich.table import Table
 
 _MOST_WALKS = 256  # Walking is not batched: if there are more robots, several have the same walk.
 _INTERVAL = 0.2  # seconds between the frames that go into the grid
-_OPTIONS = f"""
+OPTIONS = f"""
 Simulate Go1 robots that walk over stairs, each with two cameras. All images get their noise in one
 batch (flexx2_sim_ros.batch) and are projected to the height grid around each robot (x +-0.5 m, y
 +-0.3 m, every 0.1 m). Prints and draws the errors of the grids with and without noise. Needs pip
@@ -35,19 +35,13 @@ install "flexx2_sim_ros[figures,mujoco]".
 
 examples: flexx2 batch; on a GPU with mujoco-warp: flexx2 batch --num-envs 4096 --device cuda
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        num_envs={'type': whole_number(1, 1_000_000), 'default': 64},
-        frames={'type': whole_number(1, 100_000), 'default': 8},
-        seed={'type': whole_number(*SEEDS), 'default': 0},
-        renderer='auto',
-        out={'type': Path, 'default': Path('height_grid.png')},
-    )
+VALUES = {
+    'num_envs': {'type': whole_number(1, 1_000_000), 'default': 64},
+    'frames': {'type': whole_number(1, 100_000), 'default': 8},
+    'seed': {'type': whole_number(*SEEDS), 'default': 0},
+    'renderer': 'auto',
+    'out': {'type': Path, 'default': Path('height_grid.png')},
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

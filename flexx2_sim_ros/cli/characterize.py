@@ -1,7 +1,6 @@
 """`flexx2 characterize`: the paper's measurement, on the simulated camera or on a real one."""
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ _BACKENDS = ('auto', 'egl', 'osmesa', 'ray')
 _OUT = 'characterization'
 
 
-def add_options(parser: argparse.ArgumentParser, _: Sequence[str]) -> None:
+def add_options(parser: argparse.ArgumentParser) -> None:
     """Add its own commands."""
     parser.description = (
         'Measure noise as the paper did: record a flat board at several distances '
@@ -45,7 +44,12 @@ def _add_plan(steps: Any) -> None:
 
 
 _CAPTURE = """
+Record the campaign with the simulated camera in the scene `board`: one .npz file for each mode,
+distance and angle (46 MB for 300 frames of 224 x 172). Resumes after an interruption.
+
 folder FOLDER: folder for the recordings
+
+example: flexx2 characterize capture campaign --frames 300
 """
 _MORE = """
 --seed SEED: seed of the noise (default 0)
@@ -55,14 +59,8 @@ _MORE = """
 
 
 def _add_capture(steps: Any) -> None:
-    parser = steps.add_parser(
-        'capture',
-        help='record the campaign with the simulated camera',
-        epilog='example: flexx2 characterize capture campaign --frames 300',
-        description='Record the campaign with the simulated camera in the scene `board`: one .npz '
-        'file for each mode, distance and angle (46 MB for 300 frames of 224 x 172). Resumes '
-        'after an interruption.',
-    )
+    text = 'record the campaign with the simulated camera'
+    parser = steps.add_parser('capture', help=text)
     add_table(parser, _CAPTURE, folder=Path)
     _add_conditions(parser)
     add_table(
@@ -100,6 +98,10 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
 
 
 _FIT = f"""
+Analyse a folder of recordings (.npz or bags) of one camera that looks at a flat board. Writes
+report.html, figures and profile.yaml. Recordings called MODE_DISTANCEm_ANGLEdeg are checked
+against their names; _PERCENTpct at the end is the board's reflectivity.
+
 folder FOLDER: folder of recordings
 --out DIR: folder for the results (default: FOLDER/{_OUT})
 --box X0 Y0 X1 Y1: region of the board in each image, pixels (default: detected)
@@ -107,19 +109,13 @@ folder FOLDER: folder of recordings
 --model NAME: the camera's name in the profile
 --profile
 --jobs
+
+example: flexx2 characterize fit campaign --out result
 """
 
 
 def _add_fit(steps: Any) -> None:
-    parser = steps.add_parser(
-        'fit',
-        help='analyse recordings: report and camera profile',
-        epilog='example: flexx2 characterize fit campaign --out result',
-        description='Analyse a folder of recordings (.npz or bags) of one camera that looks at a '
-        'flat board. Writes report.html, figures and profile.yaml. Recordings called '
-        'MODE_DISTANCEm_ANGLEdeg are checked against their names; _PERCENTpct at the end is the '
-        "board's reflectivity.",
-    )
+    parser = steps.add_parser('fit', help='analyse recordings: report and camera profile')
     add_table(parser, _FIT, folder=Path, out=Path, box=whole_number(0, 1_000_000))
     parser.set_defaults(run=_fit)
 

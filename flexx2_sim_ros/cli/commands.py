@@ -92,7 +92,8 @@ def make_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
 def _add_commands(
     commands: Any, texts: Mapping[str, str], room: str, words: tuple[str, ...]
 ) -> None:
-    # Of those that the words name, the module adds options: it has `run`, or commands of its own.
+    # The module of a command that the words name has `run`, and `OPTIONS` and perhaps `VALUES` for
+    # `add_table`. If these are not enough, it has `add_options` instead.
     for name, text in texts.items():
         parser = commands.add_parser(name, help=text)
         if words != ALL and words[:1] != (name,):
@@ -105,9 +106,13 @@ def _add_commands(
         module = import_module(MODULES.get(name, f'flexx2_sim_ros.cli.{name}'))
         if hasattr(module, 'run'):
             parser.set_defaults(run=module.run)
-            module.add_options(parser)
+        if hasattr(module, 'OPTIONS'):
+            # Imported here: it loads profiles, which the help of all commands should not wait for.
+            from flexx2_sim_ros.cli.options import add_table
+
+            add_table(parser, module.OPTIONS, **getattr(module, 'VALUES', {}))
         else:
-            module.add_options(parser, rest)
+            module.add_options(parser)
 
 
 def _add_gap(parser: argparse.ArgumentParser, words: tuple[str, ...]) -> None:

@@ -3,11 +3,11 @@
 import argparse
 from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager
-import json
 import shlex
 import sys
 from typing import Any
 
+from flexx2_sim_ros.atomic import as_json
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import find_profile
 from rich.box import SIMPLE_HEAD
@@ -26,7 +26,7 @@ def simulation(arguments: argparse.Namespace) -> dict[str, Any]:
 
 def print_json(table: dict[str, Any]) -> None:
     """Print a table as JSON to standard output."""
-    print(json.dumps(table, indent=2, allow_nan=False))
+    print(as_json(table), end='')
 
 
 def messages(*, soft_wrap: bool = False) -> Console:

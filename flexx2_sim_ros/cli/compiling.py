@@ -9,7 +9,6 @@ import time
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.camera.compiling import compiling_said, warm_up
 from flexx2_sim_ros.cli.common import messages, progress_bar
-from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.effects import Effect, registry
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 from flexx2_sim_ros.profiles.files import find_profile
@@ -17,7 +16,7 @@ from flexx2_sim_ros.profiles.modes import Profile
 
 _EFFECTS = 0.3  # of the time
 _SCALE, _FRAMES = 0.2, 6  # of the recordings of a diagnosis
-_OPTIONS = """
+OPTIONS = """
 Compile the camera model, all effects and the diagnosis, so that a camera and flexx2 gap diagnose
 start at once. The result is kept in the folder of the package, or in the cache folder of the user
 if that is not writable (then each user runs this command once). Run it again after an update of
@@ -29,11 +28,6 @@ when these commands run for the first time.
 
 example: flexx2 compile
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(parser, _OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import output_folder, whole
 from flexx2_sim_ros.cli.common import plain_table
-from flexx2_sim_ros.cli.options import add_table, number
+from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.cli.ros import camera_command, check, nodes, Processes, ros
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import centred, Reprojection
@@ -24,7 +24,7 @@ _CAMERAS = ['front_left', 'front_right']
 _START_SECONDS = 180.0
 # How long to wait for frames of a mode, and how many: sigma needs three.
 _FRAME_SECONDS, _FRAMES = 60.0, 3
-_OPTIONS = """
+OPTIONS = """
 Start go1_cameras and two flexx2_camera nodes as processes, switch through the measured modes (all
 modes, if none was measured) while they stream, print rates, latency and noise, and write a
 picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazzy).
@@ -36,17 +36,11 @@ picture. Needs ROS 2 (pip install "flexx2_sim_ros[ros]", or a sourced ROS 2 Jazz
 
 example: flexx2 demo --seconds 5 --out demo_output
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        seconds={'type': number(0, 1e6, above=True), 'default': 4.0},
-        out={'type': Path, 'default': Path('demo_output')},
-        renderer='auto',
-    )
+VALUES = {
+    'seconds': {'type': number(0, 1e6, above=True), 'default': 4.0},
+    'out': {'type': Path, 'default': Path('demo_output')},
+    'renderer': 'auto',
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

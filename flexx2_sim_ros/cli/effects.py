@@ -19,9 +19,14 @@ _OPTIONS = """
 --write-presets DIR: write a YAML file for each effect, and typical.yaml
 """
 _SHOW = """
+Write a picture: a fixed scene with the effect, what the effect changes in it, and this change as a
+curve against the quantity that it depends on.
+
 name NAME: an effect, see flexx2 effects
 --out PNG: picture to write (default: NAME.png)
 --effects FILE: draw the effect as a file has it (default: at its typical strength)
+
+example: flexx2 effects show multipath --out multipath.png
 """
 
 
@@ -36,13 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     form = parser.add_mutually_exclusive_group()
     add_table(form, _OPTIONS, write_presets=Path)
     actions = parser.add_subparsers(metavar='show', dest='action')
-    show = actions.add_parser(
-        'show',
-        help='draw what an effect does',
-        description='Write a picture: a fixed scene with the effect, what the effect changes in '
-        'it, and this change as a curve against the quantity that it depends on.',
-        epilog='example: flexx2 effects show multipath --out multipath.png',
-    )
+    show = actions.add_parser('show', help='draw what an effect does')
     add_table(show, _SHOW, out=Path)
     show.set_defaults(run=run_show)
 

@@ -12,7 +12,7 @@ from flexx2_sim_ros.atomic import (
     write_text,
 )
 from flexx2_sim_ros.cli.common import messages, progress_bar
-from flexx2_sim_ros.cli.options import add_table, number
+from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError, printable, shown_path
 from flexx2_sim_ros.export import ExportTarget, MapperNoise, measure_noise, Parameters, TARGETS
@@ -26,7 +26,7 @@ from rich.table import Table
 _ALL = 'all'
 _CELL = 0.05  # metres, the default of octomap_server and nvblox
 _ANGLES = ', '.join(f'{angle:g}' for angle in ANGLES)
-_OPTIONS = f"""
+OPTIONS = f"""
 Write the noise of a mode as parameters of a mapper or simulator: {', '.join(TARGETS)}. The
 parameters are fitted by least squares over the range of the mode. The command prints the worst
 deviation of each fit, and what the target cannot hold. Without TARGET it lists the targets.
@@ -46,19 +46,13 @@ target TARGET: what to write for; {_ALL}: a file for each, in a folder
 examples: flexx2 export elevation_mapping --usecase Mode_5_30fps, flexx2 export all --effects
 diagnosis/effects.yaml --out exported/
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        target={'nargs': '?', 'choices': (*TARGETS, _ALL)},
-        distances=number(0, 1000),
-        incidence=number(0, 80),
-        cell={'type': number(0.001, 10), 'default': _CELL},
-        out=Path,
-    )
+VALUES = {
+    'target': {'nargs': '?', 'choices': (*TARGETS, _ALL)},
+    'distances': number(0, 1000),
+    'incidence': number(0, 80),
+    'cell': {'type': number(0.001, 10), 'default': _CELL},
+    'out': Path,
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,13 +4,13 @@ import argparse
 from typing import Any
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.options import add_table, number
+from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
 
-_OPTIONS = """
+OPTIONS = """
 Compare the recordings in FRESH with their simulation, before and after the effects of
 DIAGNOSIS/effects.yaml are simulated. Prints a table with 90 % intervals over recordings, and
 writes check.json and check.html. The exit status is 0 if the gap shrinks and no physical measure
@@ -33,11 +33,7 @@ fresh FRESH: folder of recordings with clean_depth (.npz or bags)
 
 example: flexx2 gap check diagnosis/ fresh/ --out checked/
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(parser, _OPTIONS, pose_prior=number(0, 1e3, above=True))
+VALUES = {'pose_prior': number(0, 1e3, above=True)}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -66,19 +62,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(table: dict[str, Any], console: Console) -> None:
-    from flexx2_sim_ros.gap.report.check_page import headline, lines, sentences
+    from flexx2_sim_ros.gap.report.check_page import headline, HEADS, lines, sentences
 
     console.print(printable(headline(table)), style='bold')
-    shown = Table(
-        Column(overflow='fold'),
-        'before',
-        'after',
-        'two simulations',
-        'change',
-        '',
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-    )
+    first = Column(overflow='fold')
+    shown = Table(first, *HEADS[1:-1], '', box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for line in lines(table):
         # A value above its interval, so that the table fits a terminal of 80 columns.
         shown.add_row(*(text.replace(' (', '\n(') for text in line))

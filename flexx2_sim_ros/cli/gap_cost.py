@@ -4,14 +4,14 @@ import argparse
 from typing import Any
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.options import add_table, number
+from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.limits import CONSUMER_SECONDS
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Column, Table
 
-_OPTIONS = f"""
+OPTIONS = f"""
 Send the recordings in CAMPAIGN and their simulations (as simulated, with each diagnosed effect,
 with all) through what reads depth on a robot: a height grid, an elevation map, an occupancy map,
 the distance of obstacles, or your own. Writes cost.json and cost.html.
@@ -31,18 +31,12 @@ campaign CAMPAIGN: folder of recordings with clean_depth
 
 example: flexx2 gap cost recordings/ --diagnosis diagnosis/ --out cost/
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        diagnosis={'required': True},
-        consumer={'action': 'append', 'default': []},
-        mounting=number(-1e3, 1e3),
-        limit={'type': number(0, 1e6, above=True), 'default': CONSUMER_SECONDS},
-    )
+VALUES = {
+    'diagnosis': {'required': True},
+    'consumer': {'action': 'append', 'default': []},
+    'mounting': number(-1e3, 1e3),
+    'limit': {'type': number(0, 1e6, above=True), 'default': CONSUMER_SECONDS},
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

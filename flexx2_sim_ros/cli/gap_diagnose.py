@@ -3,13 +3,13 @@
 import argparse
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.options import add_table, number
+from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 _COMPILING = 'compiling: takes a minute or two, once (flexx2 compile does it ahead) ...'
-_OPTIONS = """
+OPTIONS = """
 Find the effects that explain the gap. The result says for example that an effect removes 61 % of
 the gap: this fraction of the difference goes away, on recordings that were not used for the fit,
 once the effect is simulated. An alternative explanation is another effect that may be present: the
@@ -35,17 +35,11 @@ campaign CAMPAIGN: folder of recordings
 
 example: flexx2 gap diagnose recordings --out diagnosis
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        without={'action': 'append', 'default': []},
-        pose_prior=number(0, 1e3, above=True),
-        forms='quick',
-    )
+VALUES = {
+    'without': {'action': 'append', 'default': []},
+    'pose_prior': number(0, 1e3, above=True),
+    'forms': 'quick',
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

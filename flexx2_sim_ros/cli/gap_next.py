@@ -1,20 +1,18 @@
 """`flexx2 gap next`: rank recordings by how well they settle what a diagnosis leaves open."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.atomic import check_outputs, output_folder, write_text
+from flexx2_sim_ros.atomic import as_json, check_outputs, write_texts
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import printable
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 _FILE, _PAGE = 'next.json', 'next.html'
 _ROWS = 10
-_OPTIONS = f"""
+OPTIONS = f"""
 Simulate the explanations that DIAGNOSIS leaves open in recordings that you could make next, and
 diagnose each together with the recordings of CAMPAIGN. The ranking says how often that names the
 right cause. Prints the suggestion and the ranking, and writes {_FILE} and {_PAGE} with pictures of
@@ -36,17 +34,11 @@ campaign CAMPAIGN: folder of the recordings that were diagnosed
 
 example: flexx2 gap next diagnosis/ campaign/ --truth tape
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        out={'required': False},
-        truth={'action': 'append', 'default': []},
-        scene={'action': 'append', 'default': []},
-    )
+VALUES = {
+    'out': {'required': False},
+    'truth': {'action': 'append', 'default': []},
+    'scene': {'action': 'append', 'default': []},
+}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -73,9 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             jobs=arguments.jobs,
             progress=progress,
         )
-    folder = output_folder(out)
-    write_text(folder / _FILE, json.dumps(found.table, indent=2, allow_nan=False) + '\n')
-    write_text(folder / _PAGE, page(found, profile.intrinsics))
+    write_texts(out, {_FILE: as_json(found.table), _PAGE: page(found, profile.intrinsics)})
     console.print(_shown(found.table))
     console.print(printable(suggested(found.table)))
     console.print(f'{out}: {_FILE}, {_PAGE}')

@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.options import add_table, whole_number
+from flexx2_sim_ros.cli.options import whole_number
 
 CHECKLIST, PAGE, FORM, TABLE = 'checklist.md', 'plan.html', 'planes.yaml', 'table.yaml'
-_OPTIONS = f"""
+OPTIONS = f"""
 Write a checklist for one hour with a camera: what to set up, which command records it, and what
 ground truth it needs; a form for the distances that you measure; and a table of how weak an effect
 may be and still be found. See docs/diagnose_your_flexx2.md.
@@ -25,11 +25,7 @@ may be and still be found. See docs/diagnose_your_flexx2.md.
 
 example: flexx2 gap plan --out plan/
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(parser, _OPTIONS, out={'required': True}, seed=whole_number(0, 10**6))
+VALUES = {'out': {'required': True}, 'seed': whole_number(0, 10**6)}
 
 
 def run(arguments: argparse.Namespace) -> int:

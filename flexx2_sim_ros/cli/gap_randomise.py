@@ -4,11 +4,10 @@ import argparse
 
 from flexx2_sim_ros.atomic import check_no_overwrite, checked_target
 from flexx2_sim_ros.cli.common import messages, print_lines
-from flexx2_sim_ros.cli.options import add_table
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-_OPTIONS = """
+OPTIONS = """
 Write what a diagnosis knows of its camera as distributions: named effects with the uncertainty and
 the correlations of their parameters, effects that could not be decided as in the catalogue, all
 others off. flexx2 simulate --draw, the node and BatchCamera draw cameras from them.
@@ -19,11 +18,7 @@ diagnosis
 
 example: flexx2 gap randomise diagnosis/ --out randomisation.yaml
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(parser, _OPTIONS, out={'required': True})
+VALUES = {'out': {'required': True}}
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,11 +4,10 @@ import argparse
 from pathlib import Path
 
 from flexx2_sim_ros import atomic
-from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import InputError, shown_path
 
 SIZES = 'A4', 'A3', 'A2'
-_OPTIONS = """
+OPTIONS = """
 Write a PDF to print at 100 % on a sheet of the given size, and beside it a .yaml that describes it
 for flexx2 gap truth --board. Two rulers on the sheet show whether the print is true to scale. See
 docs/truth.md.
@@ -19,16 +18,10 @@ docs/truth.md.
 
 example: flexx2 gap target --out target.pdf --size A3
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        out={'required': True},
-        size={'choices': SIZES, 'default': 'A3', 'action': 'store'},
-    )
+VALUES = {
+    'out': {'required': True},
+    'size': {'choices': SIZES, 'default': 'A3', 'action': 'store'},
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -4,11 +4,11 @@ import argparse
 from typing import Any
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.options import add_table, number, whole_number
+from flexx2_sim_ros.cli.options import number, whole_number
 from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
-_OPTIONS = """
+OPTIONS = """
 Let simulated robots walk over stairs, rubble and gaps with footholds chosen on the height grid
 that their cameras see: with perfect depth, with the noise model, and with the diagnosed effects
 added. Writes walk.json and the figure walk.png. Forces are not simulated; docs/robots.md says when
@@ -26,17 +26,11 @@ diagnosis DIAGNOSIS: folder that flexx2 gap diagnose has written
 
 example: flexx2 gap walk diagnosis/ --out walk/
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        walks={'type': whole_number(1, 100_000), 'default': 200},
-        steps={'nargs': '+', 'type': number(0, 0.5)},
-        robot='go1',
-    )
+VALUES = {
+    'walks': {'type': whole_number(1, 100_000), 'default': 200},
+    'steps': {'nargs': '+', 'type': number(0, 0.5)},
+    'robot': 'go1',
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

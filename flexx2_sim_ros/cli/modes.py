@@ -4,7 +4,6 @@ import argparse
 import math
 
 from flexx2_sim_ros.cli.common import plain_table
-from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import BUILT_IN, find_profile, shipped
 from flexx2_sim_ros.profiles.modes import Mode
@@ -13,7 +12,7 @@ from rich.console import Console
 
 _TEXT = ('mode', 'noise of', 'source')
 _WHOLE = ('mode', 'noise of', 'range [m]', 'MHz')
-_OPTIONS = f"""
+OPTIONS = f"""
 List the modes: rate, range, modulation, raw frames, and the noise model with its coefficients.
 Shipped profiles: {', '.join(shipped())}.
 
@@ -21,11 +20,6 @@ Shipped profiles: {', '.join(shipped())}.
 
 example: flexx2 modes --profile kinect_v2
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(parser, _OPTIONS)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,23 +9,20 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder
-from flexx2_sim_ros.cli.common import messages
-from flexx2_sim_ros.cli.options import add_table, number
+from flexx2_sim_ros.cli.common import messages, plain_table
+from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import InputError, printable
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
-_DESCRIPTION = (
-    'Record clean and simulated depth, reflectivity, gray images, camera infos '
-    'and modes of all cameras, simulated or real, with /tf, /tf_static and /clock, into a '
-    'rosbag2 bag, until Ctrl-C. Lost messages are counted and shown. Needs ROS 2.'
-)
 _SHOW_SECONDS = 0.25
 _DRAIN_SECONDS = 2.0
 _IDLE = 5
-_OPTIONS = """
+OPTIONS = """
+Record clean and simulated depth, reflectivity, gray images, camera infos and modes of all cameras,
+simulated or real, with /tf, /tf_static and /clock, into a rosbag2 bag, until Ctrl-C. Lost messages
+are counted and shown. Needs ROS 2.
+
 bag BAG: new folder, without an ending (default: flexx2_ and the time)
 --seconds SECONDS: stop this long after the first message (default: record until Ctrl-C)
 --wait SECONDS: longest time to wait for the first message (default %(default)s)
@@ -34,24 +31,18 @@ bag BAG: new folder, without an ending (default: flexx2_ and the time)
 --cameras NAME: record only these (namespaces or nodes)
 --also TOPIC: record more topics; wildcards allowed: '*/point_cloud_0' '*/depth_noise_0' /odom
 --queue MB: memory for messages that wait for the disk (default %(default)g)
+
+example: flexx2 record walk --seconds 10
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.description = _DESCRIPTION
-    parser.epilog = 'example: flexx2 record walk --seconds 10'
-    add_table(
-        parser,
-        _OPTIONS,
-        bag={'nargs': '?', 'type': Path},
-        seconds=number(0, 1e9, above=True),
-        wait={'type': number(0, 1e9, above=True), 'default': 30.0},
-        storage='mcap',
-        cameras={'nargs': '+', 'default': []},
-        also={'nargs': '+', 'default': []},
-        queue={'type': number(0, 1e6, above=True), 'default': 256.0},
-    )
+VALUES = {
+    'bag': {'nargs': '?', 'type': Path},
+    'seconds': number(0, 1e9, above=True),
+    'wait': {'type': number(0, 1e9, above=True), 'default': 30.0},
+    'storage': 'mcap',
+    'cameras': {'nargs': '+', 'default': []},
+    'also': {'nargs': '+', 'default': []},
+    'queue': {'type': number(0, 1e6, above=True), 'default': 256.0},
+}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -139,14 +130,9 @@ def _remarks(recorder: Any) -> dict[str, str]:
 
 
 def _report(recorder: Any, path: Path) -> None:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    for name in ('topic', 'messages', 'from [s]', 'Hz', 'MB', 'lost', 'gaps'):
-        table.add_column(
-            name,
-            justify='left' if name == 'topic' else 'right',
-            no_wrap=name != 'topic',
-            overflow='fold',
-        )
+    numbers = 'messages', 'from [s]', 'Hz', 'MB', 'lost', 'gaps'
+    table = plain_table('topic', *numbers, text=('topic',), whole=numbers)
+    table.columns[0].overflow = 'fold'
     for name, topic in sorted(recorder.topics.items()):
         gaps = topic.gaps()
         text = f'{gaps.count} ({gaps.longest:.3f} s)' if gaps.count else '0'

@@ -6,14 +6,14 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.cli.common import messages
-from flexx2_sim_ros.cli.options import add_table, number
+from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.cli.ros import ros
 from flexx2_sim_ros.errors import printable
 from rich.console import Console
 
 _ACKNOWLEDGE_SECONDS = 5.0
 _DISCOVERY_SECONDS = 0.5
-_OPTIONS = """
+OPTIONS = """
 Publish the messages of a rosbag2 bag at the pace of their stamps, and a /clock that fits them.
 Ends at the end of the bag. Needs ROS 2.
 
@@ -26,17 +26,11 @@ bag BAG: a folder, or a .mcap or .db3 file
 
 example: flexx2 replay walk --rate 0.5 --topics '*/clean/*'
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        rate={'type': number(0, 1e6, above=True), 'default': 1.0},
-        topics={'nargs': '+', 'default': []},
-        wait={'type': number(0, 1e6), 'default': 2.0},
-    )
+VALUES = {
+    'rate': {'type': number(0, 1e6, above=True), 'default': 1.0},
+    'topics': {'nargs': '+', 'default': []},
+    'wait': {'type': number(0, 1e6), 'default': 2.0},
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

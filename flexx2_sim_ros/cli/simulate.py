@@ -9,7 +9,7 @@ import zlib
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.cli.common import messages
-from flexx2_sim_ros.cli.options import add_table, MOST_FRAMES, MOST_SEED, SEEDS, whole_number
+from flexx2_sim_ros.cli.options import MOST_FRAMES, MOST_SEED, SEEDS, whole_number
 from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.effects.time_offset import time_offset_of
@@ -28,7 +28,7 @@ _LONGEST_UPTIME = 1e6  # seconds
 _STARTS = 1_000_000  # seconds from which a scene has its own
 # Besides those of the scene itself: with three dimensions, one image a frame.
 _MAY_BE_STACKS = {'amplitude', 'known', 'clean_sigma', 'incidence', 'reflectivity_spread'}
-_OPTIONS = f"""
+OPTIONS = f"""
 Read clean depth and write what the camera would have recorded. IN.npz has clean_depth (H, W) or
 (T, H, W) in metres, NaN where there is no return, K (3, 3), optionally reflectivity (0..1) and
 stamp (T,) in seconds, or stamp_ns. OUT.npz is a recording: depth (T, H, W) float32 metres with NaN
@@ -54,20 +54,14 @@ output OUT.npz: recording to write
 
 example: flexx2 simulate scene.npz out.npz --usecase Mode_5_30fps --frames 300
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        draw=whole_number(0, MOST_SEED),
-        frames=whole_number(1, MOST_FRAMES),
-        seed={'type': whole_number(*SEEDS), 'default': 0},
-        name='',
-        start=float,
-        uptime=float,
-    )
+VALUES = {
+    'draw': whole_number(0, MOST_SEED),
+    'frames': whole_number(1, MOST_FRAMES),
+    'seed': {'type': whole_number(*SEEDS), 'default': 0},
+    'name': '',
+    'start': float,
+    'uptime': float,
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

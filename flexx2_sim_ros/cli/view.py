@@ -15,13 +15,13 @@ import tempfile
 from typing import Any
 import webbrowser
 
-from flexx2_sim_ros.cli.options import add_table, whole_number
+from flexx2_sim_ros.cli.options import whole_number
 from flexx2_sim_ros.cli.ros import camera_command, check, nodes, ros
 from flexx2_sim_ros.errors import InputError, shown
 
 _CAMERAS = ('front_left', 'front_right')
 _EVERYWHERE = ('0.0.0.0', '::', '')
-_OPTIONS = """
+OPTIONS = """
 Serve a page that shows depth, what it is compared with, their difference and the point cloud of
 all cameras. Without PATH it shows the cameras that stream now (needs ROS 2): on the page you
 switch modes and drive the robot with W A S D. PATH is a recording (.npz or bag) or a folder of
@@ -46,21 +46,15 @@ campaign CAMPAIGN: recordings of the diagnosis
 
 examples: flexx2 view --demo; flexx2 view walk; flexx2 view diagnosis recordings
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(
-        parser,
-        _OPTIONS,
-        path={'nargs': '?', 'type': Path},
-        campaign={'nargs': '?', 'type': Path},
-        renderer='auto',
-        cameras={'nargs': '+', 'default': []},
-        cmd_vel='/cmd_vel',
-        host='127.0.0.1',
-        port={'type': whole_number(0, 65535), 'default': 8172},
-    )
+VALUES = {
+    'path': {'nargs': '?', 'type': Path},
+    'campaign': {'nargs': '?', 'type': Path},
+    'renderer': 'auto',
+    'cameras': {'nargs': '+', 'default': []},
+    'cmd_vel': '/cmd_vel',
+    'host': '127.0.0.1',
+    'port': {'type': whole_number(0, 65535), 'default': 8172},
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

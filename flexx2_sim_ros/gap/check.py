@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros import __version__
-from flexx2_sim_ros.atomic import check_outputs
+from flexx2_sim_ros.atomic import as_json, check_outputs, write_texts
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.effects.tables import plain
@@ -20,13 +20,14 @@ from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.given_effects import fit_without_and_with, FittedRecordings
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
-from flexx2_sim_ros.gap.report.check_page import FILES, write_check
+from flexx2_sim_ros.gap.report.check_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, noisier, portion, Progress, stepper
 from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
 SCHEMA = 1
+FILES = 'check.json', 'check.html'
 
 
 def check(
@@ -121,7 +122,7 @@ def check(
     table['version'] = __version__
     if out is not None:
         request.progress('writing', 0.99)
-        write_check(Path(out), table)
+        write_texts(out, dict(zip(FILES, (as_json(table), page(table)), strict=True)))
     request.progress('done', 1.0)
     return table
 

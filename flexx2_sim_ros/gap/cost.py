@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros import __version__
-from flexx2_sim_ros.atomic import check_outputs
+from flexx2_sim_ros.atomic import as_json, check_outputs, write_texts
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.consumers.comparison import compare, parts, QUANTILES
 from flexx2_sim_ros.consumers.loading import ConsumerSource, sources
@@ -21,7 +21,7 @@ from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.renditions import AGAIN, ALL, Known, REAL, render, Rendered, SIMULATED
-from flexx2_sim_ros.gap.report.cost_page import FILES, write_cost
+from flexx2_sim_ros.gap.report.cost_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
 from flexx2_sim_ros.jobs import bind, Map, workers
@@ -29,6 +29,7 @@ from flexx2_sim_ros.limits import CONSUMER_SECONDS
 import numpy as np
 
 SCHEMA = 1
+FILES = 'cost.json', 'cost.html'
 _HIGHEST, _STEEPEST = 10.0, 80.0  # of a camera: metres and degrees
 _NAMES = REAL, SIMULATED, AGAIN
 _RANKED = 'part', 'share'
@@ -106,7 +107,8 @@ def cost(
     table['version'] = __version__
     if out is not None:
         progress('writing', 0.99)
-        write_cost(Path(out), table, results)
+        files = as_json(table), page(table, results)
+        write_texts(out, dict(zip(FILES, files, strict=True)))
     progress('done', 1.0)
     return table
 

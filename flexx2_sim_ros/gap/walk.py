@@ -1,13 +1,12 @@
 """How often a walking robot fails with a diagnosed camera, by what is simulated of it."""
 
 from collections.abc import Mapping, Sequence
-import json
 from pathlib import Path
 import time
 from typing import Any
 
 from flexx2_sim_ros import __version__
-from flexx2_sim_ros.atomic import check_outputs, output_folder, whole_files
+from flexx2_sim_ros.atomic import as_json, check_outputs, output_folder, whole_files, write_text
 from flexx2_sim_ros.camera import flexx2, Profile
 from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.errors import InputError, shown
@@ -119,8 +118,7 @@ def walk(
     }
     if out is not None:
         with whole_files(output_folder(out)) as part:
-            text = json.dumps(table, indent=2, allow_nan=False)
-            (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
+            write_text(part / FILES[0], as_json(table))
             draw_walks(
                 part / FILES[1], table['rows'], f'{walks} walks for each point, 95 % intervals'
             )

@@ -1,13 +1,13 @@
 """The readable plan: a checklist in Markdown, and a page with drawings."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from html import escape
 import math
 import shlex
 from typing import Any
 
-from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros import html_parts as html
+from flexx2_sim_ros.camera import Intrinsics, Profile
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.planning.drawing import as_data_url, drawing
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
@@ -16,15 +16,10 @@ from flexx2_sim_ros.html_page import html_page
 from flexx2_sim_ros.truth.plane_file import plane_form
 
 _NODE = '/pmd_royale_ros_camera_node'  # of the real driver (pmd-royale-ros)
-_STYLE = """
-td, th { padding: .2rem 1rem .2rem 0; text-align: left; vertical-align: top; }
-th, small { color: var(--dim); }
+STYLE = """
 .set { display: flex; flex-wrap: wrap; gap: 1.2rem; }
 .set img { width: 26rem; }
-.set div { flex: 1; min-width: 18rem; }
-.open { color: var(--red); }
-pre { background: var(--faint); padding: .5rem .7rem; overflow-x: auto; }
-pre code { background: none; padding: 0; }
+.set div { flex: 1; min-width: 17rem; }
 """
 _PREPARE = (
     'A room with two bright, matt walls that meet in a corner, and about 4 m of free space. '
@@ -139,24 +134,23 @@ def page(told: Checklist) -> str:
     plan = told.plan
     header, rows = _cells(told.table)
     body = [
-        f'<h1>{escape(plan.title)}</h1>',
-        f'<p><small>{len(plan.recordings)} recordings, mode {escape(plan.usecase)}, '
-        f'{escape(told.profile.model)}</small></p>',
-        '<h2>You need</h2><ul>',
-        *(f'<li>{_code(one)}</li>' for one in _PREPARE),
-        f'</ul><p>{escape(_TILT)}</p>',
-        f'<h2>Before you start</h2>{_shell(_before(told))}',
+        html.heading(plan.title, 1),
+        html.note(f'{len(plan.recordings)} recordings, mode {plan.usecase}, {told.profile.model}'),
+        html.heading('You need'),
+        html.bullets(map(html.code, _PREPARE)),
+        html.paragraphs([_TILT]),
+        html.heading('Before you start'),
+        html.shell(_before(told)),
         *(_set_up(planned, told.profile) for planned in plan.recordings),
-        f'<h2>Afterwards</h2>{_shell(_afterwards(told))}',
-        f'<p>{_code(_UPTIME)}</p>',
-        f'<h2>What this plan can find</h2><p>{_code(_table_words(told))}</p>',
-        '<div class="scroll"><table><tr>',
-        *(f'<th>{escape(one)}</th>' for one in header),
-        '</tr>',
-        *('<tr>' + ''.join(f'<td>{_mark(one)}</td>' for one in row) + '</tr>' for row in rows),
-        f'</table></div><p><small>{escape(_kinds(told.table))}</small></p>',
+        html.heading('Afterwards'),
+        html.shell(_afterwards(told)),
+        html.paragraphs([html.code(_UPTIME)]),
+        html.heading('What this plan can find'),
+        html.paragraphs([html.code(_table_words(told))]),
+        html.table(header, [[_mark(one) for one in row] for row in rows]),
+        html.note(_kinds(told.table)),
     ]
-    return html_page(plan.title, _STYLE, '\n'.join(body))
+    return html_page(plan.title, STYLE, '\n'.join(body))
 
 
 _UPTIME = (
@@ -182,20 +176,36 @@ def _afterwards(told: Checklist) -> list[str]:
     ]
 
 
-def _shell(lines: Sequence[str]) -> str:
-    return f'<pre><code>{escape(chr(10).join(lines))}</code></pre>'
-
-
-def _set_up(planned: PlannedRecording, profile: Profile) -> str:
-    name = escape(planned.name)
-    return (
-        f'<h2><input type="checkbox" aria-label="{name} is recorded"> {name}: '
-        f'{escape(planned.title)}</h2><div class="set"><figure><img alt="set-up of {name}" '
-        f'src="{as_data_url(drawing(planned, profile.intrinsics))}"></figure><div>'
-        f'<p>{escape(planned.set_up)}</p><pre><code>{escape(record_command(planned))}</code></pre>'
-        f'<p><small>For</small> {escape(", ".join(planned.effects))}</p>'
-        f'<p><small>Ground truth:</small> {escape(truth_words(planned))}</p></div></div>'
+def _set_up(planned: PlannedRecording, profile: Profile) -> html.Html:
+    name, box = planned.name, {'type': 'checkbox', 'aria-label': f'{planned.name} is recorded'}
+    title = html.element('h2', html.element('input', **box), f' {name}: {planned.title}')
+    return html.join(
+        title,
+        set_up(
+            planned,
+            profile.intrinsics,
+            html.paragraphs([planned.set_up]),
+            html.shell([record_command(planned)]),
+            html.element('p', html.element('small', 'For'), f' {", ".join(planned.effects)}'),
+            truth_line(truth_words(planned)),
+        ),
     )
+
+
+def set_up(planned: PlannedRecording | None, lens: Intrinsics, *words: str) -> html.Html:
+    """Return words beside the drawing of a set-up, if there is one, for the style `STYLE`."""
+    drawn = ''
+    if planned is not None:
+        url = as_data_url(drawing(planned, lens))
+        drawn = html.element(
+            'figure', html.element('img', alt=f'set-up of {planned.name}', src=url)
+        )
+    return html.element('div', drawn, html.element('div', *words), kind='set')
+
+
+def truth_line(words: str) -> html.Html:
+    """Return which ground truth suits a recording, as a line of its set-up."""
+    return html.element('p', html.element('small', 'Ground truth:'), f' {words}')
 
 
 def _table_words(told: Checklist) -> str:
@@ -247,10 +257,4 @@ def _kinds(table: Mapping[str, Any]) -> str:
 
 
 def _mark(cell: str) -> str:
-    return f'<span class="open">{cell}</span>' if cell in ('open', '-') else escape(cell)
-
-
-def _code(text: str) -> str:
-    # Shows text between backquotes as code.
-    parts = escape(text).split('`')
-    return ''.join(f'<code>{one}</code>' if i % 2 else one for i, one in enumerate(parts))
+    return html.element('span', cell, kind='bad') if cell in ('open', '-') else cell

@@ -1,8 +1,8 @@
 """Figures of a report: maps of the image, and curves along covariates."""
 
 from collections.abc import Sequence
-from html import escape
 
+from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.data.axes import AXES, Axes, Axis, TILE_COLUMNS, TILE_ROWS
 from flexx2_sim_ros.gap.features.confirm import Outcome
@@ -48,7 +48,7 @@ _FROM_EDGE = {-2.0: 1, -1.0: 0, 1.0: 2, 2.0: 3}
 _FIRST = {(f.channel, f.axis): i for i, f in reversed(list(enumerate(LAYOUT)))}
 
 
-def maps(confirmed: Sequence[Outcome], explained: bool) -> str:
+def maps(confirmed: Sequence[Outcome], explained: bool) -> html.Html:
     """
     Return maps of the mean depth error, and of the channel that differs most otherwise, as HTML.
 
@@ -107,19 +107,16 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> str:
             figures.append(
                 _map(image, limit, f'{text}: {label.partition(",")[0]}', label.partition(', ')[2])
             )
-    return f'<h2>On the image</h2><div class="row">{"".join(figures)}</div>'
+    return html.join(html.heading('On the image'), html.beside(*figures))
 
 
-def _map(image: np.ndarray, limit: float, text: str, unit: str) -> str:
+def _map(image: np.ndarray, limit: float, text: str, unit: str) -> html.Html:
     ends = f'blue {-limit:.2g} to red {limit:+.2g} {unit}'.strip()
-    return (
-        f'<figure><img alt="{escape(text)}" width="420" src="{picture(image, limit)}">'
-        f'<figcaption>{escape(text)}, {escape(ends)}; white: no difference, '
-        'gray: not seen</figcaption></figure>'
-    )
+    caption = f'{text}, {ends}; white: no difference, gray: not seen'
+    return html.figure(picture(image, limit), caption, text, 420)
 
 
-def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> str:
+def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> html.Html:
     """
     Return curves of real and simulated depth along the covariates that show the gap best, as HTML.
 
@@ -162,11 +159,14 @@ def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> str:
                 6 * FEATURES.tolerances[channel] * factor,
             )
         )
-    return (
-        f'<h2>Real against simulated</h2><div class="row">{"".join(figures)}</div><p><small>Mean '
-        'over the pixels of all recordings, for the curves that differ most. sigma_z is the noise '
-        'that the simulation gives a pixel. The noise variance is relative to it (ln 1 = 0: '
-        'equal).</small></p>'
+    return html.join(
+        html.heading('Real against simulated'),
+        html.beside(*figures),
+        html.note(
+            'Mean over the pixels of all recordings, for the curves that differ most. sigma_z is '
+            'the noise that the simulation gives a pixel. The noise variance is relative to it '
+            '(ln 1 = 0: equal).'
+        ),
     )
 
 

@@ -1,73 +1,24 @@
-"""Write what a gap costs: ``cost.json``, a page, and sentences."""
+"""The page of what a gap costs, and its sentences and tables for the terminal and the report."""
 
 from collections.abc import Iterator, Sequence
-from html import escape
-import json
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from flexx2_sim_ros.atomic import output_folder, whole_files
+from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.consumers.comparison import FEWEST
 from flexx2_sim_ros.consumers.running import Result
-from flexx2_sim_ros.gap.report.style import STYLE
 from flexx2_sim_ros.gap.report.text import listed, moved, percent, spaced
 from flexx2_sim_ros.html_drawing import bar, picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
 
-FILES = ('cost.json', 'cost.html')
-_STYLE = (
-    STYLE
-    + """
+HEADS = 'recorded', 'as simulated', 'with all effects', 'taken away first'
+_STYLE = """
 td + td { white-space: nowrap; }
-.row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
 .row img { image-rendering: pixelated; height: 11rem; width: auto; }
-.faint td { color: var(--dim); }
 """
-)
 _PICTURES = {'real': 'recorded', 'simulated': 'as simulated', 'all effects': 'with all effects'}
 NOTHING_SEEN = 'No recording shows what it measures.'
 _LEAST_COLOUR = 0.02  # metres: smaller errors are drawn pale
-
-
-class CostLine(NamedTuple):
-    """
-    One measure as text, for a table.
-
-    Attributes
-    ----------
-    measure, real, simulated, with_all, first : str
-        Mean values, and how much of the difference the best effect takes away.
-
-    """
-
-    measure: str
-    real: str
-    simulated: str
-    with_all: str
-    first: str
-
-
-def write_cost(folder: Path, table: dict[str, Any], results: Sequence[Result]) -> None:
-    """
-    Write ``cost.json`` and ``cost.html``.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Created if it does not exist; the two files in it are replaced.
-    table : dict
-        What `flexx2_sim_ros.gap.cost` returns.
-    results : sequence of Result
-        What consumers made of the recordings, for the pictures.
-
-    """
-    with whole_files(output_folder(folder)) as part:
-        text = json.dumps(table, indent=2, allow_nan=False)
-        (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
-        (part / FILES[1]).write_text(
-            page(table, results), encoding='utf-8', errors='backslashreplace'
-        )
 
 
 def headline(table: dict[str, Any]) -> str:
@@ -152,8 +103,8 @@ def sentences(table: dict[str, Any]) -> list[str]:
     return out + [f'Left out: {row["reason"]}.' for row in table['recordings'] if not row['used']]
 
 
-def lines(consumer: dict[str, Any]) -> Iterator[tuple[CostLine, bool]]:
-    """Yield each measure of a consumer as text, and whether it differs significantly."""
+def lines(consumer: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], bool]]:
+    """Yield each measure of a consumer as text, its values below `HEADS`, and if it is clear."""
     for one in consumer['measures']:
         unit = f', {one["unit"]}' if one['unit'] else ''
         name, best = max(one['effects'].items(), key=lambda item: item[1]['share'])
@@ -161,7 +112,7 @@ def lines(consumer: dict[str, Any]) -> Iterator[tuple[CostLine, bool]]:
         if one['significant']:
             first = f'{spaced(name)} {_percent(best)}' if best['share'] > 0 else 'no effect alone'
         yield (
-            CostLine(
+            (
                 f'{spaced(one["name"])}{unit}',
                 f'{one["real"]:.3g}',
                 f'{one["simulated"]:.3g}',
@@ -183,7 +134,7 @@ def in_short(table: dict[str, Any]) -> str:
     return f'No cost: {table["reason"]}.' if 'reason' in table else headline(table)
 
 
-def section(table: dict[str, Any]) -> str:
+def section(table: dict[str, Any]) -> html.Html:
     """
     Return the cost as a section of the report of a diagnosis.
 
@@ -193,29 +144,32 @@ def section(table: dict[str, Any]) -> str:
         What `flexx2_sim_ros.gap.measure_cost` returns, or a ``reason`` why there is none.
 
     """
-    title = '<h2>What the gap costs a robot</h2>'
+    title = html.heading('What the gap costs a robot')
     if 'reason' in table:
-        return f'{title}<p>{escape(in_short(table))}</p>'
-    rows = []
+        return html.join(title, html.element('p', in_short(table)))
+    rows: list[html.Html | tuple[str, ...]] = []
     for consumer in table['consumers']:
         texts = [line for line, significant in lines(consumer) if significant]
         if texts:
-            rows.append(f'<tr><th colspan="5">{escape(spaced(consumer["name"]))}</th></tr>')
-        rows += [
-            f'<tr>{"".join(f"<td>{escape(text)}</td>" for text in line)}</tr>' for line in texts
-        ]
-    shown = (
-        '<div class="scroll"><table class="cost"><tr><th>mean error of</th><th>recorded</th>'
-        '<th>as simulated</th><th>with all effects</th><th>taken away first</th></tr>'
-        f'{"".join(rows)}</table></div><p><small>Errors of what reads depth on a robot, against '
-        'the true depth: on the recordings, and on their simulation. Only those that differ more '
-        'than two simulations do. The last column is how much of the difference the best effect '
-        'alone takes away, with a 90 % interval. docs/robots.md says more.</small></p>'
+            rows.append(
+                html.element('tr', html.element('th', spaced(consumer['name']), colspan='5'))
+            )
+        rows += texts
+    shown = html.join(
+        html.table(['mean error of', *HEADS], rows),
+        html.note(
+            'Errors of what reads depth on a robot, against the true depth: on the recordings, '
+            'and on their simulation. Only those that differ more than two simulations do. The '
+            'last column is how much of the difference the best effect alone takes away, with a '
+            '90 % interval. docs/robots.md says more.'
+        ),
     )
-    return (
-        f'{title}<p><b>{escape(in_short(table))}</b></p>'
-        + ''.join(f'<p>{escape(line)}</p>' for line in sentences(table))
-        + (shown if rows else '')
+    said = html.paragraphs(sentences(table))
+    return html.join(
+        title,
+        html.element('p', html.element('b', in_short(table))),
+        said,
+        shown if rows else html.Html(),
     )
 
 
@@ -224,27 +178,28 @@ def page(table: dict[str, Any], results: Sequence[Result]) -> str:
     used = [row for row in table['recordings'] if row['used']]
     good = [one for one in results if not one.fault]  # those of the table, in its order
     body = [
-        f'<p><small>What the gap costs, on {len(used)} recordings</small></p>',
-        f'<h1>{escape(headline(table))}</h1>',
-        ''.join(f'<p>{escape(line)}</p>' for line in sentences(table)),
+        html.note(f'What the gap costs, on {len(used)} recordings'),
+        html.heading(headline(table), 1),
+        html.paragraphs(sentences(table)),
         *(_consumer(*both) for both in zip(table['consumers'], good, strict=True)),
-        '<p><small>The recordings and their simulations go through the same program. Values are '
-        'means over recordings of its errors against the true depth. The difference is the mean '
-        'absolute difference between a recording and its simulation; "two simulations" is that '
-        'of two runs of the simulator, which a perfect simulation would still show. Fractions of '
-        'the difference are those that one effect alone takes away, with 90 % intervals '
-        '(bootstrap over recordings). Bars: gray without effects, blue with the effect; the mark '
-        'is the difference of two simulations.</small></p>',
-        f'<p class="dim">Made by flexx2_sim_ros {escape(table["version"])} in '
-        f'{table["seconds"]:.0f} s. docs/robots.md says how each number is computed.</p>',
+        html.note(
+            'The recordings and their simulations go through the same program. Values are means '
+            'over recordings of its errors against the true depth. The difference is the mean '
+            'absolute difference between a recording and its simulation; "two simulations" is '
+            'that of two runs of the simulator, which a perfect simulation would still show. '
+            'Fractions of the difference are those that one effect alone takes away, with 90 % '
+            'intervals (bootstrap over recordings). Bars: gray without effects, blue with the '
+            'effect; the mark is the difference of two simulations.'
+        ),
+        html.made_by(table, 'docs/robots.md'),
     ]
     return html_page('What the gap costs', _STYLE, '\n'.join(body))
 
 
-def _consumer(one: dict[str, Any], result: Result) -> str:
-    title = f'<h2>{escape(spaced(one["name"]))}</h2><p>{escape(one["title"])}</p>'
+def _consumer(one: dict[str, Any], result: Result) -> html.Html:
+    title = html.join(html.heading(spaced(one['name'])), html.element('p', one['title']))
     if not one['measures']:
-        return f'{title}<p class="dim">{NOTHING_SEEN}</p>'
+        return html.join(title, html.element('p', NOTHING_SEEN, kind='dim'))
     rows = []
     for measure in one['measures']:
         unit = f', {measure["unit"]}' if measure['unit'] else ''
@@ -252,31 +207,18 @@ def _consumer(one: dict[str, Any], result: Result) -> str:
             f'{spaced(measure["name"])}{unit}',
             *(f'{measure[key]:.3g}' for key in ('real', 'simulated', 'difference', 'null')),
         ]
-        rows.append(_row(cells, measure, '', None))
+        rows.append(html.row([*cells, '', ''], '' if measure['significant'] else 'dim'))
         if measure['significant']:
-            for name, left in (
-                *measure['effects'].items(),
-                ('all effects', measure['all_effects']),
-            ):
-                text = ['', '', f'{left["value"]:.3g}', f'{left["difference"]:.3g}', '']
-                rows.append(_row(text, measure, f'{spaced(name)}: {_percent(left)}', left))
-    return (
-        f'{title}<div class="scroll"><table><tr><th></th><th>recorded</th><th>simulated</th>'
-        '<th>difference</th><th>two simulations</th><th>taken away by</th><th></th></tr>'
-        f'{"".join(rows)}</table></div>{_pictures(result)}'
-    )
+            effects = {**measure['effects'], 'all effects': measure['all_effects']}
+            for name, left in effects.items():
+                values = ['', '', f'{left["value"]:.3g}', f'{left["difference"]:.3g}', '']
+                drawn = bar(measure['difference'], left['difference'], measure['null'])
+                rows.append(html.row([*values, f'{spaced(name)}: {_percent(left)}', drawn]))
+    heads = ('', 'recorded', 'simulated', 'difference', 'two simulations', 'taken away by', '')
+    return html.join(title, html.table(heads, rows), _pictures(result))
 
 
-def _row(
-    cells: Sequence[str], measure: dict[str, Any], text: str, left: dict[str, Any] | None
-) -> str:
-    kind = '' if measure['significant'] else ' class="faint"'
-    drawn = '' if left is None else bar(measure['difference'], left['difference'], measure['null'])
-    inside = ''.join(f'<td>{escape(cell)}</td>' for cell in (*cells, text))
-    return f'<tr{kind}>{inside}<td>{drawn}</td></tr>'
-
-
-def _pictures(result: Result) -> str:
+def _pictures(result: Result) -> html.Html:
     # Of the recording whose simulation differs most from it.
     def apart(one: dict[str, np.ndarray]) -> float:
         if not one.keys() >= _PICTURES.keys():
@@ -284,19 +226,21 @@ def _pictures(result: Result) -> str:
         return float(np.nan_to_num(np.abs(one['real'] - one['simulated'])).sum())
 
     if not result.pictures or max(map(apart, result.pictures)) < 0:
-        return ''
+        return html.Html()
     images = max(result.pictures, key=apart)
     shown = np.concatenate([images[name].ravel() for name in _PICTURES])
     finite = np.abs(shown[np.isfinite(shown)])
     limit = max(float(np.quantile(finite, 0.98)) if len(finite) else 0.0, _LEAST_COLOUR)
-    figures = ''.join(
-        # x ahead is up in the picture, y left is left.
-        f'<figure><img src="{picture(np.flip(images[name]), limit)}" alt="{text}">'
-        f'<figcaption>{text}</figcaption></figure>'
+    # x ahead is up in the picture, y left is left.
+    figures = (
+        html.figure(picture(np.flip(images[name]), limit), text)
         for name, text in _PICTURES.items()
     )
-    return (
-        f'<div class="row">{figures}</div><p><small>Error of each height, red too high, blue too '
-        f'low, full colour at {1000 * limit:.0f} mm, gray without data; ahead is up. The '
-        'recording whose simulation differs most.</small></p>'
+    return html.join(
+        html.beside(*figures),
+        html.note(
+            'Error of each height, red too high, blue too low, full colour at '
+            f'{1000 * limit:.0f} mm, gray without data; ahead is up. The recording whose '
+            'simulation differs most.'
+        ),
     )

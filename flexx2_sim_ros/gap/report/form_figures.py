@@ -1,9 +1,9 @@
 """Draw the forms that a diagnosis gives its effects: curves, maps and numbers."""
 
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
+from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.effects.tables import Curve, PixelMap
 from flexx2_sim_ros.gap.forms import dropout, noise
@@ -14,7 +14,6 @@ from flexx2_sim_ros.gap.report.text import spaced
 from flexx2_sim_ros.html_drawing import curves, picture
 import numpy as np
 
-BAND_STYLE = '.band { fill: var(--blue); opacity: .18; }'
 _POINTS = 60
 _NINETY = 1.645  # standard errors, two-sided
 # On the values of a curve, and what they are then; a bias if it is not said.
@@ -26,9 +25,9 @@ _UNITS = {
 
 def figures(
     verdicts: Sequence[FormVerdict], looked: Sequence[Looked], names: tuple[str, str]
-) -> str:
+) -> html.Html:
     """
-    Return curves, maps and numbers of forms as HTML; the page needs `BAND_STYLE`.
+    Return curves, maps and numbers of forms as HTML.
 
     Parameters
     ----------
@@ -40,19 +39,15 @@ def figures(
         What to call an effect without the form, and with it.
 
     """
-    return ''.join(_figure(one.proposal, looked, names) for one in verdicts)
+    return html.join(*(_figure(one.proposal, looked, names) for one in verdicts))
 
 
-def _figure(proposal: FormProposal, looked: Sequence[Looked], names: tuple[str, str]) -> str:
+def _figure(proposal: FormProposal, looked: Sequence[Looked], names: tuple[str, str]) -> html.Html:
     pattern = proposal.together.get('pattern')
     if isinstance(pattern, PixelMap):
         limit = 1000 * float(np.quantile(np.abs(pattern.values), 0.98)) or 1.0
         text = f'{spaced(proposal.effect)}: blue {-limit:.2g} to red {limit:+.2g} mm'
-        return (
-            f'<figure><img alt="{escape(text)}" width="420" '
-            f'src="{picture(1000 * pattern.values, limit)}"><figcaption>{escape(text)}'
-            '</figcaption></figure>'
-        )
+        return html.figure(picture(1000 * pattern.values, limit), text, width=420)
     fields = [name for name, value in proposal.together.items() if isinstance(value, Curve)]
     if not fields:
         return _numbers(proposal, names[1])
@@ -75,18 +70,17 @@ def _figure(proposal: FormProposal, looked: Sequence[Looked], names: tuple[str, 
     )
 
 
-def _numbers(proposal: FormProposal, title: str) -> str:
+def _numbers(proposal: FormProposal, title: str) -> html.Html:
     # Each fitted parameter, with its standard error over recordings.
-    rows = ''.join(
-        f'<tr><td>{escape(name)}</td><td>{value:.4g}</td>'
-        f'<td>{_error(np.array([one[name] for one in proposal.without])):.2g}</td></tr>'
+    rows = [
+        (name, f'{value:.4g}', f'{_error(np.array([one[name] for one in proposal.without])):.2g}')
         for name, value in proposal.together.items()
         if name != 'strength'
-    )
-    return (
-        f'<figure><table><tr><th>{escape(spaced(proposal.effect))}</th><th>{escape(title)}</th>'
-        f'<th>standard error</th></tr>{rows}</table><figcaption>{escape(proposal.label)}'
-        '</figcaption></figure>'
+    ]
+    return html.element(
+        'figure',
+        html.table([spaced(proposal.effect), title, 'standard error'], rows),
+        html.element('figcaption', proposal.label),
     )
 
 

@@ -1,9 +1,9 @@
 """Single frames of recordings beside their simulations, as HTML."""
 
 from collections.abc import Sequence
-from html import escape
 from typing import Any
 
+from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.data.axes import Axes
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.single_frame import SingleFrame
@@ -23,13 +23,12 @@ FRAMES_STYLE = """
   grid-auto-columns: 1fr; max-width: 60rem; }
 .frames img { width: 100%; image-rendering: pixelated; }
 .mark { display: inline-block; width: .8rem; height: .8rem; margin: 0 .3rem 0 .8rem; }
-h3 { font-size: 1rem; margin: 1rem 0 .3rem; }
 @media (max-width: 40rem) { .frames { grid-auto-flow: row; grid-template-rows: none;
   grid-template-columns: 1fr 1fr; } }
 """
 
 
-def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> str:
+def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> html.Html:
     """
     Return one frame of up to `MOST_FRAMES` recordings, real and simulated, as HTML.
 
@@ -51,28 +50,28 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> s
     ]
     shown.sort(key=lambda pair: largest.index(pair[0]) if pair[0] in largest else _OPEN)
     parts = [_recording(table, confirmed[index], frame, index, axes) for index, frame in shown]
-    folded = ''
     more = len(parts) - _OPEN
-    if more > 0:
-        folded = (
-            f'<details><summary>{more} more recording{"s" * (more != 1)}</summary>'
-            f'{"".join(parts[_OPEN:])}</details>'
-        )
     rest = len(confirmed) - len(parts)
     others = f' Recordings that are not shown: {rest}.' if rest else ''
-    return (
-        f'<h2>Single frames</h2>{"".join(parts[:_OPEN])}{folded}<p><small>The middle frame of '
-        'each recording, and the same frame as simulated at the fitted pose: differences of '
-        'single frames contain the noise of both. Gray: no depth. In the differences, blue is '
-        'nearer than simulated, red is farther, white is equal. Marked are the pixels of the '
-        'first rows of "Where the gap lies", unless these are the whole frame.'
-        f'{others}</small></p>'
+    return html.join(
+        html.heading('Single frames'),
+        *parts[:_OPEN],
+        html.folded(f'{more} more recording{"s" * (more != 1)}', *parts[_OPEN:])
+        if more > 0
+        else '',
+        html.note(
+            'The middle frame of each recording, and the same frame as simulated at the fitted '
+            'pose: differences of single frames contain the noise of both. Gray: no depth. In the '
+            'differences, blue is nearer than simulated, red is farther, white is equal. Marked '
+            'are the pixels of the first rows of "Where the gap lies", unless these are the whole '
+            f'frame.{others}'
+        ),
     )
 
 
 def _recording(
     table: dict[str, Any], one: Outcome, frame: SingleFrame, index: int, axes: Axes
-) -> str:
+) -> html.Html:
     real, before, after = frame.depth
     low, high = (_quantile(frame.depth, share) for share in (0.01, 0.99))
     limit = max(_quantile(np.abs(real - before), 0.95), 0.001)
@@ -94,19 +93,19 @@ def _recording(
             ('real minus simulated with the effects', picture(real - after, limit, 1, _STEPS)),
         ]
         errors += f', with the effects {short(last)} mm'
-    figures = ''.join(
-        f'<figure><img alt="{escape(text)}" src="{url}"><figcaption>{escape(text)}</figcaption>'
-        '</figure>'
-        for text, url in pictures
-    )
-    legend = ''.join(
-        f'<span class="mark" style="background: rgb{MARKS[i]}"></span>{escape(text)}'
+    figures = (html.figure(url, text) for text, url in pictures)
+    legend = (
+        html.join(html.element('span', kind='mark', style=f'background: rgb{MARKS[i]}'), text)
         for i, (text, _) in enumerate(marks)
     )
-    return (
-        f'<h3>{escape(one.name)}, frame {frame.index}: {escape(errors)}</h3>'
-        f'<div class="frames">{figures}</div><p><small>Depth {low:.2f} m (dark) to {high:.2f} m '
-        f'(bright); differences: full colour at {short(1000 * limit)} mm.{legend}</small></p>'
+    return html.join(
+        html.heading(f'{one.name}, frame {frame.index}: {errors}', 3),
+        html.element('div', *figures, kind='frames'),
+        html.note(
+            f'Depth {low:.2f} m (dark) to {high:.2f} m (bright); differences: full colour at '
+            f'{short(1000 * limit)} mm.',
+            *legend,
+        ),
     )
 
 

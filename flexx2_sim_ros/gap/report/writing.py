@@ -1,11 +1,10 @@
 """Write the files of a diagnosis, whole or not at all."""
 
 from collections.abc import Sequence
-import json
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.atomic import output_folder, whole_files
+from flexx2_sim_ros.atomic import as_json, output_folder, whole_files, write_text
 from flexx2_sim_ros.effects import Effect, of_role, save_effects
 from flexx2_sim_ros.effects.registry import map_file
 from flexx2_sim_ros.effects.tables import PixelMap
@@ -55,16 +54,11 @@ def write(
 
     """
     with whole_files(output_folder(folder)) as part:
-        text = json.dumps(_with_files(table, effects), indent=2, allow_nan=False)
-        (part / FILES[0]).write_text(text + '\n', encoding='utf-8')
+        write_text(part / FILES[0], as_json(_with_files(table, effects)))
         camera = [one for one in effects if one.role != 'pose']
         late = with_delay(camera, arrival_of(table['age']))
         save_effects(part / FILES[1], late, comment(table))
-        (part / FILES[2]).write_text(
-            page(table, model, decision, confirmed, calibrated),
-            encoding='utf-8',
-            errors='backslashreplace',
-        )
+        write_text(part / FILES[2], page(table, model, decision, confirmed, calibrated))
 
 
 def _with_files(table: dict[str, Any], effects: Sequence[Effect]) -> dict[str, Any]:
