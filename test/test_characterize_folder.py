@@ -3,6 +3,7 @@
 from html.parser import HTMLParser
 from pathlib import Path
 import re
+import shlex
 from typing import Any
 
 from boards import board
@@ -14,6 +15,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import load_profile
 from flexx2_sim_ros.recording.convert import convert
 import numpy as np
+from programs import call_flexx2
 import pytest
 from scipy.ndimage import gaussian_filter
 
@@ -180,22 +182,8 @@ def test_the_command_writes_a_page_figures_and_a_profile(
     (tmp_path / '<b>x.npz').write_bytes(b'no recording')
     write(tmp_path, '<b>y&amp;.npz')
     out = tmp_path / 'out <i>'
-    assert (
-        main(
-            [
-                'characterize',
-                'fit',
-                str(tmp_path),
-                '--out',
-                str(out),
-                '--jobs',
-                '1',
-                '--model',
-                'Cam',
-            ]
-        )
-        == 0
-    )
+    words = f'{tmp_path} --out {shlex.quote(str(out))} --jobs 1 --model Cam'
+    call_flexx2(f'characterize fit {words}')
     printed = capsys.readouterr()
     assert 'left out' in printed.err
     assert str(hostile) in printed.err

@@ -40,18 +40,8 @@ def test_simulate_writes_the_librarys_frames(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Assert keys, shapes, dtypes, the stamps, and every frame to the last bit."""
-    out = simulate(
-        save(tmp_path),
-        tmp_path,
-        '--usecase',
-        'mode_5_45FPS',
-        '--frames',
-        '70',
-        '--seed',
-        '7',
-        '--name',
-        'left',
-    )
+    options = ['--usecase', 'mode_5_45FPS', '--frames', '70', '--seed', '7', '--name', 'left']
+    out = simulate(save(tmp_path), tmp_path, *options)
     said = ' '.join(capsys.readouterr().err.split())
     assert '70 frames of 56 x 43, Flexx2, Mode_5_45fps, ' in said
     assert {'depth', 'clean_depth', 'K', 'stamp', 'usecase'} <= set(out)
