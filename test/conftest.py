@@ -1,4 +1,4 @@
-"""ROS for the tests: a domain of their own, started once; and what skipped tests want."""
+"""ROS for the tests: a domain of their own, started once; and what may not be skipped."""
 
 from collections.abc import Generator, Iterator
 import os
@@ -10,7 +10,6 @@ from typing import Any
 
 from hypothesis import settings
 import pytest
-import wants
 
 # The same examples on every machine, however slow it is.
 settings.register_profile('repeatable', deadline=None, derandomize=True)
@@ -39,27 +38,20 @@ for name in ('ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS'):
     os.environ.pop(name, None)
 
 
-# What has to be there: tests that want it fail instead of being skipped.
-_REQUIRED = set(filter(None, os.environ.get('FLEXX2_REQUIRE', '').split(',')))
-
-
-def pytest_configure() -> None:
-    """Refuse to require what no test asks for."""
-    if unknown := _REQUIRED - set(wants.WANTS):
-        raise pytest.UsageError(
-            f'FLEXX2_REQUIRE: must be names of {", ".join(wants.WANTS)}, '
-            f'got {", ".join(sorted(unknown))}'
-        )
+# What has to be there, by words of the reason why tests are skipped without it.
+_REASONS = {'browser': 'no Chromium', 'shared': 'is not there'}
+_REQUIRED = [_REASONS[name] for name in os.environ.get('FLEXX2_REQUIRE', '').split(',') if name]
+# What whole test files import. These files are skipped where it is not installed, as in a ROS
+# workspace, where rosdep and pip install what the nodes, bags and tests need and no more.
+_OF_EXTRAS = 'cv2', 'h5py', 'mcap', 'trimesh', 'warp'
 
 
 def _require(report: Any) -> Any:
     if report.skipped and isinstance(report.longrepr, tuple):
-        want = wants.want_of(report.longrepr[2])
-        if want in _REQUIRED:
+        reason = report.longrepr[2]
+        if any(words in reason for words in _REQUIRED):
             report.outcome = 'failed'
-            report.longrepr = (
-                f'{report.longrepr[2]}: FLEXX2_REQUIRE asks for "{want}": {wants.WANTS[want][1]}'
-            )
+            report.longrepr = f'{reason}: FLEXX2_REQUIRE asks for it'
     return report
 
 
@@ -74,25 +66,12 @@ def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, A
     """Skip a file that imports a library of an extra which is not installed."""
     report = yield
     missing = report.failed and re.search(
-        rf"No module named '({'|'.join(wants.OF_EXTRAS)})'", str(report.longrepr)
+        rf"No module named '({'|'.join(_OF_EXTRAS)})'", str(report.longrepr)
     )
     if missing:
         report.outcome = 'skipped'
         report.longrepr = (str(collector.path), 1, f"could not import '{missing[1]}'")
     return _require(report)
-
-
-def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Sum up what was not tested, why, and how to get what is missing."""
-    skipped = {
-        report.nodeid: report.longrepr[2].removeprefix('Skipped: ')
-        for report in terminalreporter.stats.get('skipped', [])
-    }
-    if skipped:
-        terminalreporter.section(f'skipped for want of something: {len(skipped)}')
-        for line in wants.summary(skipped.values()):
-            terminalreporter.line(line)
-        terminalreporter.line('FLEXX2_REQUIRE=browser,shared makes such tests fail.')
 
 
 @pytest.fixture(scope='session')

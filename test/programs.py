@@ -1,12 +1,15 @@
-"""Programs of this checkout that tests run as processes of their own."""
+"""Programs of this checkout, as tests run them: in this process or in one of their own."""
 
 from collections.abc import Mapping
 import json
 from pathlib import Path
+import shlex
 import signal
 import subprocess
 import sys
 from typing import Any
+
+from flexx2_sim_ros.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 60.0
@@ -21,6 +24,11 @@ def run_python(*words: Any, **more: Any) -> subprocess.CompletedProcess[str]:
 def run_flexx2(*words: Any, **more: Any) -> subprocess.CompletedProcess[str]:
     """Run the command `flexx2`, and return what it said."""
     return run_python('-m', 'flexx2_sim_ros.cli.main', *words, **more)
+
+
+def call_flexx2(words: str) -> None:
+    """Run the command `flexx2` in this process; it has to succeed."""
+    assert main(shlex.split(words)) == 0, words
 
 
 def node_words(name: str, *words: Any) -> list[str]:

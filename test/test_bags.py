@@ -290,21 +290,6 @@ def test_two_cameras_in_one_bag(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert same(load_scene(tmp_path / 'out_front_left.npz').clean_depth, clean)
 
 
-def test_another_camera_by_its_topic(tmp_path: Path) -> None:
-    millimetres = RNG.integers(0, 8000, (3, 6, 8)).astype('>u2')
-    entries = []
-    for index, frame in enumerate(millimetres):
-        entries += [
-            image('/kinect/depth/image_raw', index, frame, '16UC1'),
-            info('/kinect/depth/camera_info', index, frame.shape),
-        ]
-    bag = write(tmp_path / 'bag', entries)
-    recording = load_recording(bag, '/kinect/depth/image_raw')
-    assert recording.camera == 'kinect/depth/image_raw'
-    expected = np.where(millimetres > 0, millimetres.astype('f4') * np.float32(0.001), np.nan)
-    np.testing.assert_array_equal(recording.depth, expected)
-
-
 def test_doubtful_contents_are_reported(tmp_path: Path) -> None:
     depth, clean = depths(6, 5, 4, seed=1), depths(6, 5, 4, seed=2)
     entries = camera_entries('left', depth, clean)
@@ -375,21 +360,6 @@ def test_clean_depth_of_another_view_is_that_of_the_cameras_pixels(
     assert (recording.reflectivity[seen] == 0.5).all()
     (note,) = (note for note in recording.notes if 'looked up' in note)
     assert ('along the ray' in note) == radial
-
-
-def test_a_simulation_that_was_reset(tmp_path: Path) -> None:
-    depth, clean = depths(8, 3, 4, seed=1), depths(8, 3, 4, seed=2)
-    entries = []
-    for start in (0, 4):  # the same stamps again
-        part = slice(start, start + 4)
-        later = camera_entries('left', depth[part], clean[part])
-        entries += [
-            (topic, kind, received + start * SECOND, message)
-            for topic, kind, received, message in later
-        ]
-    recording = load_recording(write(tmp_path / 'bag', entries))
-    assert same(recording.depth, depth)
-    assert same(recording.clean_depth, clean)
 
 
 def test_chunks_add_up_to_the_recording_in_bounded_memory(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import sqlite3
 import subprocess
 import sys
 
-from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, open_recording, Recording
 from flexx2_sim_ros.recording.bag_files import Bag
@@ -275,16 +274,3 @@ def test_arrays_stay_with_their_frames_where_one_in_the_middle_is_lost(
     assert same(recording.clean_depth, depth[left] + 1)
     for name in ('uptime', 'known'):
         assert same(recording.extra[name], each[name][left]), name
-
-
-def test_cut_off_bag_converts_with_a_message(
-    whole: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / 'cut.mcap'
-    path.write_bytes(whole['mcap'].read_bytes()[:400_000])
-    assert main(['convert', str(path), str(tmp_path / 'out.npz')]) == 0
-    text = capsys.readouterr().err.replace('\n', ' ')
-    assert f'{path}: cut off' in text
-    frames = len(load_recording(tmp_path / 'out.npz').depth)
-    assert 0 < frames < COUNT
-    assert f'out.npz: {frames} frames' in text

@@ -1,15 +1,12 @@
 """The short form of the measurements of `bench`: each runs and prints figures."""
 
-import ast
 from pathlib import Path
 import subprocess
 
-from bench import mutants
 from bench.journal import Journal
 from programs import measured, run_python
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
 # `soak` and `torture_node` have tests of their own; `batch`, `gap` and `torture_files` take half a
 # minute each.
 SHORT = 'model', 'effects', 'exposure', 'agreement', 'rendering', 'bags'
@@ -48,37 +45,6 @@ def test_the_answers_of_the_published_benchmark_are_listed(
     done = run(['bench.benchmark_answers'], tmp_path, child_env)
     assert done.returncode == 0, done.stderr
     assert 'slowest: ' in done.stdout
-
-
-def test_what_is_changed_to_see_whether_tests_notice() -> None:
-    text = """
-def f(x: Literal[3], y=2):
-    if x < 2 and g(f'{x:.3f}', x - 1.5):
-        raise ValueError(5)
-"""
-    count = len(mutants.places(ast.parse(text)))
-    trees = [ast.parse(text) for _ in range(count)]
-    found = {mutants.change(mutants.places(tree)[i]) for i, tree in enumerate(trees)}
-    both = "x < 2 and g(f'{x:.3f}', x - 1.5)"
-    assert found == {
-        '2 -> 3',
-        'x < 2 -> x >= 2',
-        '1.5 -> 2.5',
-        'x - 1.5 -> x + 1.5',
-        f'{both} -> {both.replace("and", "or")}',
-    }
-    assert len(mutants.draw(10, 0)) == 10
-
-
-def test_tests_of_a_module_are_those_that_import_it() -> None:
-    folder = ROOT / 'flexx2_sim_ros'
-    code = [*folder.rglob('*.py'), *(ROOT / 'test').glob('*.py')]
-    imports = {path: mutants.imported(path) for path in code}
-    assert mutants.tests_of(folder / 'nodes' / 'pacing.py', 'Pacer', imports) == [
-        'test/test_pacing.py'
-    ]
-    own = mutants.tests_of(folder / 'camera' / 'camera.py', 'Camera', imports)
-    assert own[0] == 'test/test_camera.py'
 
 
 def test_an_unknown_measurement_is_refused(child_env: dict[str, str], tmp_path: Path) -> None:

@@ -404,23 +404,6 @@ def test_an_impossible_camera_is_refused(field: str, value: object) -> None:
         Camera(**{field: value})
 
 
-def test_chosen_environments_forget_past_frames() -> None:
-    filtered = {'temporal_filter': {'strength': 1.0}}
-    camera, alone = Camera(effects=filtered), Camera(effects=filtered)
-    clean = np.full((2, *SHAPE), 1.0)
-    for one in (camera, alone):
-        one.capture(clean, K, 0)
-    with pytest.raises(InputError, match=r'^mask: must be bool .* \(2,\), got bool'):
-        camera.reset(np.ones(3, bool))
-    with pytest.raises(InputError, match='^mask: must be bool .*, got float64'):
-        camera.reset(np.ones(2))
-    camera.reset(np.array([True, False]))
-    reset, kept = camera.capture(clean, K, 33_000_000).depth
-    going_on = alone.capture(clean, K, 33_000_000).depth
-    assert np.array_equal(kept, going_on[1], equal_nan=True)
-    assert np.nanstd(reset) > 1.2 * np.nanstd(going_on[0])
-
-
 @pytest.mark.parametrize('seed', [-(2**63), 2**63 - 1, np.int64(5)])
 def test_any_seed_of_64_bits_is_taken(seed: int) -> None:
     assert Camera(seed=seed).seed == seed

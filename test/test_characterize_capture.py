@@ -15,6 +15,7 @@ from flexx2_sim_ros.profiles.files import ProfileFile, save_profile
 from flexx2_sim_ros.profiles.modes import Profile
 from made_bags import DISTORTION, DRIVER, driver_bag, MATRIX
 import numpy as np
+from programs import call_flexx2
 import pytest
 
 
@@ -32,47 +33,11 @@ def test_from_a_capture_to_a_running_camera(
     """Assert the three commands of the documentation, one after the other."""
     monkeypatch.chdir(tmp_path)
     save_profile(tmp_path / 'small.yaml', ProfileFile(camera))
-    assert (
-        main(
-            [
-                'characterize',
-                'capture',
-                'campaign',
-                '--usecase',
-                'Mode_5_30fps',
-                '--distances',
-                '0.4',
-                '0.7',
-                '1.0',
-                '--angles',
-                '0',
-                '45',
-                '--frames',
-                '20',
-                '--profile',
-                'small.yaml',
-                '--jobs',
-                '1',
-            ]
-        )
-        == 0
-    )
+    grid = '--usecase Mode_5_30fps --distances 0.4 0.7 1.0 --angles 0 45 --frames 20'
+    call_flexx2(f'characterize capture campaign {grid} --profile small.yaml --jobs 1')
     assert main(['characterize', 'fit', 'campaign', '--out', 'result', '--jobs', '1']) == 0
     np.savez('scene.npz', clean_depth=np.full((60, 80), 1.0), K=camera.intrinsics.matrix)
-    assert (
-        main(
-            [
-                'simulate',
-                'scene.npz',
-                'out.npz',
-                '--profile',
-                'result/profile.yaml',
-                '--frames',
-                '100',
-            ]
-        )
-        == 0
-    )
+    call_flexx2('simulate scene.npz out.npz --profile result/profile.yaml --frames 100')
     with np.load('out.npz', allow_pickle=False) as recording:
         assert recording['usecase'] == 'Mode_5_30fps'
         sigma = recording['depth'][:, 20:40, 30:50].astype(float).std(axis=0, ddof=1).mean()
@@ -267,24 +232,8 @@ def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -
     for topic in ('depth_image_0', 'camera_info', 'gray_image_0'):
         assert f'{DRIVER}/{topic}' in printed
     assert f'ros2 param set {DRIVER} usecase' in printed
-    assert (
-        main(
-            [
-                'characterize',
-                'plan',
-                '--usecase',
-                'mode_9_5fps',
-                '--distances',
-                '1',
-                '2',
-                '--angles',
-                '0',
-                '--frames',
-                '10',
-            ]
-        )
-        == 0
-    )
+    grid = '--usecase mode_9_5fps --distances 1 2 --angles 0 --frames 10'
+    call_flexx2(f'characterize plan {grid}')
     printed = capsys.readouterr().out
     assert re.findall(r'- \[ \] `(\S+)`', printed) == [
         'Mode_9_5fps_1.00m_0deg',

@@ -15,7 +15,6 @@ from flexx2_sim_ros.camera import camera as pipeline
 from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.effects.effect import CHANNELS
-from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.frame_state import Stage
 import numpy as np
 import pytest
@@ -336,14 +335,6 @@ def test_other_frequencies(frequencies: tuple[float, ...]) -> None:
     )
     frame = camera.capture(scenes(3), SMALL, np.arange(3) * PERIOD, SHADES)
     assert np.isfinite(frame.depth).mean() > 0.5
-
-
-def test_phases_of_unknown_frequency_are_refused() -> None:
-    mode = replace(QUIET.modes[0], modulation_hz=())
-    profile = replace(QUIET, modes=(mode,))
-    assert Camera(mode.name, profile=profile, effects={'wiggling': {'strength': 0}}).effects == ()
-    with pytest.raises(InputError, match=r'^effects: wiggling: .*modulation_hz'):
-        Camera(mode.name, profile=profile, effects={'offset': None, 'wiggling': None})
 
 
 # Light

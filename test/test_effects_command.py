@@ -99,16 +99,7 @@ def simulate(folder: Path, *options: str, **arrays: Any) -> dict[str, np.ndarray
     """Run flexx2 simulate on a small scene and read what it wrote."""
     np.savez(folder / 'in.npz', clean_depth=np.full((43, 56), 1.5), K=K, **arrays)
     assert (
-        main(
-            [
-                'simulate',
-                str(folder / 'in.npz'),
-                str(folder / 'out.npz'),
-                '--frames',
-                '70',
-                *options,
-            ]
-        )
+        main(['simulate', f'{folder}/in.npz', f'{folder}/out.npz', '--frames', '70', *options])
         == 0
     )
     with np.load(folder / 'out.npz', allow_pickle=False) as archive:

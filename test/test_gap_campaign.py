@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.gap_campaigns import write_campaign
+from campaigns import change
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
@@ -18,13 +19,6 @@ import numpy as np
 import pytest
 
 TINY: dict[str, Any] = {'scale': 0.25, 'frames': 6, 'moving': 0}
-
-
-def change(path: Path, **changes: Any) -> None:
-    """Rewrite a recording with other arrays; None leaves one out."""
-    with np.load(path) as archive:
-        content = {**archive, **changes}
-    np.savez(path, **{k: v for k, v in content.items() if v is not None})
 
 
 def test_a_recording_without_a_mode_has_that_of_a_profile_of_one_mode(tmp_path: Path) -> None:
@@ -201,29 +195,9 @@ def test_options_of_the_command_are_respected(tmp_path: Path) -> None:
     folder, out = tmp_path / 'campaign', tmp_path / 'out'
     # Scattered poses, as in `test_scattered_poses_are_a_finding`; here they are what is usual.
     write_campaign(folder, seed=6, pose=(0.012, 0.7), scale=0.5, recordings=4, frames=8, moving=1)
-    assert (
-        main(
-            [
-                'gap',
-                'diagnose',
-                str(folder),
-                '--out',
-                str(out),
-                '--jobs',
-                '1',
-                '--seed',
-                '4',
-                '--without',
-                'offset',
-                '--without',
-                'multipath',
-                '--pose-prior',
-                '0.05',
-                '3',
-            ]
-        )
-        == 0
-    )
+    command = ['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1', '--seed', '4']
+    command += ['--without', 'offset', '--without', 'multipath', '--pose-prior', '0.05', '3']
+    assert main(command) == 0
     table = json.loads((out / 'diagnosis.json').read_text())
     assert 'pose_error' not in {row['name'] for row in table['effects']}
     # Nor among what came nearest to explaining a gap.

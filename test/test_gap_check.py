@@ -6,6 +6,7 @@ from pathlib import Path
 import shutil
 
 from bench.gap_campaigns import write_campaign
+from campaigns import write_diagnosis
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import Effect, load_effects, parse_effects, registry, save_effects
@@ -14,10 +15,7 @@ from flexx2_sim_ros.gap import check, diagnose
 from flexx2_sim_ros.gap.check import judged
 from flexx2_sim_ros.gap.data.given import given_effects, together
 from flexx2_sim_ros.gap.features.physical import UNITS
-from flexx2_sim_ros.gap.given_effects import fit_without_and_with
 from flexx2_sim_ros.gap.inference.improvement import measured
-from flexx2_sim_ros.gap.work import find
-from flexx2_sim_ros.jobs import workers
 import numpy as np
 import pytest
 from test_gap_truth import LEFT_OUT, SMALL, WITHOUT
@@ -236,12 +234,9 @@ def test_a_number_acts_on_top_of_a_given_curve() -> None:
 
 
 def test_a_curve_cannot_be_given_of_an_effect_that_is_checked(tmp_path: Path) -> None:
-    camera = {'offset': {'bias': 0.02}}
-    table = {'schema': 2, 'verdict': 'identified', 'recordings': []}
-    (tmp_path / 'diagnosis.json').write_text(json.dumps(table))
-    save_effects(tmp_path / 'effects.yaml', parse_effects(camera))
+    folder = write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.02}})
     with pytest.raises(InputError, match='one of them has a curve, got offset'):
-        check(tmp_path, tmp_path, known=CURVES)
+        check(folder, tmp_path, known=CURVES)
 
 
 def test_a_given_delay_leaves_the_latency_to_be_found(tmp_path: Path) -> None:
@@ -268,28 +263,6 @@ def test_a_pose_error_cannot_be_given(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=101, **{**SMALL, 'recordings': 1})
     with pytest.raises(InputError, match='known: must be effects of the camera, got pose_error'):
         diagnose(tmp_path, known={'pose_error': {}}, without=WITHOUT)
-
-
-@pytest.mark.parametrize(('effect', 'steps'), [('heavy_tails', 3), ('offset', 6)])
-def test_progress_ends_at_1_also_where_poses_are_fitted_once(
-    fresh: Path, effect: str, steps: int
-) -> None:
-    shares: list[float] = []
-    with workers(1, None) as mapped:
-        found, left_out = find(fresh, None, mapped)
-        fit_without_and_with(
-            fresh,
-            found,
-            left_out,
-            parse_effects({effect: {}}),
-            profile=None,
-            seed=0,
-            prior=np.repeat([0.01, 0.5], 3),
-            held=False,
-            mapped=mapped,
-            progress=lambda text, share: shares.append(share),
-        )
-    np.testing.assert_allclose(shares, np.arange(1, steps + 1) / steps)
 
 
 def test_only_a_change_that_is_significant_and_matters_counts() -> None:

@@ -8,11 +8,12 @@ from typing import Any
 
 from bench.gap_campaigns import write_campaign
 from browser import chromium
+from campaigns import write_diagnosis
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.consumers.comparison import compare
 from flexx2_sim_ros.consumers.loading import load, sources
 from flexx2_sim_ros.consumers.running import Result
-from flexx2_sim_ros.effects import parse_effects, registry, save_effects
+from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import cost
 from flexx2_sim_ros.gap.cost import compared
@@ -26,6 +27,7 @@ import pytest
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'robots.md'
 EFFECTS = {'low_signal_dropout': {}, 'offset': {'bias': 0.05}}
+SETTINGS = {'pose_prior': [0.002, 0.125]}
 SIZE: dict[str, Any] = {'seed': 104, 'recordings': 3, 'frames': 4, 'scale': 0.5, 'moving': 1}
 BAD = """
 import os
@@ -105,25 +107,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with recordings, a diagnosis, and consumers in files."""
     folder = tmp_path_factory.mktemp('cost')
     write_campaign(folder / 'recordings', effects=EFFECTS, **SIZE)
-    write_diagnosis(folder / 'diagnosis', [])
+    write_diagnosis(folder / 'diagnosis', EFFECTS, SETTINGS)
     code = re.search(r'```python\n(.*?)```', DOCS.read_text(), re.S)
     assert code is not None
     (folder / 'my.py').write_text(code[1])
     (folder / 'bad.py').write_text(BAD)
     return folder
-
-
-def write_diagnosis(folder: Path, rows: list[dict[str, object]]) -> None:
-    """Write the files that `read_diagnosis` reads."""
-    folder.mkdir()
-    save_effects(folder / 'effects.yaml', parse_effects(EFFECTS))
-    table = {
-        'schema': 2,
-        'verdict': 'identified',
-        'recordings': rows,
-        'settings': {'pose_prior': [0.002, 0.125], 'known': {}},
-    }
-    (folder / 'diagnosis.json').write_text(json.dumps(table))
 
 
 @pytest.mark.parametrize('number', [0, 1])
@@ -236,9 +225,8 @@ def test_effects_fitted_without_a_recording_are_used_for_it(folder: Path, tmp_pa
             }
         )
     del rows[2]['effects_without']
-    write_diagnosis(tmp_path / 'diagnosis', rows)
     off = {name: {'strength': 0.0} for name in EFFECTS}
-    save_effects(tmp_path / 'diagnosis' / 'effects.yaml', parse_effects(off))
+    write_diagnosis(tmp_path / 'diagnosis', off, SETTINGS, recordings=rows)
     table = cost(folder / 'recordings', tmp_path / 'diagnosis', consumers=['height_grid'])
     origin = [row['effects_from'] for row in table['recordings']]
     assert origin == ['other recordings', 'other recordings', 'this recording']

@@ -5,32 +5,25 @@ import shutil
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.gap import diagnose
 import pytest
 
 SIZE = {'seed': 5, 'recordings': 6, 'frames': 8, 'scale': 0.5, 'moving': 2}
 BOTH = {'wiggling': {'strength': 1.5}}
 
 
-@pytest.mark.parametrize(
-    'effects', [{'temporal_filter': {'share': 0.7}}, {'spatial_filter': {'mix': 0.8}}]
-)
 def test_a_setting_that_was_changed_midway_is_found(
-    effects: dict, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    changed = {'temporal_filter': {'share': 0.7}}
     before, after, campaign = (tmp_path / name for name in ('before', 'after', 'campaign'))
     write_campaign(before, effects=BOTH, **SIZE)
-    write_campaign(after, effects={**BOTH, **effects}, **SIZE)
+    write_campaign(after, effects={**BOTH, **changed}, **SIZE)
     names = sorted(path.name for path in before.iterdir())
     campaign.mkdir()
     for i, name in enumerate(names):
         shutil.copy((before, after)[i % 2] / name, campaign / name)
     assert main(['gap', 'diagnose', str(campaign), '--out', str(tmp_path / 'out')]) == 0
     said = ' '.join(''.join(capsys.readouterr()).split())
-    (name,) = effects
     shows, lacks = ', '.join(names[1::2]), ', '.join(names[::2])
-    assert f'{shows} show {name.replace("_", " ")}; {lacks} do not.' in said
+    assert f'{shows} show temporal filter; {lacks} do not.' in said
     assert 'Diagnose them apart.' in (tmp_path / 'out' / 'report.html').read_text()
-    # All recordings of one camera agree.
-    table = diagnose(after)
-    assert table['disagree'] is None

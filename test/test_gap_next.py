@@ -8,6 +8,7 @@ from pathlib import Path
 import shutil
 from typing import Any
 
+from campaigns import write_diagnosis
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
@@ -73,22 +74,16 @@ def undecided(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
     return folder / 'diagnosis', campaign
 
 
-def write_diagnosis(folder: Path, **changed: Any) -> Path:
-    """Write the files of a diagnosis."""
+def sure(folder: Path, **changed: Any) -> Path:
+    """Write a diagnosis that leaves nothing open."""
+    settings = {'usecase': 'Mode_9_30fps', 'pose_prior': [0.01, 0.5]}
     table = {
-        'schema': 2,
-        'verdict': 'identified',
         'effects': [{'name': 'multipath', 'parameters': {'gain': 1.0}}],
         'alternatives': [],
         'not_decidable': [],
-        'recordings': [],
-        'settings': {'usecase': 'Mode_9_30fps', 'pose_prior': [0.01, 0.5], 'known': {}},
         **changed,
     }
-    folder.mkdir()
-    (folder / 'diagnosis.json').write_text(json.dumps(table))
-    (folder / 'effects.yaml').write_text('schema: 1\neffects:\n  multipath: {}\n')
-    return folder
+    return write_diagnosis(folder, {'multipath': {}}, settings, **table)
 
 
 def test_the_suggestion_settles_what_was_open(
@@ -216,10 +211,10 @@ def test_kinds_of_truth_follow_from_the_recordings() -> None:
 
 def test_a_diagnosis_that_leaves_nothing_open_is_refused(plan: Plan, tmp_path: Path) -> None:
     with pytest.raises(InputError, match='must leave something open'):
-        suggest(write_diagnosis(tmp_path / 'sure'), tmp_path, plan)
+        suggest(sure(tmp_path / 'sure'), tmp_path, plan)
     nothing = {'verdict': 'none', 'effects': []}
     with pytest.raises(InputError, match='must have alternatives'):
-        suggest(write_diagnosis(tmp_path / 'none', **nothing), tmp_path, plan)
+        suggest(sure(tmp_path / 'none', **nothing), tmp_path, plan)
 
 
 def test_what_cannot_be_used_is_said_and_nothing_written(

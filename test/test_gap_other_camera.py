@@ -6,12 +6,12 @@ from typing import Any
 
 from bench.wall_campaigns import wall
 from flexx2_sim_ros.camera import Camera
-from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import measure
 from flexx2_sim_ros.profiles.files import load_profile
 import numpy as np
+from programs import call_flexx2
 import pytest
 import yaml
 
@@ -35,10 +35,7 @@ def profile(tmp_path_factory: pytest.TempPathFactory) -> Path:
             stamp=np.arange(30) / 15,
             usecase='stereo',
         )
-    assert (
-        main(['characterize', 'fit', str(folder), '--out', str(folder / 'result'), '--jobs', '1'])
-        == 0
-    )
+    call_flexx2(f'characterize fit {folder} --out {folder}/result --jobs 1')
     return folder / 'result' / 'profile.yaml'
 
 
@@ -58,22 +55,8 @@ def write_campaign(profile: Path, folder: Path, bias: float) -> Path:
         scene = folder / f'scene{i}'
         np.savez(scene, clean_depth=wall(distance, angle, K, SIZE), K=K)
         (folder / 'recordings').mkdir(exist_ok=True)
-        assert (
-            main(
-                [
-                    'simulate',
-                    f'{scene}.npz',
-                    str(folder / 'recordings' / f'wall{i}.npz'),
-                    '--profile',
-                    str(profile),
-                    '--frames',
-                    '10',
-                    '--effects',
-                    str(effects),
-                ]
-            )
-            == 0
-        )
+        words = f'{scene}.npz {folder}/recordings/wall{i}.npz --frames 10 --effects {effects}'
+        call_flexx2(f'simulate {words} --profile {profile}')
     return folder / 'recordings'
 
 
@@ -83,22 +66,7 @@ def test_a_camera_of_unknown_modulation_is_recorded_and_diagnosed(
     (mode,) = yaml.safe_load(profile.read_text())['modes'].values()
     assert mode['modulation_hz'] is None
     out = tmp_path / 'out'
-    assert (
-        main(
-            [
-                'gap',
-                'diagnose',
-                str(campaign),
-                '--profile',
-                str(profile),
-                '--out',
-                str(out),
-                '--jobs',
-                '1',
-            ]
-        )
-        == 0
-    )
+    call_flexx2(f'gap diagnose {campaign} --profile {profile} --out {out} --jobs 1')
     said = ' '.join(capsys.readouterr().err.split())
     assert 'needs the modulation frequencies, which the profile does not give' in said
     table = json.loads((out / 'diagnosis.json').read_text())

@@ -39,7 +39,9 @@ def test_equal_poses_are_all_in_common() -> None:
     assert (common_motion(np.zeros((4, 6))) == 0).all()
 
 
-@pytest.mark.parametrize('effect', registry())
+@pytest.mark.parametrize(
+    'effect', ['amplitude_bias', 'intrinsics_error', 'excess_noise', 'grazing_dropout']
+)
 def test_free_planes_make_no_gap_that_is_not_there(effect: str, tmp_path: Path) -> None:
     """Assert that an effect does not take planes along, to be named for the way back."""
     folder, out = record(tmp_path / 'in', views=VIEWS[:1], others=(effect,)), tmp_path / 'out'

@@ -5,14 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.gap_campaigns import write_campaign
+from campaigns import change, read_all
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.calibration.search import SEARCH
-from flexx2_sim_ros.gap.data.campaign import read
 from flexx2_sim_ros.gap.data.clues import Clues, clues_of, light_edges
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.search import of_registration, search, SEARCHES
-from flexx2_sim_ros.gap.work import find
-from flexx2_sim_ros.jobs import workers
 import numpy as np
 import pytest
 from study.blind import BlindCamera, Case, Internals, SceneKey, SceneSet
@@ -28,10 +26,13 @@ def found_in(
 ) -> tuple[dict[str, Any], list[Clues]]:
     """Record a blind camera with wrong poses and search its recordings."""
     BlindCamera(Case(KEY, effects, 31, internals=Internals(**inside)), SCENES).record(folder)
-    with workers(1, None) as mapped:
-        files, _ = find(folder, None, mapped)
-    clues = [clues_of(read(one, None)) for one in files]
-    return dict(search(clues, files[0].mode)), clues
+    return searched(folder)
+
+
+def searched(folder: Path) -> tuple[dict[str, Any], list[Clues]]:
+    """Search recordings; return what is found and the clues of each."""
+    clues = [clues_of(one) for one in read_all(folder)]
+    return dict(search(clues, SCENES.optics.mode)), clues
 
 
 def test_nothing_is_found_in_a_camera_as_its_profile_says(tmp_path: Path) -> None:
@@ -139,33 +140,25 @@ def test_few_frames_are_not_taken_for_a_latency(tmp_path: Path) -> None:
     for seed in (41, 42):
         folder = tmp_path / str(seed)
         write_campaign(folder, seed=seed, scale=0.5, recordings=1, frames=8, moving=1)
-        with workers(1, None) as mapped:
-            files, _ = find(folder, None, mapped)
-        found = search([clues_of(read(one, None)) for one in files], files[0].mode)
-        assert 'latency' not in found
+        assert 'latency' not in searched(folder)[0]
 
 
 def test_depth_without_noise_is_not_taken_for_a_latency(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=41, scale=0.3, recordings=1, frames=8, moving=1)
     (path,) = tmp_path.glob('*.npz')
-    with np.load(path) as file:
-        arrays = dict(file)
-    np.savez(path, **{**arrays, 'depth': arrays['clean_depth']})
-    with workers(1, None) as mapped:
-        files, _ = find(tmp_path, None, mapped)
-    found = search([clues_of(read(one, None)) for one in files], files[0].mode)
-    assert 'latency' not in found
+    change(path, depth=lambda one: one['clean_depth'])
+    assert 'latency' not in searched(tmp_path)[0]
 
 
 def test_a_recording_with_few_depths_says_nothing_about_a_latency(tmp_path: Path) -> None:
     write_campaign(tmp_path, seed=41, scale=0.3, recordings=1, frames=8, moving=1)
     (path,) = tmp_path.glob('*.npz')
-    with np.load(path) as file:
-        arrays = dict(file)
-    arrays['depth'][:, 3:] = np.nan
-    np.savez(path, **arrays)
-    with workers(1, None) as mapped:
-        files, _ = find(tmp_path, None, mapped)
-    (clues,) = (clues_of(read(one, None)) for one in files)
+
+    def few(one: dict[str, np.ndarray]) -> np.ndarray:
+        row = np.arange(one['depth'].shape[1])
+        return np.where(row[:, None] < 3, one['depth'], np.nan)
+
+    change(path, depth=few)
+    _, (clues,) = searched(tmp_path)
     assert len(clues.late) > 0
     assert np.isnan(clues.late).all()

@@ -4,8 +4,8 @@ from dataclasses import replace
 import json
 from pathlib import Path
 
+from campaigns import write_diagnosis
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 NAME = 'Mode_9_5fps'
+SETTINGS = {'usecase': NAME, 'known': {'heavy_tails': {}}}
 MODE = flexx2().mode(NAME)
 # A quarter of the pixels, and a quarter of the points that a cell needs.
 LENS = Intrinsics.from_field_of_view(112, 86, 56.0, 44.0)
@@ -144,22 +145,9 @@ def test_intervals_shrink_with_more_walks() -> None:
     assert width(200) < width(40) < 0.3
 
 
-def write_diagnosis(folder: Path, effects: dict[str, dict[str, float]]) -> None:
-    """Write the files that `read_diagnosis` reads."""
-    folder.mkdir()
-    save_effects(folder / 'effects.yaml', parse_effects(effects))
-    table = {
-        'schema': 2,
-        'verdict': 'identified',
-        'recordings': [],
-        'settings': {'usecase': NAME, 'known': {'heavy_tails': {}}},
-    }
-    (folder / 'diagnosis.json').write_text(json.dumps(table))
-
-
 def test_the_command_writes_the_figure(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     effects = {'offset': {'bias': 0.1}, 'warm_up_drift': {}}
-    write_diagnosis(tmp_path / 'diagnosis', effects)
+    write_diagnosis(tmp_path / 'diagnosis', effects, SETTINGS)
     command = ['gap', 'walk', str(tmp_path / 'diagnosis'), '--out', str(tmp_path / 'out')]
     command += ['--walks', '2', '--steps', '0.06', '0.06', '--jobs', '2', '--json']
     assert main(command) == 0
@@ -176,7 +164,7 @@ def test_the_command_writes_the_figure(tmp_path: Path, capfd: pytest.CaptureFixt
 def test_legs_that_the_model_does_not_have_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}})
+    write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}}, SETTINGS)
     text = (config_dir() / 'robots' / 'go1.yaml').read_text()
     assert 'FL_hip_joint' in text
     text = text.replace('../models', str(config_dir() / 'models')).replace('FL_hip_joint', 'FL_no')
@@ -197,7 +185,7 @@ def test_legs_that_the_model_does_not_have_are_refused(
 def test_wrong_options_are_refused(
     options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}})
+    write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}}, SETTINGS)
     command = ['gap', 'walk', str(tmp_path / 'diagnosis'), '--out', str(tmp_path / 'out')]
     try:
         status = main([*command, *options])

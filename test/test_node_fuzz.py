@@ -2,13 +2,10 @@
 
 import math
 import random
-import subprocess
 
-from diagnostic_msgs.msg import DiagnosticArray
-from programs import measured, node_words
+from programs import measured
 import pytest
-from robots import Clock, Image, joints, JointState, Odometry, odometry, robot_node, Twist, twist
-from streams import Listener
+from robots import Image, joints, JointState, Odometry, odometry, robot_node, Twist, twist
 
 pytestmark = pytest.mark.usefixtures('ros')
 
@@ -58,34 +55,3 @@ def test_a_mirroring_robot_survives_any_message() -> None:
         else:
             pytest.fail('no image after the hostile messages')
         assert not [text for text in seen.logged('joint_states') if '\x1b' in text]
-
-
-def test_a_clock_before_zero_does_not_end_a_node(child_env: dict[str, str]) -> None:
-    """Assert it costs a line in the log."""
-    listener = Listener()
-    with subprocess.Popen(
-        node_words('flexx2_camera', '-r', '__ns:=/clocked', '-p', 'use_sim_time:=true'),
-        env=child_env,
-        stderr=subprocess.DEVNULL,
-    ) as process:
-        try:
-            clock = listener.node.create_publisher(Clock, '/clock', 10)
-            listener.spin_until(clock.get_subscription_count, 'the node')
-            reports = listener.listen('/diagnostics', DiagnosticArray)
-            bad = Clock()
-            bad.clock.sec = -5
-
-            def said() -> bool:
-                clock.publish(bad)
-                return any(
-                    'sec: must be 0 or more' in entry.msg and entry.name.startswith('clocked')
-                    for entry in listener.log
-                )
-
-            listener.spin_until(said, 'a word on the clock')
-            reports.clear()
-            listener.spin_until(lambda: len(reports) > 1, 'diagnostics')
-            assert process.poll() is None
-        finally:
-            process.kill()
-            listener.close()

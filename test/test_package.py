@@ -186,36 +186,6 @@ def test_launch_files_find_the_executables(workspace: Path) -> None:
         executable('flexx3')
 
 
-def test_pip_install_runs(source: Path, tmp_path: Path) -> None:
-    run(
-        sys.executable,
-        '-m',
-        'pip',
-        'install',
-        '--no-index',
-        '--no-deps',
-        '--no-build-isolation',
-        '--ignore-installed',
-        '--prefix',
-        tmp_path,
-        source,
-        cwd=tmp_path,
-    )
-    assert files_under(tmp_path / 'bin') == {Path(name) for name in EXECUTABLES}
-    path = site_packages(tmp_path)
-    printed = run(tmp_path / 'bin' / 'flexx2', 'modes', cwd=tmp_path, PYTHONPATH=path)
-    assert set(re.findall(r'Mode_\w+', printed)) == MODES
-    assert files_under(path / PAGE) == files_under(ROOT / PAGE)
-    used = run(
-        sys.executable,
-        '-c',
-        f'from {NAME}.paths import *; print(config_dir())',
-        cwd=tmp_path,
-        PYTHONPATH=path,
-    )
-    assert Path(used.strip()) == tmp_path / 'share' / NAME / 'config'
-
-
 @pytest.fixture(scope='module')
 def distributions(source: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """Build the source distribution and, from it, the wheel, as `make release` does."""
@@ -265,6 +235,10 @@ def test_the_wheel_runs_in_a_clean_environment(
     (site_packages(clean) / 'dependencies.pth').write_text(sysconfig.get_path('purelib'))
     where = run(python, '-c', f'import {NAME}; print({NAME}.__file__)', cwd=tmp_path)
     assert Path(where.strip()).is_relative_to(clean)
+    assert {Path(name) for name in EXECUTABLES} <= files_under(clean / 'bin')
+    program = f'from {NAME}.paths import config_dir; print(config_dir())'
+    used = run(python, '-c', program, cwd=tmp_path).strip()
+    assert Path(used) == clean / 'share' / NAME / 'config'
     flexx2 = clean / 'bin' / 'flexx2'
     version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
     assert run(flexx2, '--version', cwd=tmp_path).split()[-1] == version

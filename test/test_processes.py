@@ -125,8 +125,9 @@ def listening() -> Iterator[Listener]:
         listener.close()
 
 
-@pytest.mark.parametrize('number', SIGNALS)
-@pytest.mark.parametrize('executable', [CAMERA, GO1])
+@pytest.mark.parametrize(
+    ('executable', 'number'), [(CAMERA, signal.SIGINT), (GO1, signal.SIGTERM)]
+)
 def test_a_signal_while_starting_ends_the_process(
     start: Any, executable: str, number: signal.Signals
 ) -> None:
@@ -283,16 +284,8 @@ BROKEN = '<mujoco><worldbody><body name="trunk"><geom size="-1"/></body></worldb
     ('executable', 'options', 'parts'),
     [
         (CAMERA, ['usecase:=Mode_9_31fps'], ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
-        (CAMERA, ['exposure_time_0:=100000'], ['exposure_time_0', '100000', '370']),
-        (CAMERA, ['fx:=-1.0'], ['fx', '-1.0', 'must be']),
         (CAMERA, ['usecase'], ['usecase']),
         (GO1, ['robot_model:=/nowhere/robot.xml'], ['robot', '/nowhere/robot.xml', 'must be']),
-        (GO1, ['robot_model:={folder}/broken.xml'], ['robot', 'broken.xml', 'does not compile']),
-        (GO1, ['scene:=/nowhere/scene.xml'], ['scene', '/nowhere/scene.xml', 'must be']),
-        (GO1, ['renderer:=vulkan'], ['renderer', 'vulkan', 'egl, osmesa, ray']),
-        (GO1, ['rate:=0.0001'], ['rate', '0.0001', 'must be']),
-        (GO1, ['cameras:=[eye, eye]'], ['cameras', "['eye', 'eye']", 'must be']),
-        (GO1, ['cameras:=["left eye"]'], ['cameras', 'left eye', 'must be']),
     ],
     ids=str,
 )

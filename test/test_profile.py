@@ -11,7 +11,6 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.files import load_profile, ProfileFile, read_profile, save_profile
 import numpy as np
-from programs import run_node
 import pytest
 import yaml
 
@@ -318,11 +317,6 @@ def test_the_library_runs_it(path: Path) -> None:
         Camera('Mode_9_30fps', profile=profile)
 
 
-def test_effects_ask_for_the_modulation(path: Path) -> None:
-    with pytest.raises(InputError, match=r'modes\.Narrow\.modulation_hz'):
-        Camera('Narrow', profile=load_profile(path), effects={'multipath': None})
-
-
 def test_the_command_line_runs_it(
     path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -362,13 +356,3 @@ def test_the_node_runs_it(ros: None, path: Path) -> None:
         assert 'Narrow, Wide.1+' in answer.reason
     finally:
         node.destroy_node()
-
-
-def test_the_node_ends_with_the_reason_for_a_bad_profile(
-    child_env: dict[str, str], path: Path
-) -> None:
-    path.write_text(path.read_text().replace('rate_hz: 12.5', 'rate_hz: 0'))
-    done = run_node('flexx2_camera', '-p', f'profile:={path}', env=child_env, timeout=60)
-    assert done.returncode != 0
-    assert 'modes.Narrow.rate_hz: must be' in done.stderr
-    assert 'Traceback' not in done.stderr

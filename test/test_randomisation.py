@@ -7,6 +7,7 @@ import shlex
 from typing import Any
 
 from boards import K
+from campaigns import write_diagnosis
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
@@ -14,7 +15,6 @@ from flexx2_sim_ros.effects import (
     load_effects,
     load_randomisation,
     parse_effects,
-    save_effects,
     save_randomisation,
 )
 from flexx2_sim_ros.effects.time_offset import time_offset_of
@@ -128,17 +128,11 @@ def diagnosed(folder: Path, rows: int, effects: dict[str, Any]) -> Path:
         recordings.append(
             {'name': f'{k}.npz', 'used': True, 'checksum': str(k), 'effects_without': own}
         )
-    folder.mkdir()
-    save_effects(folder / 'effects.yaml', parse_effects(effects))
-    table = {
-        'schema': 2,
-        'verdict': 'partly',
-        'recordings': recordings,
-        'not_decidable': [{'name': 'wiggling', 'absorbed': 0.9, 'settled_by': []}],
-        'settings': {'known': {'temporal_filter': {'share': 0.3}}},
-    }
-    (folder / 'diagnosis.json').write_text(json.dumps(table))
-    return folder
+    known = {'known': {'temporal_filter': {'share': 0.3}}}
+    hidden = [{'name': 'wiggling', 'absorbed': 0.9, 'settled_by': []}]
+    return write_diagnosis(
+        folder, effects, known, verdict='partly', recordings=recordings, not_decidable=hidden
+    )
 
 
 FITTED = {'offset': {'bias': 0.02}, 'excess_noise': {'factor': 1.5}}

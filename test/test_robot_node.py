@@ -1,7 +1,6 @@
 """The robot node over real DDS: driven, paused, reset, with its frames and its start."""
 
 import math
-import subprocess
 import sys
 import types
 from xml.etree import ElementTree
@@ -11,7 +10,6 @@ from flexx2_sim_ros.robots.kinematics import feet, rotation
 from flexx2_sim_ros.robots.robot import load_mounts, load_robot, robot_path
 import mujoco
 import numpy as np
-from programs import node_words, run_node
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from robots import (
@@ -329,6 +327,15 @@ BAD_STARTS = {
     'unknown scene': ({'scene': 'moon'}, "scene: must be 'lab', 'stairs'.*, got 'moon'"),
     'long scene': ({'scene': 'x' * 300}, "scene: must be .*, got 'xxx"),
     'NUL in robot': ({'robot_model': 'a\0b'}, r"robot_model: must be .*, got 'a.x00b'"),
+    'broken robot': (
+        {'robot_model': '<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>'},
+        'robot_model: .*does not compile',
+    ),
+    'no scene': ({'scene': '/nowhere/scene.xml'}, "scene: must be .*, got '/nowhere/scene.xml'"),
+    'bad renderer': ({'renderer': 'vulkan'}, 'renderer: must be .*egl, osmesa, ray.*vulkan'),
+    'bad rate': ({'rate': 0.0001}, 'rate: must be .*, got 0.0001'),
+    'one name twice': ({'cameras': ['eye', 'eye']}, r"cameras: must be .*\['eye', 'eye'\]"),
+    'no name': ({'cameras': ['left eye']}, 'cameras: must be .*left eye'),
     'unknown robot': ({'robot': 'spot'}, 'robot: must be go1, go2 or the path of a YAML file'),
     'unknown motion': ({'motion': 'fly'}, "motion: must be one of stand, cmd_vel.*, got 'fly'"),
     'bad pace': ({'real_time_factor': 0.0}, 'real_time_factor: must be a number from .*, got 0.0'),
@@ -364,34 +371,6 @@ def test_a_robots_file_may_have_whole_numbers(position, tmp_path):
         infos = seen.hear('eye/clean/camera_info', CameraInfo)
         seen.more(infos, 1)
         assert list(seen.robot.get_parameter('eye.position').value) == position
-
-
-def test_the_process_ends_before_it_has_started_anything(child_env, tmp_path):
-    path = tmp_path / 'robot.xml'
-    path.write_text(TORSO)
-    done = run_node('go1_cameras', '-p', f'robot_model:={path}', env=child_env, timeout=60)
-    assert done.returncode == 1
-    assert done.stderr.startswith('error: robot_model: ')
-    assert done.stderr.count('\n') == 1
-
-
-def test_a_second_node_of_the_same_name_is_reported(child_env):
-    with robot_node() as seen:
-        seen.hear('odom', Odometry)
-        with subprocess.Popen(
-            node_words('go1_cameras', '-r', f'__ns:={seen.space}', '-p', 'renderer:=ray'),
-            env=child_env,
-            stderr=subprocess.PIPE,
-            text=True,
-        ) as second:
-            unique = 'node name: must be unique'
-            # Either it finds the first in time and ends, or both say so and go on.
-            seen.spin_until(lambda: second.poll() is not None or seen.logged(unique))
-            if second.poll() is None:
-                second.terminate()
-            said = second.communicate(timeout=30)[1]
-            assert second.returncode == 1 or seen.logged(unique)
-            assert second.returncode != 1 or unique in said
 
 
 @pytest.mark.parametrize('robot', ['go1', 'go2'])

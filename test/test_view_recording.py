@@ -117,15 +117,6 @@ def test_notes_say_what_depth_cannot_be_compared_with(
     assert recorded.frame(0, 'simulated').clean is None
 
 
-@pytest.mark.parametrize('key', ['depth', 'clean_depth'])
-def test_a_recording_in_millimetres_is_noted(tmp_path: Path, key: str) -> None:
-    arrays = save_walk(tmp_path / 'walk.npz')
-    save_walk(tmp_path / 'walk.npz', **{key: 1000 * arrays[key]})
-    recorded = RecordedCamera(open_recording(tmp_path / 'walk.npz'), None, None, 1 << 20)
-    (note,) = recorded.notes
-    assert note.endswith(f'walk.npz: {key}: its median is 2000: taken for millimetres')
-
-
 @pytest.fixture
 def bag(tmp_path: Path) -> Iterator[tuple[str, Path]]:
     """Serve a bag of two cameras; yield the address of its frames."""

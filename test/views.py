@@ -3,7 +3,6 @@
 import asyncio
 from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
-import json
 import os
 from pathlib import Path
 import select
@@ -13,8 +12,8 @@ import sys
 from typing import Any
 from urllib.parse import urlsplit
 
+from campaigns import write_diagnosis
 from flexx2_sim_ros.camera import Camera
-from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.packing import ViewedFrame
 from flexx2_sim_ros.view.server import Server
@@ -168,8 +167,4 @@ def save_walk(path: Path, **more: Any) -> dict[str, np.ndarray]:
 
 def save_diagnosis(folder: Path, **more: Any) -> Path:
     """Write what a diagnosis writes, as far as the page reads it."""
-    folder.mkdir()
-    table = {'schema': 2, 'verdict': 'none', 'gap': {}, 'effects': [], 'recordings': []} | more
-    (folder / 'diagnosis.json').write_text(json.dumps(table))
-    save_effects(folder / 'effects.yaml', parse_effects(EFFECTS))
-    return folder
+    return write_diagnosis(folder, EFFECTS, **{'verdict': 'none', 'gap': {}, **more})
