@@ -40,7 +40,8 @@ def job(folder: Path, number: int, guess: Pose | None, motion: str = 'auto') -> 
     path = folder / 'in' / f'{number}.npz'
     with np.load(path) as archive:
         uptime = float(archive['uptime'].mean())
-    return Job(path, folder / 'room.ply', None, None, motion, numbers, '+z', uptime=uptime)
+    request = RoomRequest(recordings=(), out=Path(), room=folder / 'room.ply', motion=motion)
+    return Job(path, request, numbers, uptime)
 
 
 def joint(
