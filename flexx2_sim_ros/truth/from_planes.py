@@ -21,7 +21,7 @@ from flexx2_sim_ros.truth.plane_constraints import (
 )
 from flexx2_sim_ros.truth.plane_file import PlaneFile, PlaneHint, read_planes
 from flexx2_sim_ros.truth.plane_finding import find_planes, ImagePlane
-from flexx2_sim_ros.truth.requests import PlaneRequest
+from flexx2_sim_ros.truth.requests import PlaneRequest, TruthRequest
 from flexx2_sim_ros.truth.run import Run
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
 import numpy as np
@@ -274,9 +274,11 @@ class PlaneCampaign:
         }
 
 
-def asked_for(request: PlaneRequest) -> str:
+def asked_for(request: TruthRequest) -> str:
     """
     Return what should be measured before the work, and what is not decided without; or nothing.
+
+    It is the distance of planes.
 
     Raises
     ------
@@ -284,6 +286,8 @@ def asked_for(request: PlaneRequest) -> str:
         When the file of the planes cannot be used.
 
     """
+    if not isinstance(request, PlaneRequest):
+        return ''
     plan = read_planes(request.planes)
     changed = [hint for rows in plan.changes.values() for hint in rows.values()]
     if any(hint is not None and hint.distance for hint in (*plan.planes, *changed)):
