@@ -8,7 +8,7 @@ from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS, with_scale_error
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import Printed
-from flexx2_sim_ros.truth.rooms import Hits
+from flexx2_sim_ros.truth.rooms import Hits, Room
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -26,7 +26,7 @@ _TILT, _SAME = np.radians(15), np.radians(3)
 _SMALL_TAG = 16  # pixels
 
 
-class BoardRoom:
+class BoardRoom(Room):
     """
     A board as a room: its plane inside its outline; everything else is unknown.
 
@@ -39,34 +39,21 @@ class BoardRoom:
 
     """
 
-    complete = False
-
     def __init__(self, target: Target | Printed, endless: bool = False) -> None:
         """Store the size of the board."""
-        self._reach = np.array([target.width, target.height]) / 2
-        if endless:
-            self._reach = np.full(2, np.inf)
+        size = np.array([target.width, target.height])
+        self._reach = np.full(2, np.inf) if endless else size / 2
         self.bounds = np.array([[*-self._reach, 0.0], [*self._reach, 0.0]])
 
-    def cast(self, pose: Pose, rays: np.ndarray) -> Hits:
-        """Follow a camera's rays to the board; see `Room.cast`."""
-        direction = rays @ pose.R[:, :2].T + pose.R[:, 2]
+    def hit(self, place: np.ndarray, directions: np.ndarray) -> Hits:
+        """Return where rays in these directions meet the board; see `Room.hit`."""
         with np.errstate(invalid='ignore', divide='ignore'):
-            depth = -pose.t[2] / direction[:, 2]
-            place = pose.t[:2] + depth[:, None] * direction[:, :2]
-            on_it = (np.abs(place) < self._reach).all(axis=1) & (depth > 0)
-        normal = np.broadcast_to(-pose.R[2], (len(rays), 3)).copy()
-        hits = Hits(np.where(on_it, depth, np.nan), normal, None, np.zeros(len(rays), bool))
-        normal[hits.slant(rays) > 0] *= -1
-        return hits
-
-    def distances(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Return distances along rays; see `Room.distances`."""
-        with np.errstate(invalid='ignore', divide='ignore'):
-            reach = -origins[:, 2] / directions[:, 2]
-            place = origins[:, :2] + reach[:, None] * directions[:, :2]
-            on_it = (np.abs(place) < self._reach).all(axis=1) & (reach > 0)
-        return np.where(on_it, reach, np.inf).astype(np.float32)
+            depth = -place[2] / directions[:, 2]
+            there = place[:2] + depth[:, None] * directions[:, :2]
+            on_it = (np.abs(there) < self._reach).all(axis=1) & (depth > 0)
+        normal = np.tile([0.0, 0.0, -1.0], (len(directions), 1))
+        nothing = np.zeros(len(directions), bool)
+        return Hits(np.where(on_it, depth, np.nan), normal, None, nothing)
 
 
 def find_tags(target: Target | Printed, image: np.ndarray) -> dict[int, np.ndarray]:
