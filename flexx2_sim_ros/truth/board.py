@@ -5,7 +5,7 @@ from itertools import product
 
 import cv2
 from flexx2_sim_ros.recording.truth import plane_axes
-from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS, with_scale_error
+from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.rooms import Hits, Room
@@ -201,7 +201,7 @@ def _refined(
         return 'too little of the board is in its gray image'
     if fit.cost > _WORST_COST:
         return 'its gray image shows a board, but not as its description has it'
-    return with_scale_error(fit, float(np.hypot(scale_error, target.scale_error)))
+    return fit.with_scale_error(float(np.hypot(scale_error, target.scale_error)))
 
 
 def _starts(starts: list[Pose], tags: dict[int, np.ndarray], turns: int) -> list[Pose]:
