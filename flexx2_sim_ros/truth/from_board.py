@@ -8,10 +8,10 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import never_decided
-from flexx2_sim_ros.truth.board import BoardRoom, find_board, plane_covariance
-from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, REFUSED, render
+from flexx2_sim_ros.truth.board import find_board, plane_covariance
+from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, REFUSED, render_plane, unknown
 from flexx2_sim_ros.truth.files import reason_of, TruthSource
-from flexx2_sim_ros.truth.gray import Gray, GrayFit, white_fraction
+from flexx2_sim_ros.truth.gray import Gray, GrayFit, inside, white_fraction
 from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
 from flexx2_sim_ros.truth.observation import Footage, grow, Observation
 from flexx2_sim_ros.truth.plane_finding import surface_around
@@ -145,7 +145,8 @@ class BoardSurfaces:
         shown: list[tuple[int, Observation, Clean, Pose]] = []
         for number, (image, numbers) in enumerate(zip(frames, self.placed.poses, strict=True)):
             if numbers is None:
-                cleans.append(_unknown(image))
+                nothing = unknown(image)
+                cleans.append(replace(nothing, reflectivity=nothing.depth))
                 continue
             pose = Pose.from_numbers(np.array(numbers))
             clean = self._clean(image, pose)
@@ -168,27 +169,20 @@ class BoardSurfaces:
         return GroundTruth(cleans, image, keys, number, gray, found)
 
     def _clean(self, image: Observation, pose: Pose) -> Clean:
-        target = self.job.target
-        clean = render(BoardRoom(target), pose, image.rays, target.flatness)
+        target, inverse = self.job.target, pose.R[2] / -pose.t[2]
+        seen = inside(target, pose, image.rays)
+        clean = render_plane(image, inverse, target.flatness, self.job.request.wall | seen)
         if self.job.request.wall:
-            seen = surface_around(image, pose.R[2] / -pose.t[2], clean.known & image.smooth)
-            wall = render(BoardRoom(target, endless=True), pose, image.rays, target.flatness)
-            seen |= clean.known
-            part = np.where(grow(~seen, _BORDER) & wall.known, np.uint8(REFUSED), wall.part)
-            part[~seen] = OUTSIDE
-            clean = replace(wall, part=part)
+            core = ~grow(~seen, _BORDER)
+            seen = core | surface_around(image, inverse, core & image.smooth)
+        part = np.where(grow(~seen, _BORDER), np.uint8(REFUSED), clean.part)
+        part[~seen] = OUTSIDE
         # The ratio of black to white is measured in the gray image; white comes from the file.
         gray = Gray(np.ones(image.depth.shape), image.rays)
         white = white_fraction(target, gray, pose, self.placed.blur)
         black = target.white * self.placed.contrast
         mixed = np.where(np.isfinite(white), black + (target.white - black) * white, _ELSEWHERE)
-        return replace(clean, reflectivity=mixed.astype(np.float32))
-
-
-def _unknown(image: Observation) -> Clean:
-    nothing = np.full(image.depth.shape, np.nan, np.float32)
-    part = np.full(nothing.shape, OUTSIDE, np.uint8)
-    return Clean(nothing, nothing, nothing, part, np.zeros(nothing.shape, np.float32))
+        return replace(clean, part=part, reflectivity=mixed.astype(np.float32))
 
 
 def _judged(image: Observation, clean: Clean, pose: Pose, plane: np.ndarray) -> _OnBoard:

@@ -7,7 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_planes
-from flexx2_sim_ros.truth.clean import Clean, KNOWN, OUTSIDE
+from flexx2_sim_ros.truth.clean import Clean, KNOWN, OUTSIDE, render_plane, unknown
 from flexx2_sim_ros.truth.files import reason_of, TruthSource
 from flexx2_sim_ros.truth.observation import Footage, Observation
 from flexx2_sim_ros.truth.plane_constraints import (
@@ -200,21 +200,18 @@ class PlaneSurfaces:
         # Pixels outside the planes are unknown.
         placed = self.found.placed
         assert placed is not None
-        rays, shape = image.directions, image.depth.shape
-        depth, incidence = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
-        sigma, plane = np.zeros(shape, np.float32), np.zeros(shape, np.uint8)
-        part = np.full(shape, OUTSIDE, np.uint8)
+        out, plane = unknown(image), np.zeros(image.depth.shape, np.uint8)
         flat = {hint.name: hint.flat for hint in self.job.hints}
         for k, surface in enumerate(self.found.surfaces):
-            mask = surface.mask
-            along = rays[mask] @ placed.normals[k]
-            told = flat[surface.name]
-            depth[mask] = placed.distances[k] / along
-            incidence[mask] = np.arccos(np.clip(along / image.length[mask], 0, 1))
-            sigma[mask] = (self.job.request.room_error if told is None else told) / along
+            told, mask = flat[surface.name], surface.mask
+            error = self.job.request.room_error if told is None else told
+            one = render_plane(image, placed.normals[k] / placed.distances[k], error, mask)
+            for name in ('depth', 'incidence', 'sigma'):
+                getattr(out, name)[mask] = getattr(one, name)[mask]
             plane[mask] = k + 1
-            part = np.where((part == KNOWN) | (surface.part == OUTSIDE), part, surface.part)
-        return Clean(depth, incidence, None, part, sigma), plane
+            new = (surface.part != OUTSIDE) & (out.part != KNOWN)
+            out.part[new] = surface.part[new]
+        return out, plane
 
 
 class PlaneCampaign:

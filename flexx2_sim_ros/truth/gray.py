@@ -104,15 +104,15 @@ class _View:
     def __init__(self, target: Target | Printed, gray: Gray, pose: Pose) -> None:
         self.target = target
         height, width = gray.image.shape
-        inside = _inside(target, pose, gray.rays, 0.0)
-        rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+        shown = inside(target, pose, gray.rays)
+        rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
         if len(rows) < 3 or len(columns) < 3:
             self.window = slice(0), slice(0)
             return
         self.window = _around(rows, height), _around(columns, width)
         self.image = gray.image[self.window]
         self.rays = gray.rays[self.window]
-        self.finer = _FINER if inside.sum() < _LARGE else _COARSER
+        self.finer = _FINER if shown.sum() < _LARGE else _COARSER
         self.fine = _finer(self.rays, self.finer)
         distance = float(np.linalg.norm(pose.t))
         pixel = float(np.nanmedian(np.abs(np.diff(self.rays[..., 0], axis=1)))) * distance
@@ -191,7 +191,10 @@ def _on_sheet(pose: Pose, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return pose.t[0] + reach * direction[..., 0], pose.t[1] + reach * direction[..., 1]
 
 
-def _inside(target: Target | Printed, pose: Pose, rays: np.ndarray, border: float) -> np.ndarray:
+def inside(
+    target: Target | Printed, pose: Pose, rays: np.ndarray, border: float = 0.0
+) -> np.ndarray:
+    """Return (H, W) bool: the pixels that show the sheet within its border, metres."""
     x, y = _on_sheet(pose, rays)
     with np.errstate(invalid='ignore'):
         return (np.abs(x) < target.width / 2 - border) & (np.abs(y) < target.height / 2 - border)
@@ -229,7 +232,7 @@ def align_gray(
     if view.window[0].stop == 0:
         return None
     border = (1 + _BLURS * blur) * view.step * view.finer
-    use = _inside(target, start, view.rays, border) & (np.nan_to_num(view.image) > 0)
+    use = inside(target, start, view.rays, border) & (np.nan_to_num(view.image) > 0)
     # Next to pixels without a ray the motion of the sheet is unknown.
     use &= np.isfinite(view.flow(start)).all(axis=(2, 3))
     if use.sum() < _LEAST_PIXELS:
@@ -335,7 +338,7 @@ def white_fraction(target: Target | Printed, gray: Gray, pose: Pose, blur: float
     out = np.full(gray.image.shape, np.nan)
     view = _View(target, gray, pose)
     if view.window[0].stop:
-        inside = _inside(target, pose, view.rays, 0.0)
+        shown = inside(target, pose, view.rays)
         white = view.pixels(view.blurred(pose, float(np.log(blur))))
-        out[view.window] = np.where(inside, white, np.nan)
+        out[view.window] = np.where(shown, white, np.nan)
     return out
