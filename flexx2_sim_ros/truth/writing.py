@@ -156,7 +156,7 @@ def write_recording(what: Writing) -> Written:
     footage, moving = what.footage(), what.surfaces.moving
     reader, truth = footage.reader, what.surfaces.truth(footage)
     cleans = truth.cleans
-    if what.scale is not None and shows_light(reader, moving):
+    if what.scale is not None and _shows_light(reader, moving):
         cleans = [
             with_reflectivity(clean, gray, footage.still.rays, what.scale)
             for clean, gray in zip(cleans, gray_images(reader, moving), strict=True)
@@ -182,7 +182,7 @@ def read_light(what: Writing) -> list[GraySamples]:
     """
     footage, moving = what.footage(), what.surfaces.moving
     reader = footage.reader
-    if not shows_light(reader, moving):
+    if not _shows_light(reader, moving):
         return []
     every = max(len(reader.stamp) // _LIT_FRAMES, 1) if moving else 1
     out = []
@@ -196,8 +196,8 @@ def read_light(what: Writing) -> list[GraySamples]:
     return [one for one in out if one is not None]
 
 
-def shows_light(reader: RecordingReader, moving: bool) -> bool:
-    """Return whether the reflectivity of a recording is to be taken from its gray images."""
+def _shows_light(reader: RecordingReader, moving: bool) -> bool:
+    # Whether the reflectivity of a recording is to be taken from its gray images.
     known = 'reflectivity' in reader.layouts or 'reflectivity' in reader.arrays
     return not known and has_gray(reader) and (not moving or has_gray_frames(reader))
 
