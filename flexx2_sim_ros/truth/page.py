@@ -1,16 +1,13 @@
 """The page of a campaign: the pose of each recording, and how well it fits."""
 
-import base64
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from io import BytesIO
 from typing import Any
 
-from flexx2_sim_ros.html_drawing import picture
+from flexx2_sim_ros.html_drawing import data_url, depth_picture, picture
 from flexx2_sim_ros.html_page import html_page
 from flexx2_sim_ros.truth.clean import PARTS
 from flexx2_sim_ros.truth.writing import Written
-from matplotlib.image import imsave
 import numpy as np
 
 _STYLE = """
@@ -29,6 +26,7 @@ _COLOURS = {
     'hidden': (230, 159, 0),
     'refused': (204, 121, 167),
 }
+_SHADES = 50  # of the image under the map
 _LIMIT = 0.03  # metres, end of the colour scale of the residual map
 
 
@@ -211,32 +209,25 @@ def _legend(shown: Written) -> str:
 
 def _map(shown: Written) -> str:
     # Which pixels are known, and why others are not, over the image.
-    colours = np.array([_COLOURS[name] for name in PARTS], float)[shown.part]
-    image = 0.6 * colours + 0.4 * _gray(shown.image)[..., None]
-    return _data_url(image.astype(np.uint8).repeat(2, axis=0).repeat(2, axis=1))
+    colours = np.array([_COLOURS[name] for name in PARTS])[:, None]
+    shades = np.linspace(30, 230, _SHADES)[:, None]
+    level = np.rint(_brightness(shown.image) * (_SHADES - 1))
+    index = (shown.part * _SHADES + level).repeat(2, axis=0).repeat(2, axis=1)
+    return data_url(index, (0.6 * colours + 0.4 * shades).reshape(-1, 3))
 
 
 def _overlay(shown: Written) -> str:
     # With the edges of clean depth on it.
-    image = np.repeat(_gray(shown.image)[..., None], 3, axis=2)
-    image = image.astype(np.uint8).repeat(4, axis=0).repeat(4, axis=1)
+    image = _brightness(shown.image).repeat(4, axis=0).repeat(4, axis=1)
     # Thin lines: an edge is drawn on one of the four rows and columns that a pixel has.
     lines = shown.edges.repeat(4, axis=0).repeat(4, axis=1)
     inner = lines.copy()
     inner[1:-1, 1:-1] = lines[:-2, 1:-1] & lines[2:, 1:-1] & lines[1:-1, :-2] & lines[1:-1, 2:]
-    image[lines & ~inner] = (217, 72, 15)
-    return _data_url(image)
+    return depth_picture(image, 0.0, 1.0, [lines & ~inner])
 
 
-def _gray(values: np.ndarray) -> np.ndarray:
-    # From dark for low values to bright; white where there are none.
+def _brightness(values: np.ndarray) -> np.ndarray:
+    # 0 for low values, 1 for high ones and where there are none.
     good = np.isfinite(values)
     low, high = np.percentile(values[good], [2, 98]) if good.any() else (0.0, 1.0)
-    gray = np.clip((values - low) / max(high - low, 1e-6), 0, 1) * 200 + 30
-    return np.where(good, gray, 255)
-
-
-def _data_url(image: np.ndarray) -> str:
-    file = BytesIO()
-    imsave(file, image, format='png')
-    return 'data:image/png;base64,' + base64.b64encode(file.getvalue()).decode()
+    return np.where(good, np.clip((values - low) / max(high - low, 1e-6), 0, 1), 1.0)
