@@ -10,7 +10,7 @@ import time
 from flexx2_sim_ros.camera import Camera, Mode, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.truth.alignment import align, choose
+from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.clock import ClockOffset, find_offset
 from flexx2_sim_ros.truth.joint import PosedImage
@@ -148,10 +148,10 @@ def register(job: Job) -> Registered:
             elif not any(told):
                 raise given.no_overlap(reader.stamp_ns)
     else:
-        fits = [(found.fit.pose, found.fit.cost)]
+        fits = [found.fit]
     return Registered(
-        tuple(tuple(pose.numbers()) for pose, _ in fits),
-        tuple(cost for _, cost in fits),
+        tuple(tuple(one.pose.numbers()) for one in fits),
+        tuple(one.cost for one in fits),
         found.rival,
         footage.moving,
         mirrored,
@@ -195,12 +195,12 @@ def _told(
 
 
 def _clock(
-    given: CameraTrajectory, stamp_ns: np.ndarray, fits: Sequence[tuple[Pose, float]]
+    given: CameraTrajectory, stamp_ns: np.ndarray, fits: Sequence[AlignedPose]
 ) -> ClockOffset:
     if given.fixed:
         return ClockOffset(reason='the given poses do not move')
-    numbers = np.array([pose.numbers() for pose, _ in fits])
-    lost = np.array([cost for _, cost in fits]) > LOST
+    numbers = np.array([one.pose.numbers() for one in fits])
+    lost = np.array([one.cost for one in fits]) > LOST
     fitted = Trajectory('', stamp_ns[~lost], numbers[~lost])
     if len(fitted.stamp_ns) < 2:
         return ClockOffset(reason='the camera is lost in most frames')
@@ -219,10 +219,9 @@ def _start(
     return next(((i, pose) for i, pose in enumerate(told) if pose is not None), None)
 
 
-def _distance(
-    told: Sequence[Pose | None], fits: Sequence[tuple[Pose, float]]
-) -> tuple[float, float]:
-    fitted = [pose for pose, _ in fits] if len(fits) == len(told) else [fits[0][0]] * len(told)
+def _distance(told: Sequence[Pose | None], fits: Sequence[AlignedPose]) -> tuple[float, float]:
+    poses = [one.pose for one in fits]
+    fitted = poses if len(poses) == len(told) else poses[:1] * len(told)
     motions = np.array(
         [one.motion_to(other) for one, other in zip(told, fitted, strict=True) if one is not None]
     )
@@ -246,7 +245,7 @@ def _search(
     tried: list[tuple[FoundPose, int]] = []
     count = len(footage.reader.stamp)
     for number in (0, count // 2, count - 1) if footage.moving and guess is None else (first,):
-        image = frame(footage, number) if footage.moving else footage.still
+        image = _frame(footage, number)
         tried.append((find(room, image, guess, panoramas, up), number))
         if tried[-1][0].fit.cost < 0.5 * min(tried[-1][0].rival, LOST):
             break
@@ -254,13 +253,14 @@ def _search(
     mirrored = float('inf')
     panoramas = _panoramas(path) if best.fit.cost > _SUSPECT else None
     if panoramas is not None and len(panoramas.places):
-        image = frame(footage, number) if footage.moving else footage.still
+        image = _frame(footage, number)
         mirrored = find(room, image.mirrored(), None, panoramas, up).fit.cost
     return best, number, mirrored
 
 
-def frame(footage: Footage, number: int) -> Observation:
-    """Return one frame of a recording."""
+def _frame(footage: Footage, number: int) -> Observation:
+    if not footage.moving:
+        return footage.still
     for index, image in enumerate(footage.frames()):
         if index == number:
             return footage.observe(image)
@@ -269,31 +269,31 @@ def frame(footage: Footage, number: int) -> Observation:
 
 def _track(
     room: Room, footage: Footage, start: Pose, first: int, told: Sequence[Pose | None]
-) -> list[tuple[Pose, float]]:
+) -> list[AlignedPose]:
     # Follows the camera from this frame forwards to the end, then backwards to the beginning.
     images = list(footage.frames())
-    fits: dict[int, tuple[Pose, float]] = {}
+    fits: dict[int, AlignedPose] = {}
     for order in (range(first, len(images)), range(first - 1, -1, -1)):
         sign = 1 if order.step > 0 else -1
         for number in order:
-            pose = start if number == first else fits[number - sign][0]
+            pose = start if number == first else fits[number - sign].pose
             last, now = told[number - sign] if number != first else None, told[number]
             if last is not None and now is not None:
                 pose = pose.moved(last.motion_to(now))
             elif number - 2 * sign in fits and number != first:  # Assumes constant velocity.
-                pose = pose.moved(fits[number - 2 * sign][0].motion_to(pose))
-            fits[number] = follow(room, footage.observe(images[number]), pose)
+                pose = pose.moved(fits[number - 2 * sign].pose.motion_to(pose))
+            fits[number] = _follow(room, footage.observe(images[number]), pose)
     return [fits[number] for number in range(len(images))]
 
 
-def follow(room: Room, image: Observation, start: Pose) -> tuple[Pose, float]:
-    """Return the pose of a frame and its cost, starting from the expected pose."""
+def _follow(room: Room, image: Observation, start: Pose) -> AlignedPose:
+    # The pose of a frame, from the expected one.
     fit = align(room, choose(image, _TRACKED), start, 6)
     if fit.cost > LOST:
         again = find(room, image, start, None, '+z').fit
         if again.cost < fit.cost:
             fit = again
-    return fit.pose, fit.cost
+    return fit
 
 
 def views_of(job: tuple[int, Job, Registered]) -> list[PosedImage]:
