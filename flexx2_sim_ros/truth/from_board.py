@@ -12,7 +12,7 @@ from flexx2_sim_ros.truth.board import find_board, plane_covariance
 from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, REFUSED, render_plane, unknown
 from flexx2_sim_ros.truth.files import reason_of, TruthSource
 from flexx2_sim_ros.truth.gray import Gray, GrayFit, inside, white_fraction
-from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
+from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray
 from flexx2_sim_ros.truth.observation import Footage, grow, Observation
 from flexx2_sim_ros.truth.plane_finding import surface_around
 from flexx2_sim_ros.truth.poses import Pose
@@ -57,7 +57,7 @@ class BoardPoses:
         Poses of the camera in the frame of the board, as `Pose.numbers`: one for a still
         recording, one for each frame of a moving one; None where the board is not found.
     covariances : tuple
-        (6, 6) covariances of their motions, or None.
+        (6, 6) covariances of the motions of those that are found.
     blur, contrast : float
         Medians of these values of `GrayFit`.
     reason : str
@@ -67,7 +67,7 @@ class BoardPoses:
 
     moving: bool
     poses: tuple[tuple[float, ...] | None, ...]
-    covariances: tuple[Any, ...]
+    covariances: tuple[np.ndarray, ...]
     blur: float
     contrast: float
     reason: str
@@ -86,7 +86,7 @@ def _search(job: BoardJob) -> BoardPoses:
     reader, moving, rays = footage.reader, footage.moving, footage.still.rays
     if not has_gray(reader):
         return _placed(moving, ['it has no gray image (amplitude)'])
-    if moving and not has_gray_frames(reader):
+    if not has_gray(reader, moving):
         return _placed(moving, ['it has one gray image for all frames, but moves'])
     found: list[GrayFit | str] = []
     before = None

@@ -18,7 +18,7 @@ from flexx2_sim_ros.truth.clean import (
     REFUSED,
 )
 from flexx2_sim_ros.truth.files import TruthSource
-from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
+from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray
 from flexx2_sim_ros.truth.observation import Footage, mask_of, Observation
 from flexx2_sim_ros.truth.reflectivity import (
     gray_samples,
@@ -199,7 +199,7 @@ def read_light(what: Writing) -> list[GraySamples]:
 def _shows_light(reader: RecordingReader, moving: bool) -> bool:
     # Whether the reflectivity of a recording is to be taken from its gray images.
     known = 'reflectivity' in reader.layouts or 'reflectivity' in reader.arrays
-    return not known and has_gray(reader) and (not moving or has_gray_frames(reader))
+    return not known and has_gray(reader, moving)
 
 
 def write_truth(
