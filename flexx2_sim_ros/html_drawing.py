@@ -37,7 +37,7 @@ def picture(image: np.ndarray, limit: float, enlarged: int = 4, steps: int = 127
     """
     part = np.clip(np.nan_to_num(image / limit), -1, 1)
     index = np.where(np.isfinite(image), np.rint(part * steps) + steps, 2 * steps + 1)
-    return _data_url(index.repeat(enlarged, axis=0).repeat(enlarged, axis=1), _blue_to_red(steps))
+    return data_url(index.repeat(enlarged, axis=0).repeat(enlarged, axis=1), _blue_to_red(steps))
 
 
 def _blue_to_red(steps: int) -> np.ndarray:
@@ -70,10 +70,11 @@ def depth_picture(
     palette = np.concatenate([255 * scale, [_NOTHING], MARKS])
     for i, mark in reversed(list(enumerate(marks or ()))):
         index[mark] = _DEPTHS + 1 + i
-    return _data_url(index, palette)
+    return data_url(index, palette)
 
 
-def _data_url(index: np.ndarray, palette: np.ndarray) -> str:
+def data_url(index: np.ndarray, palette: np.ndarray) -> str:
+    """Return an image with a palette as a data URL; see `encode_png`."""
     file = encode_png(index.astype(np.uint8), palette)
     return 'data:image/png;base64,' + base64.b64encode(file).decode()
 

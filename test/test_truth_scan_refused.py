@@ -214,7 +214,6 @@ def test_one_recording_that_fits_by_chance_does_not_make_it_the_room(
     ('change', 'words'),
     [
         ({'stamp': np.array([0, 1, 2, 3, 5e8, 5e8 + 1, 5e8 + 2, 5e8 + 3])}, 'of one clock'),
-        ({'depth': np.full((8, HEIGHT, WIDTH), np.nan, np.float32)}, 'all pixels'),
         ({'distortion': np.zeros(9)}, 'distortion: must be'),
     ],
 )

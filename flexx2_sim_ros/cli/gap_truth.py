@@ -1,8 +1,6 @@
 """`flexx2 gap truth`: ground truth for recordings of a real camera."""
 
 import argparse
-from collections.abc import Callable
-from functools import partial
 import math
 from pathlib import Path
 from typing import Any
@@ -12,17 +10,15 @@ from flexx2_sim_ros.cli.options import add_table, number
 from flexx2_sim_ros.errors import each_once, InputError, printable, shown
 from flexx2_sim_ros.profiles.files import find_profile
 
-# Options that say where the camera is.
-_PLACES = (
-    'pose',
-    'up',
-    'trajectory',
-    'odometry',
-    'tf',
-    'camera_in_body',
-    'clock_offset',
-    'relative',
-    'pose_accuracy',
+# Options and those that they are given with: where the camera is, how poses were measured, and how
+# accurate the room and the lens are.
+_TOLD = 'trajectory', 'odometry', 'tf'
+_MEASURED = 'camera_in_body', 'clock_offset', 'relative', 'pose_accuracy'
+_ONLY_WITH = (
+    (('pose', 'up', *_TOLD, *_MEASURED), ('scan', 'scene')),
+    (_MEASURED, _TOLD),
+    (('room_error',), ('scan', 'scene', 'planes')),
+    (('lens_error', 'wall'), ('board',)),
 )
 _UPS = '+x', '-x', '+y', '-y', '+z', '-z'
 _OPTIONS = """
@@ -120,10 +116,15 @@ def _seconds_or_auto(text: str) -> float | None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Make ground truth with a progress bar, and print the verdicts."""
-    make = _maker(arguments)
+    from flexx2_sim_ros.truth import asked_for, make_truth
+
+    request = _request(arguments)
     console = common.messages()
+    asked = asked_for(request)
+    if asked:  # Before the work: it can still be measured.
+        console.print(printable(asked))
     with common.progress_bar(console) as progress:
-        table = make(progress)
+        table = make_truth(request, progress)
     notes = [(row['source'], note) for row in table['recordings'] for note in row.get('notes', ())]
     for note in each_once(notes):
         console.print(printable(note), style='yellow')
@@ -173,42 +174,69 @@ def _clock_words(clock: dict[str, Any]) -> str:
     return words
 
 
-_Maker = Callable[[Callable[[str, float], None]], dict[str, Any]]
+def _request(arguments: argparse.Namespace) -> Any:
+    from flexx2_sim_ros.truth import BoardRequest, PlaneRequest, RoomRequest
 
-
-def _maker(arguments: argparse.Namespace) -> _Maker:
-    for name in ('scan', 'scene', 'board', 'planes', 'trajectory', 'odometry', 'tf'):
+    for name in ('scan', 'scene', 'board', 'planes', *_TOLD):
         if getattr(arguments, name) == '':
             raise InputError(f"--{name}: must not be empty, got ''")
+    if arguments.scan or arguments.scene:
+        _check_suffix(Path(arguments.scan or arguments.scene), arguments.scan is not None)
+    for names, others in _ONLY_WITH:
+        _check_unused(arguments, names, others)
+    shared = _shared(arguments)
     if arguments.board:
-        return _board_maker(arguments)
-    return _plane_maker(arguments) if arguments.planes else _room_maker(arguments)
-
-
-def _room_maker(arguments: argparse.Namespace) -> _Maker:
-    from flexx2_sim_ros.truth import make_truth, RoomRequest
-
+        lens_error = 0.003 if arguments.lens_error is None else arguments.lens_error
+        return BoardRequest(
+            **shared, board=arguments.board, lens_error=lens_error, wall=arguments.wall
+        )
+    if arguments.planes:
+        planes = Path(arguments.planes)
+        return PlaneRequest(**shared, planes=planes, room_error=arguments.room_error or 0.0)
     room = Path(arguments.scan or arguments.scene)
-    _check_suffix(room, arguments.scan is not None)
-    _check_unused(arguments, ('lens_error', 'wall'), '--board')
-    request = RoomRequest(
-        **_common(arguments),
+    return RoomRequest(
+        **shared,
         room=room,
         poses=tuple(_pose('--pose', text) for text in arguments.pose),
         told=_told(arguments),
         up=arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
         room_error=0.003 if arguments.room_error is None else arguments.room_error,
     )
-    return partial(make_truth, request)
+
+
+def _check_unused(
+    arguments: argparse.Namespace, names: tuple[str, ...], others: tuple[str, ...]
+) -> None:
+    if any(getattr(arguments, one) for one in others):
+        return
+    *first, last = (f'--{one}' for one in others)
+    fitting = f'{", ".join(first)} or {last}' if first else last
+    for name in names:
+        value = getattr(arguments, name)
+        # 0 is a value, but equals False.
+        if not (value is None or value is False or value == []):
+            option = f'--{name.replace("_", "-")}'
+            raise InputError(f'{option}: must be given with {fitting} only')
+
+
+def _shared(arguments: argparse.Namespace) -> dict[str, Any]:
+    return {
+        'recordings': tuple(map(Path, arguments.recordings)),
+        'out': Path(arguments.out),
+        'camera': arguments.camera,
+        'profile': find_profile(arguments.profile),
+        'motion': arguments.motion,
+        'jobs': arguments.jobs,
+        'scheduler': arguments.scheduler,
+        'uptime': arguments.uptime,
+        'command': common.command_line('gap', 'truth'),
+    }
 
 
 def _told(arguments: argparse.Namespace) -> Any:
     from flexx2_sim_ros.truth import PoseSource
 
-    given = arguments.trajectory, arguments.odometry, arguments.tf
-    if not any(given):
-        names = 'camera_in_body', 'clock_offset', 'relative', 'pose_accuracy'
-        _check_unused(arguments, names, '--trajectory, --odometry or --tf')
+    if not any(getattr(arguments, name) for name in _TOLD):
         return None
     if arguments.pose and not arguments.relative:
         raise InputError(
@@ -241,57 +269,6 @@ def _accuracy(text: str | None) -> tuple[float, float] | None:
             f'--pose-accuracy: must be METRES,DEGREES, such as 0.002,0.2, got {shown(text)}'
         )
     return metres, degrees
-
-
-def _check_unused(arguments: argparse.Namespace, names: tuple[str, ...], fitting: str) -> None:
-    for name in names:
-        value = getattr(arguments, name)
-        # 0 is a value, but equals False.
-        if not (value is None or value is False or value == []):
-            option = f'--{name.replace("_", "-")}'
-            raise InputError(f'{option}: must be given with {fitting} only')
-
-
-def _board_maker(arguments: argparse.Namespace) -> _Maker:
-    from flexx2_sim_ros.truth import BoardRequest, make_truth
-
-    _check_unused(arguments, _PLACES, '--scan or --scene')
-    _check_unused(arguments, ('room_error',), '--scan, --scene or --planes')
-    request = BoardRequest(
-        **_common(arguments),
-        board=arguments.board,
-        lens_error=0.003 if arguments.lens_error is None else arguments.lens_error,
-        wall=arguments.wall,
-    )
-    return partial(make_truth, request)
-
-
-def _plane_maker(arguments: argparse.Namespace) -> _Maker:
-    from flexx2_sim_ros.truth import asked_for, make_truth, PlaneRequest
-
-    _check_unused(arguments, _PLACES, '--scan or --scene')
-    _check_unused(arguments, ('lens_error', 'wall'), '--board')
-    request = PlaneRequest(
-        **_common(arguments), planes=Path(arguments.planes), room_error=arguments.room_error or 0.0
-    )
-    asked = asked_for(request)
-    if asked:  # Before the work: it can still be measured.
-        common.messages().print(printable(asked))
-    return partial(make_truth, request)
-
-
-def _common(arguments: argparse.Namespace) -> dict[str, Any]:
-    return {
-        'recordings': tuple(map(Path, arguments.recordings)),
-        'out': Path(arguments.out),
-        'camera': arguments.camera,
-        'profile': find_profile(arguments.profile),
-        'motion': arguments.motion,
-        'jobs': arguments.jobs,
-        'scheduler': arguments.scheduler,
-        'uptime': arguments.uptime,
-        'command': common.command_line('gap', 'truth'),
-    }
 
 
 def _check_suffix(room: Path, scan: bool) -> None:

@@ -17,7 +17,7 @@ _POSE = 'pose_error', 'the poses are fitted to these recordings'
 _TIME = 'time_offset', 'each frame is placed where it was taken, whatever its stamp says'
 _IN_CAMERA = 'pose_error', "the planes are in the camera's frame, so that they move with it"
 _TAPE = 'a tape measure'
-_MOVES, _BENDS = 'offset', 'multipath'
+_BENDS = 'multipath'
 _MOVING = 'time_offset', 'motion_artefact'
 
 

@@ -1,6 +1,6 @@
 """Align a depth image to a room: Gauss-Newton on what each ray measures, with a robust loss."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.truth.observation import Observation
 from flexx2_sim_ros.truth.poses import Pose
@@ -45,6 +45,11 @@ class AlignedPixels:
     wraps: tuple[float, ...]
     pixel: np.ndarray
     tile: np.ndarray
+
+    def picked(self, use: np.ndarray) -> 'AlignedPixels':
+        """Return the pixels that an (N,) bool array picks."""
+        values = {name: value[use] for name, value in vars(self).items() if name != 'wraps'}
+        return replace(self, **values)
 
 
 @dataclass(frozen=True)

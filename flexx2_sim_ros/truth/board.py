@@ -1,14 +1,13 @@
-"""Find a printed target in a gray image, and use it as a room of one plane."""
+"""Find a printed target in a gray image."""
 
 from collections.abc import Iterator
 from itertools import product
 
 import cv2
 from flexx2_sim_ros.recording.truth import plane_axes
-from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS, with_scale_error
+from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import Printed
-from flexx2_sim_ros.truth.rooms import Hits
 from flexx2_sim_ros.truth.target import Target
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -26,66 +25,9 @@ _TILT, _SAME = np.radians(15), np.radians(3)
 _SMALL_TAG = 16  # pixels
 
 
-class BoardRoom:
-    """
-    A board as a room: its plane inside its outline; everything else is unknown.
-
-    Parameters
-    ----------
-    target : Target or Printed
-        The board.
-    endless : bool
-        Whether the plane goes on beyond the outline.
-
-    """
-
-    complete = False
-
-    def __init__(self, target: Target | Printed, endless: bool = False) -> None:
-        """Store the size of the board."""
-        self._reach = np.array([target.width, target.height]) / 2
-        if endless:
-            self._reach = np.full(2, np.inf)
-        self.bounds = np.array([[*-self._reach, 0.0], [*self._reach, 0.0]])
-
-    def cast(self, pose: Pose, rays: np.ndarray) -> Hits:
-        """Follow a camera's rays to the board; see `Room.cast`."""
-        direction = rays @ pose.R[:, :2].T + pose.R[:, 2]
-        with np.errstate(invalid='ignore', divide='ignore'):
-            depth = -pose.t[2] / direction[:, 2]
-            place = pose.t[:2] + depth[:, None] * direction[:, :2]
-            on_it = (np.abs(place) < self._reach).all(axis=1) & (depth > 0)
-        normal = np.broadcast_to(-pose.R[2], (len(rays), 3)).copy()
-        hits = Hits(np.where(on_it, depth, np.nan), normal, None, np.zeros(len(rays), bool))
-        normal[hits.slant(rays) > 0] *= -1
-        return hits
-
-    def distances(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Return distances along rays; see `Room.distances`."""
-        with np.errstate(invalid='ignore', divide='ignore'):
-            reach = -origins[:, 2] / directions[:, 2]
-            place = origins[:, :2] + reach[:, None] * directions[:, :2]
-            on_it = (np.abs(place) < self._reach).all(axis=1) & (reach > 0)
-        return np.where(on_it, reach, np.inf).astype(np.float32)
-
-
-def find_tags(target: Target | Printed, image: np.ndarray) -> dict[int, np.ndarray]:
-    """
-    Find the tags of a target, or the corners of a chessboard.
-
-    Parameters
-    ----------
-    target : Target or Printed
-        The board.
-    image : numpy.ndarray
-        (H, W) gray values.
-
-    Returns
-    -------
-    dict of int to numpy.ndarray
-        (C, 2) points in pixels, by their place in `corners` of the board.
-
-    """
+def _find_tags(target: Target | Printed, image: np.ndarray) -> dict[int, np.ndarray]:
+    # The (C, 2) points of tags, or of the corners of a chessboard, in pixels, by their place in
+    # `corners` of the board.
     best: dict[int, np.ndarray] = {}
     for picture, factor in _pictures(image):
         found = target.find(picture)
@@ -114,28 +56,11 @@ def _pictures(image: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
         yield cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), factor
 
 
-def poses_from(
+def _poses_from(
     target: Target | Printed, tags: dict[int, np.ndarray], rays: np.ndarray
 ) -> list[Pose]:
-    """
-    Return the camera's poses in the target's frame that explain the corners of tags.
-
-    Parameters
-    ----------
-    target : Target or Printed
-        The board.
-    tags : dict of int to numpy.ndarray
-        The result of `find_tags`.
-    rays : numpy.ndarray
-        (H, W, 2) x/z and y/z of each pixel, without lens distortion.
-
-    Returns
-    -------
-    list of Pose
-        Up to two poses, the better one first: a distant plane can be mistaken for its mirror
-        image.
-
-    """
+    # The camera's poses in the target's frame that explain these points, the better one first: a
+    # distant plane can be mistaken for its mirror image.
     places = sorted(tags)
     on_board = target.corners()[places].reshape(-1, 3)
     pixels = np.concatenate([tags[place] for place in places])
@@ -191,8 +116,8 @@ def find_board(
         best = align_gray(target, gray, before.pose, before.power, before.blur, _ROUGH_STEPS)
         if best is not None and best.cost < _LOST * before.cost:
             return _refined(target, gray, best, scale_error)
-    tags = find_tags(target, gray.image)
-    starts = poses_from(target, tags, gray.rays) if tags else []
+    tags = _find_tags(target, gray.image)
+    starts = _poses_from(target, tags, gray.rays) if tags else []
     if not starts:
         return 'the board is not found in its gray image'
     rough = [
@@ -214,7 +139,7 @@ def _refined(
         return 'too little of the board is in its gray image'
     if fit.cost > _WORST_COST:
         return 'its gray image shows a board, but not as its description has it'
-    return with_scale_error(fit, float(np.hypot(scale_error, target.scale_error)))
+    return fit.with_scale_error(float(np.hypot(scale_error, target.scale_error)))
 
 
 def _starts(starts: list[Pose], tags: dict[int, np.ndarray], turns: int) -> list[Pose]:

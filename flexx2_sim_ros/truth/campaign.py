@@ -1,369 +1,138 @@
-"""Ground truth of a campaign from a room."""
+"""The flow of `flexx2 gap truth`: observe, place, solve, write."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
+from flexx2_sim_ros import __version__
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_scan
-from flexx2_sim_ros.truth.clock import ClockOffset, common_offset
-from flexx2_sim_ros.truth.columns import ErrorColumns
-from flexx2_sim_ros.truth.files import digest
-from flexx2_sim_ros.truth.joint import PosedImage, solve
-from flexx2_sim_ros.truth.meshes import load_room
+from flexx2_sim_ros.recording.folders import find_recordings
+from flexx2_sim_ros.truth.files import has_truth, sources_of, TruthSource, write_results
+from flexx2_sim_ros.truth.from_board import BoardCampaign
+from flexx2_sim_ros.truth.from_planes import PlaneCampaign
+from flexx2_sim_ros.truth.from_room import RoomCampaign
 from flexx2_sim_ros.truth.page import page
-from flexx2_sim_ros.truth.registration import Job, register, Registered, views_of
-from flexx2_sim_ros.truth.room_writing import RoomSurfaces
-from flexx2_sim_ros.truth.run import Run, TruthRequest, TruthSource, Work, Written
-from flexx2_sim_ros.truth.shared import estimate, Shared
-from flexx2_sim_ros.truth.trajectory import PoseSource, read_trajectory
-from flexx2_sim_ros.truth.verdict import as_given, ASSUMED, check_room, judge, RoomFit, strays
-from flexx2_sim_ros.truth.writing import PageImages, Writing
-import numpy as np
+from flexx2_sim_ros.truth.reflectivity import find_scale
+from flexx2_sim_ros.truth.requests import BoardRequest, PlaneRequest, RoomRequest, TruthRequest
+from flexx2_sim_ros.truth.run import no_progress, Progress, Run, running
+from flexx2_sim_ros.truth.writing import read_light, Surfaces, write_recording, Writing, Written
 
-_CLEAR_LATENCY = 3.0  # standard deviations
-# Shared errors that the poses take where they are confounded; the poses' covariance omits this.
-_HIDDEN_UNLESS_FITTED = 'intrinsics_error', 'warm_up_drift'
+_LONGEST_COMMAND = 2000  # characters that are stored
 
 
-@dataclass(frozen=True, kw_only=True)
-class RoomRequest(TruthRequest):
+class Campaign(Protocol):
     """
-    A request for ground truth from a room.
+    The recordings of a room, a board or planes.
 
     Attributes
     ----------
-    room : pathlib.Path
-        A mesh or a MuJoCo model; see `load_room`.
-    poses : tuple of tuple of float
-        Rough poses: none, one for all recordings, or one for each.
-    up : str
-        Direction of the room that is up; see `search.UPS`.
-    room_error : float
-        Standard deviation of the room's surfaces along their normals, metres.
-    told : PoseSource or None
-        Source of rough poses: motion capture, odometry or TF.
+    kind : str
+        ``scan``, ``board`` or ``planes``.
+    lit : bool
+        Whether reflectivity is to be taken from gray images.
+    files : sequence of pathlib.Path
+        What is read besides recordings.
 
     """
 
-    room: Path
-    poses: tuple[tuple[float, ...], ...] = ()
-    up: str = '+z'
-    room_error: float = 0.003
-    told: PoseSource | None = None
+    kind: str
+    lit: bool
+    files: Sequence[Path]
 
-    def work(self) -> Work:
-        """Return what is to be done for it."""
-        return _Room(self)
+    def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
+        """
+        Find where the surfaces are.
 
+        Returns the surfaces of the recordings that are not refused, by their number. Raises
+        `InputError` where no recording shows them.
 
-@dataclass(frozen=True)
-class _Placed:
-    # A recording that was registered, and its number among all that were given.
-    number: int
-    source: TruthSource
-    job: Job
-    where: Registered
+        """
 
-
-class _Room:
-    """The work of a `RoomRequest`; see `Work`."""
-
-    kind, lit = 'scan', True
-
-    def __init__(self, request: RoomRequest) -> None:
-        self.request, told = request, request.told
-        given = () if told is None or told.file is None else (told.file,)
-        self.files: Sequence[Path] = (request.room, *given)
-
-    def place(self, run: Run, sources: Sequence[TruthSource]) -> None:
-        request, self.sources = self.request, sources
-        jobs = _jobs(request, sources)
-        run.progress('loading the room', 0.0)
-        self.size = np.ptp(load_room(request.room).bounds, axis=0)
-        placed, self.refused = _register(run, sources, jobs)
-        numbered = [(i, one.job, one.where) for i, one in enumerate(placed)]
-        parts = run.each('simulating bounces', (0.55, 0.65), views_of, numbered)
-        run.progress('fitting poses and shared errors', 0.65)
-        self.shared, self.placed, self.verdicts = _fit(parts, placed)
-        registered = [one.where for one in self.placed]
-        check_room(request.room, bool(request.poses), registered, self.verdicts)
-        self.clock = _clock(registered)
-        self.late = _latency(request, self.clock)
-
-    def writings(self) -> dict[int, Writing]:
-        found = _surfaces(self.request, self.placed, self.shared, self.verdicts, self.late or 0.0)
-        self.surfaces = {self.placed[i].number: surfaces for i, surfaces in found.items()}
-        return {
-            number: self.request.writing(self.sources[number], surfaces)
-            for number, surfaces in self.surfaces.items()
-        }
-
-    def rows(self, written: Written) -> list[dict[str, Any]]:
-        seen = [rough for _, rough in written.values() if np.isfinite(rough)]
-        self.rough = float(np.median(seen)) if seen else None
-        rows = self.refused | {
-            one.number: _row(one, verdict, self.surfaces.get(one.number), written.get(one.number))
-            for one, verdict in zip(self.placed, self.verdicts, strict=True)
-        }
-        return [rows[number] for number in range(len(self.sources))]
+    def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
+        """Return the rows of all recordings for ``truth.yaml``."""
 
     def about(self) -> dict[str, Any]:
-        return {
-            'room': str(self.request.room),
-            'room_size_m': [round(float(size), 3) for size in self.size],
-            'room_error_mm': self.request.room_error * 1e3,
-        }
+        """Return the source of the ground truth."""
 
     def findings(self) -> dict[str, Any]:
-        registered, clock, late = [one.where for one in self.placed], self.clock, self.late
-        return {
-            **({} if clock is None else {'clock_offset': _clock_table(clock, late)}),
-            **({} if self.rough is None else {'room_rough_mm': round(self.rough * 1e3, 2)}),
-            'shared': self.shared.findings,
-            'cannot_decide': _cannot_decide(self.shared, registered, late is not None),
-            'absorbed': {} if all(one.believed for one in registered) else absorbed('scan'),
+        """Return results for all recordings together."""
+
+
+_KINDS: dict[type[TruthRequest], Any] = {
+    RoomRequest: RoomCampaign,
+    BoardRequest: BoardCampaign,
+    PlaneRequest: PlaneCampaign,
+}
+
+
+def make_truth(request: TruthRequest, progress: Progress = no_progress) -> dict[str, Any]:
+    """
+    Write recordings with ground truth.
+
+    Parameters
+    ----------
+    request : TruthRequest
+        A `RoomRequest`, `BoardRequest` or `PlaneRequest`.
+    progress : callable
+        Called with the name of the current step and the fraction of the work that is done.
+
+    Returns
+    -------
+    dict
+        The content of ``truth.yaml``.
+
+    Raises
+    ------
+    InputError
+        When an input cannot be used, or no recording shows the surfaces. Nothing is written then.
+
+    """
+    campaign: Campaign = _KINDS[type(request)](request)
+    sources = sources_of(request, campaign.files)
+    with running(request, progress) as run:
+        surfaces = campaign.place(run, sources)
+        settings, light = request.settings(), {}
+        every = [Writing(settings, sources[i], one) for i, one in surfaces.items()]
+        if campaign.lit:
+            lit = run.each('reading gray images', (0.7, 0.75), read_light, every)
+            scale = find_scale([one for part in lit for one in part])
+            every = [replace(one, scale=scale) for one in every]
+            light = {} if scale is None else {'reflectivity': scale.table()}
+        results = run.each('writing', (0.75, 0.95), write_recording, every)
+        written = dict(zip(surfaces, results, strict=True))
+        rows = campaign.rows(written)
+        table = {
+            'schema': 1,
+            'kind': campaign.kind,
+            'version': __version__,
+            'command': _shortened(request.command),
+            **campaign.about(),
+            'recordings': rows,
+            **light,
+            **campaign.findings(),
+            **_others(request.out, rows),
         }
-
-    def page(self, table: dict[str, Any], written: Written) -> str:
-        return page(table, {i: picture for i, (picture, _) in written.items()})
-
-
-def _jobs(request: RoomRequest, sources: Sequence[TruthSource]) -> list[Job]:
-    if len(request.poses) not in (0, 1, len(sources)):
-        raise InputError(
-            f'--pose: must be given once or once for each of {len(sources)} recordings, got '
-            f'{len(request.poses)}'
-        )
-    if request.told is not None and request.told.file is not None:
-        for source in sources:
-            read_trajectory(request.told.file_of(source.path))
-    guesses: Sequence[tuple[float, ...] | None] = request.poses or [None]
-    if len(guesses) == 1:
-        guesses = list(guesses) * len(sources)
-    return [
-        Job(
-            source.path,
-            request.room,
-            request.camera,
-            request.profile,
-            request.motion,
-            guess,
-            request.up,
-            request.told,
-            math.inf if source.uptime is None else float(source.uptime.mean()),
-        )
-        for source, guess in zip(sources, guesses, strict=True)
-    ]
+        write_results(request.out, table, page(table, written))
+    return table
 
 
-def _register(
-    run: Run, sources: Sequence[TruthSource], jobs: Sequence[Job]
-) -> tuple[list[_Placed], dict[int, dict[str, Any]]]:
-    # The recordings that can be registered, and the rows of the others by number.
-    digests = [
-        digest(
-            (
-                job.path,
-                job.room,
-                *([job.told.file_of(job.path)] if job.told and job.told.file else []),
-            ),
-            (job.camera, job.motion, job.guess, job.up, job.profile, job.told),
-        )
-        for job in jobs
-    ]
-    kinds = Registered, ClockOffset
-    found = run.each_once('registering', (0.05, 0.55), _register_one, jobs, digests, kinds)
-    placed, refused = [], {}
-    for i, (source, job, one) in enumerate(zip(sources, jobs, found, strict=True)):
-        if isinstance(one, str):
-            refused[i] = source.row('refused', [one], motion='unknown', frames=0, fitting=0.0)
-        else:
-            placed.append(_Placed(i, source, job, one))
-    if not placed:
-        raise InputError(refused[0]['reasons'][0])
-    return placed, refused
+def _shortened(command: str) -> str:
+    # A shell writes out thousands of recordings that a pattern names.
+    if len(command) <= _LONGEST_COMMAND:
+        return command
+    half = _LONGEST_COMMAND // 2
+    return f'{command[:half]} ... {command[-half:]}'
 
 
-def _register_one(job: Job) -> Registered | str:
-    # The reason where it cannot be registered.
-    try:
-        return register(job)
-    except InputError as error:
-        return str(error)
-
-
-def _fit(
-    parts: Sequence[Sequence[PosedImage]], placed: Sequence[_Placed]
-) -> tuple[Shared, list[_Placed], list[RoomFit]]:
-    # Recordings that do not fit would distort the shared errors, so they are left out first. So
-    # are those whose poses are used as they were given.
-    registered = [one.where for one in placed]
-    fitted = [
-        view
-        for part, one in zip(parts, registered, strict=True)
-        for view in part
-        if not one.believed
-    ]
-    alone = solve(fitted, ErrorColumns(False, (), False))
-    verdicts = judge(registered, alone)
-    out = [_as_given(*both) for both in zip(placed, verdicts, strict=True)]
-    registered = [one.where for one in out]
-    good = [
-        view
-        for view in alone.views
-        if verdicts[view.recording].state != 'refused' and not registered[view.recording].believed
-    ]
-    shared = estimate(good) if good else Shared(alone, {})
-    final = judge(registered, shared.solution) if good else verdicts
-    for i, one in enumerate(out):
-        if one.where.believed:
-            views = parts[i] if placed[i].where.believed else views_of((i, one.job, one.where))
-            final[i] = as_given(views, _accuracy(one), _why_given(placed[i], one))
-        elif verdicts[i].state == 'refused':
-            final[i] = verdicts[i]
-    return shared, out, final
-
-
-def _as_given(placed: _Placed, verdict: RoomFit) -> _Placed:
-    # What a camera of few pixels sees may not hold its pose, so that it strays from the given one.
-    where = placed.where
-    if where.given and strays(where) and not verdict.held:
-        return replace(placed, where=where.as_given())
-    return placed
-
-
-def _accuracy(placed: _Placed) -> tuple[float, float]:
-    told = placed.job.told
-    return ASSUMED if told is None or told.accuracy is None else told.accuracy
-
-
-def _why_given(before: _Placed, after: _Placed) -> list[str]:
-    if before.where.believed:
-        return []
-    metres, degrees = _accuracy(after)
-    return [
-        'what it sees does not hold its pose, so that the given poses are used as they are, and '
-        f'taken to be right within {metres * 1e3:g} mm and {degrees:g} degrees (--pose-accuracy)'
-    ]
-
-
-def _surfaces(
-    request: RoomRequest,
-    placed: Sequence[_Placed],
-    shared: Shared,
-    verdicts: Sequence[RoomFit],
-    latency: float,
-) -> dict[int, RoomSurfaces]:
-    solution = shared.solution
-    out = {}
-    for i, one in enumerate(placed):
-        mine = [k for k, view in enumerate(solution.views) if view.recording == i]
-        if one.where.believed:
-            pose = next(pose for pose in one.where.poses if np.isfinite(pose).all())
-            sigmas = np.array(_accuracy(one)) * (1, np.radians(1))
-            covariance = np.diag(np.repeat(sigmas**2, 3))
-        elif verdicts[i].state != 'refused' and mine:
-            pose = tuple(solution.views[mine[0]].pose.numbers())
-            covariance = np.mean([solution.full_covariance(k) for k in mine], axis=0)
-        else:
-            continue
-        out[i] = RoomSurfaces(
-            one.job,
-            one.where,
-            pose,
-            solution.columns,
-            tuple(map(float, solution.values)),
-            covariance,
-            request.room_error,
-            0.0 if one.where.believed else latency,
-        )
-    return out
-
-
-def _row(
-    placed: _Placed,
-    verdict: RoomFit,
-    surfaces: RoomSurfaces | None,
-    written: tuple[PageImages, Any] | None,
-) -> dict[str, Any]:
-    where, picture = placed.where, None if written is None else written[0]
-    state, reasons = verdict.state, verdict.reasons
-    if picture is not None and not picture.known:
-        state, reasons = 'refused', ('the ground truth of none of its pixels is known', *reasons)
-    row = placed.source.row(
-        state,
-        [*reasons, *(() if picture is None else picture.notes)],
-        motion='moving' if where.moving else 'still',
-        frames=len(where.poses) if where.moving else 1,
-        fitting=round(verdict.fitting, 4),
-        seconds=round(where.seconds, 2),
-    )
-    if where.told is not None:
-        row |= {
-            'told_off_mm': round(where.told[0] * 1e3, 1),
-            'told_off_deg': round(where.told[1], 2),
-        }
-    if surfaces is not None and picture is not None:
-        row |= {
-            'pose': [round(value, 6) for value in surfaces.pose],
-            'pose_sigma_mm': round(verdict.deviation[0] * 1e3, 3),
-            'pose_sigma_deg': round(verdict.deviation[1], 4),
-            'residual_mm': round(verdict.residual * 1e3, 3)
-            if np.isfinite(verdict.residual)
-            else None,
-            **picture.table(),
-        }
-    return row
-
-
-def _clock(registered: Sequence[Registered]) -> ClockOffset | None:
-    offsets = [one.clock for one in registered if one.clock is not None]
-    return common_offset(offsets) if offsets else None
-
-
-def _latency(request: RoomRequest, clock: ClockOffset | None) -> float | None:
-    # How late images are. None where it is not known: the clocks' own offset was not given, or the
-    # whole offset was not found.
-    told = None if request.told is None else request.told.clock_offset
-    if clock is None or clock.reason or told is None:
-        return None
-    late = clock.seconds - told
-    return late if abs(late) > _CLEAR_LATENCY * clock.deviation else 0.0
-
-
-def _clock_table(clock: ClockOffset, late: float | None) -> dict[str, Any]:
-    if clock.reason:
-        return {'verdict': 'not found', 'reason': clock.reason}
-    table: dict[str, Any] = {
-        'verdict': 'found',
-        'seconds': round(clock.seconds, 6),
-        'standard_deviation': round(clock.deviation, 6),
-    }
-    return table if late is None else {**table, 'latency': round(late, 6)}
-
-
-def _cannot_decide(
-    shared: Shared, registered: Sequence[Registered], late: bool
-) -> list[dict[str, Any]]:
-    confounded = {
-        effect: str(finding['reason'])
-        for effect, finding in shared.findings.items()
-        if effect in _HIDDEN_UNLESS_FITTED and finding['verdict'] == 'confounded'
-    }
-    fitted = [one for one in registered if not one.believed]
-    if not fitted:
-        return []
-    out = hidden_by_scan(any(one.moving for one in fitted), late, confounded)
-    for effect, finding in shared.findings.items():
-        if effect not in confounded and finding['verdict'] == 'confounded':
-            remedy = 'a recording of a bright corner'
-            if 'depth_scale' in shared.findings:
-                remedy = 'a scan of the right scale'
-            elif effect == 'offset':
-                remedy = 'more recordings of tilted walls at several distances'
-            reason = f'{finding["reason"]}; {remedy} would decide it'
-            out.append({'effect': effect, 'reason': reason})
-    return out
+def _others(out: Path, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    # A diagnosis reads all recordings of the folder. So ground truth that an earlier run has
+    # written of a recording that is refused now is removed, and others are listed.
+    written = [row['name'] for row in rows if row['verdict'] != 'refused']
+    for row in rows:
+        if row['verdict'] == 'refused' and has_truth(out / row['name']):
+            (out / row['name']).unlink()
+    if not written:
+        raise InputError(f'{rows[0]["source"]}: cannot be used: {"; ".join(rows[0]["reasons"])}')
+    others = [path.name for path in find_recordings(out) if path.name not in written]
+    return {'not_of_this_run': others} if others else {}

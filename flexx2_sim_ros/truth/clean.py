@@ -14,6 +14,7 @@ import numpy as np
 PARTS = 'outside', 'known', 'hidden', 'refused'
 OUTSIDE, KNOWN, HIDDEN, REFUSED = range(4)
 _BORDER = 2  # pixels around a hole that may belong to it
+_STEEPEST = 0.05  # of the product of normal and ray: a surface along the ray is of no use
 _STEP = 0.03  # fraction of depth: a jump between neighbouring pixels
 # At least 5 x 5 pixels that differ by this much, and wraps do not explain it, are another thing or
 # an error.
@@ -86,7 +87,7 @@ def render(room: Room, pose: Pose, rays: np.ndarray, room_error: float) -> Clean
     slant = -hits.slant(flat)
     with np.errstate(invalid='ignore', divide='ignore'):
         cosine = slant / np.sqrt(1 + (flat**2).sum(axis=1))
-        sigma = room_error / np.maximum(slant, 0.05)
+        sigma = room_error / np.maximum(slant, _STEEPEST)
     blind = ~np.isfinite(rays[..., 0])
     depth[blind] = np.nan
     nothing = ~np.isfinite(depth)
@@ -104,6 +105,47 @@ def render(room: Room, pose: Pose, rays: np.ndarray, room_error: float) -> Clean
         part,
         np.where(nothing.ravel(), room_error, sigma).reshape(shape).astype(np.float32),
     )
+
+
+def unknown(image: Observation) -> Clean:
+    """Return ground truth of an image in which nothing is known."""
+    shape = image.depth.shape
+    depth, incidence = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
+    part = np.full(shape, OUTSIDE, np.uint8)
+    return Clean(depth, incidence, None, part, np.zeros(shape, np.float32))
+
+
+def render_plane(
+    image: Observation, inverse: np.ndarray, plane_error: float, where: np.ndarray | bool = True
+) -> Clean:
+    """
+    Render a plane.
+
+    Parameters
+    ----------
+    image : Observation
+        The image.
+    inverse : numpy.ndarray
+        (3,) inverse depth is its product with the ray (x/z, y/z, 1).
+    plane_error : float
+        Standard deviation of the surface along its normal, metres.
+    where : numpy.ndarray or bool
+        (H, W) bool: pixels that show it; all others are outside.
+
+    Returns
+    -------
+    Clean
+
+    """
+    along = image.directions @ (inverse / np.linalg.norm(inverse))
+    with np.errstate(invalid='ignore', divide='ignore'):
+        seen = (along > 0) & where
+        depth = np.where(seen, 1 / np.linalg.norm(inverse) / along, np.nan)
+        incidence = np.where(seen, np.arccos(np.clip(along / image.length, 0, 1)), np.nan)
+        sigma = plane_error / np.maximum(along, _STEEPEST)
+    part = np.where(seen, np.uint8(KNOWN), np.uint8(OUTSIDE))
+    sigma = np.where(seen, sigma, plane_error).astype(np.float32)
+    return Clean(depth.astype(np.float32), incidence.astype(np.float32), None, part, sigma)
 
 
 def _steps(depth: np.ndarray) -> np.ndarray:

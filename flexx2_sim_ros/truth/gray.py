@@ -84,6 +84,11 @@ class GrayFit:
     power: float
     cost: float
 
+    def with_scale_error(self, relative: float) -> 'GrayFit':
+        """Return it with an error of focal length or printed size in its covariance."""
+        shift = self.scale_shift * relative
+        return replace(self, covariance=self.covariance + np.outer(shift, shift))
+
 
 @dataclass(frozen=True)
 class _State:
@@ -99,15 +104,15 @@ class _View:
     def __init__(self, target: Target | Printed, gray: Gray, pose: Pose) -> None:
         self.target = target
         height, width = gray.image.shape
-        inside = _inside(target, pose, gray.rays, 0.0)
-        rows, columns = (np.flatnonzero(inside.any(axis=axis)) for axis in (1, 0))
+        shown = inside(target, pose, gray.rays)
+        rows, columns = (np.flatnonzero(shown.any(axis=axis)) for axis in (1, 0))
         if len(rows) < 3 or len(columns) < 3:
             self.window = slice(0), slice(0)
             return
         self.window = _around(rows, height), _around(columns, width)
         self.image = gray.image[self.window]
         self.rays = gray.rays[self.window]
-        self.finer = _FINER if inside.sum() < _LARGE else _COARSER
+        self.finer = _FINER if shown.sum() < _LARGE else _COARSER
         self.fine = _finer(self.rays, self.finer)
         distance = float(np.linalg.norm(pose.t))
         pixel = float(np.nanmedian(np.abs(np.diff(self.rays[..., 0], axis=1)))) * distance
@@ -186,7 +191,10 @@ def _on_sheet(pose: Pose, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return pose.t[0] + reach * direction[..., 0], pose.t[1] + reach * direction[..., 1]
 
 
-def _inside(target: Target | Printed, pose: Pose, rays: np.ndarray, border: float) -> np.ndarray:
+def inside(
+    target: Target | Printed, pose: Pose, rays: np.ndarray, border: float = 0.0
+) -> np.ndarray:
+    """Return (H, W) bool: the pixels that show the sheet within its border, metres."""
     x, y = _on_sheet(pose, rays)
     with np.errstate(invalid='ignore'):
         return (np.abs(x) < target.width / 2 - border) & (np.abs(y) < target.height / 2 - border)
@@ -224,7 +232,7 @@ def align_gray(
     if view.window[0].stop == 0:
         return None
     border = (1 + _BLURS * blur) * view.step * view.finer
-    use = _inside(target, start, view.rays, border) & (np.nan_to_num(view.image) > 0)
+    use = inside(target, start, view.rays, border) & (np.nan_to_num(view.image) > 0)
     # Next to pixels without a ray the motion of the sheet is unknown.
     use &= np.isfinite(view.flow(start)).all(axis=(2, 3))
     if use.sum() < _LEAST_PIXELS:
@@ -232,24 +240,23 @@ def align_gray(
     level = view.image[use] ** (1 / power)
     level /= np.percentile(level, 90)
     state = _State(start, float(np.log(blur)), _FIRST_CONTRAST, np.zeros(6))
-    model, J = _model(view, state, use)
+    model, J, larger = _model(view, state, use)
     damping = 1e-3
     for _ in range(steps):
         residual = level - model
-        limit = _HUBER * _scale(residual)
-        weight = limit / np.maximum(np.abs(residual), limit)
+        weight, limit = _weights(residual)
         H = (J * weight[:, None]).T @ J
         step = np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-9), J.T @ (weight * residual))
         trial = _moved(state, step)
-        model_there, J_there = _model(view, trial, use)
+        model_there, J_there, larger_there = _model(view, trial, use)
         if _loss(level - model_there, limit) <= _loss(residual, limit):
-            state, model, J = trial, model_there, J_there
+            state, model, J, larger = trial, model_there, J_there, larger_there
             damping = max(damping / 10, 1e-7)
         else:
             damping *= 10
         if np.abs(step[:6]).max() < _CONVERGED or damping > 1e4:
             break
-    covariance, shift = _accuracy(view, state, use, J, level - model)
+    covariance, shift = _accuracy(use, J, larger, level - model)
     found = float(np.exp(state.log_blur))
     cost = _cost(level, model, power)
     return GrayFit(state.pose, covariance, shift, found, state.contrast, power, cost)
@@ -266,28 +273,34 @@ def _moved(state: _State, step: np.ndarray) -> _State:
     )
 
 
-def _model(view: _View, state: _State, use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    # Expected gray values, (N,), and their derivatives by the fitted parameters, (N, 14).
+def _model(
+    view: _View, state: _State, use: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    # Expected gray values, (N,), their derivatives by the fitted parameters, (N, 14), and by the
+    # focal length, (N,): a longer one than assumed shows the sheet larger.
     fine = view.blurred(state.pose, state.log_blur)
     white = view.pixels(fine)[use]
     slopes = np.stack([view.pixels(np.gradient(fine, axis=axis))[use] for axis in (1, 0)], axis=1)
     basis = view.light[use]
     light = np.exp(np.clip(basis @ state.light, -20, 20))
     mixed = state.contrast + (1 - state.contrast) * white
-    flow = view.flow(state.pose)[use]
-    J = np.empty((len(white), _FITTED))
     span = light * (1 - state.contrast)
-    J[:, :6] = -span[:, None] * np.einsum('ni,nij->nj', slopes * view.finer, flow[..., :6])
+    flow = view.flow(state.pose)[use]
+    moved = -span[:, None] * np.einsum('ni,nij->nj', slopes * view.finer, flow)
+    J = np.empty((len(white), _FITTED))
+    J[:, :6] = moved[:, :6]
     # Blur follows the heat equation: its derivative is the Laplacian.
     bend = view.pixels(cv2.Laplacian(fine, cv2.CV_32F))[use]
     J[:, 6] = span * bend * (np.exp(state.log_blur) * view.finer) ** 2
     J[:, 7] = light * (1 - white)
     J[:, 8:] = (light * mixed)[:, None] * basis
-    return light * mixed, J
+    return light * mixed, J, moved[:, 6]
 
 
-def _scale(residual: np.ndarray) -> float:
-    return max(float(robust_sigma(residual)), 1e-4)
+def _weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
+    # Of a Huber loss, and its limit.
+    limit = _HUBER * max(float(robust_sigma(residual)), 1e-4)
+    return limit / np.maximum(np.abs(residual), limit), limit
 
 
 def _loss(residual: np.ndarray, limit: float) -> float:
@@ -303,12 +316,11 @@ def _cost(level: np.ndarray, model: np.ndarray, power: float) -> float:
 
 
 def _accuracy(
-    view: _View, state: _State, use: np.ndarray, J: np.ndarray, residual: np.ndarray
+    use: np.ndarray, J: np.ndarray, larger: np.ndarray, residual: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     # Covariance of the motion with errors that are correlated within tiles, and the motion that a
     # wrong focal length causes.
-    limit = _HUBER * _scale(residual)
-    weight = limit / np.maximum(np.abs(residual), limit)
+    weight, _ = _weights(residual)
     inverse = np.linalg.pinv((J * weight[:, None]).T @ J, hermitian=True)
     row, column = np.nonzero(use)
     tile = np.unique((row // _TILE) * 10_000 + column // _TILE, return_inverse=True)[1]
@@ -317,21 +329,8 @@ def _accuracy(
     np.add.at(score, tile, J * (weight * residual)[:, None])
     few = count / max(count - _FITTED, 1)
     covariance = inverse @ (score.T @ score) @ inverse * few
-    fine = view.blurred(state.pose, state.log_blur)
-    slopes = np.stack([view.pixels(np.gradient(fine, axis=axis))[use] for axis in (1, 0)], axis=1)
-    light = np.exp(np.clip(view.light[use] @ state.light, -20, 20)) * (1 - state.contrast)
-    # A longer focal length than assumed shows the sheet larger.
-    larger = -light * np.einsum(
-        'ni,ni->n', slopes * view.finer, view.flow(state.pose)[use][..., 6]
-    )
     shift = inverse @ (J.T @ (weight * larger))
     return covariance[:6, :6], -shift[:6]
-
-
-def with_scale_error(fit: GrayFit, relative: float) -> GrayFit:
-    """Return a fit whose covariance includes an error of focal length or printed size."""
-    shift = fit.scale_shift * relative
-    return replace(fit, covariance=fit.covariance + np.outer(shift, shift))
 
 
 def white_fraction(target: Target | Printed, gray: Gray, pose: Pose, blur: float) -> np.ndarray:
@@ -339,7 +338,7 @@ def white_fraction(target: Target | Printed, gray: Gray, pose: Pose, blur: float
     out = np.full(gray.image.shape, np.nan)
     view = _View(target, gray, pose)
     if view.window[0].stop:
-        inside = _inside(target, pose, view.rays, 0.0)
+        shown = inside(target, pose, view.rays)
         white = view.pixels(view.blurred(pose, float(np.log(blur))))
-        out[view.window] = np.where(inside, white, np.nan)
+        out[view.window] = np.where(shown, white, np.nan)
     return out

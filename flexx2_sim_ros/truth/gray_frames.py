@@ -11,16 +11,11 @@ import numpy as np
 _SATURATED = 0.002  # fraction of pixels at the largest gray value
 
 
-def has_gray(reader: RecordingReader) -> bool:
-    """Return whether a recording has gray images."""
-    return 'amplitude' in reader.layouts or 'amplitude' in reader.arrays
-
-
-def has_gray_frames(reader: RecordingReader) -> bool:
-    """Return whether a recording has a gray image for each frame."""
-    return 'amplitude' in reader.layouts or (
-        'amplitude' in reader.arrays and reader.arrays['amplitude'].ndim == 3
-    )
+def has_gray(reader: RecordingReader, moving: bool = False) -> bool:
+    """Return whether a recording has a gray image; if it moves, whether each frame has one."""
+    images = reader.arrays.get('amplitude')
+    one = images is not None and (images.ndim == 3 or not moving)
+    return one or 'amplitude' in reader.layouts
 
 
 def gray_images(reader: RecordingReader, moving: bool) -> Iterator[np.ndarray]:

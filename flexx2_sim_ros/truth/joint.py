@@ -25,7 +25,7 @@ from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Hits
 import numpy as np
 
-_ROUNDS = 6
+_ROUNDS = 6  # Gauss-Newton steps, at most
 _CONVERGED = 1e-6
 _POSE_PRIOR = 1.0  # 1/m2: keeps the equations regular if the recording does not determine the pose
 
@@ -126,8 +126,8 @@ class Solution:
     drags : tuple of numpy.ndarray
         (6,) each: the pose error that a bias of one prior standard deviation causes if the bias is
         not estimated.
-    left_out : numpy.ndarray
-        (R, k) coefficients without each recording.
+    recordings : int
+        How many of them the views are of.
     free : tuple of float
         Metres: how far each view can move along its least certain axis, by its pixels alone.
 
@@ -140,7 +140,7 @@ class Solution:
     views: tuple[PosedImage, ...]
     covariances: tuple[np.ndarray, ...]
     drags: tuple[np.ndarray, ...]
-    left_out: np.ndarray
+    recordings: int
     free: tuple[float, ...] = ()
 
     def full_covariance(self, view: int) -> np.ndarray:
@@ -174,9 +174,9 @@ def linearise(
     hits = load_room(view.room).cast(view.pose, rays)
     y = residuals(hits, view.target)
     use = facing(hits, view.target) & np.isfinite(y)
-    chosen = replace_target(view.target, use)
+    chosen = view.target.picked(use)
     rays, y = rays[use], y[use]
-    kept = _pick(hits, use)
+    kept = Hits(hits.depth[use], hits.normal[use], None, hits.border[use])
     A = error_columns(columns, kept, rays, view.bounce[use], view.uptime)
     # The rays have the errors of the lens already.
     y += A @ np.where(np.isin(columns.names, tuple(LENS)), values, 0)
@@ -185,20 +185,7 @@ def linearise(
     return Linear(J, A, y, weight, chosen.tile, 1 / chosen.length), chosen, kept.depth
 
 
-def replace_target(target: AlignedPixels, use: np.ndarray) -> AlignedPixels:
-    """Return the pixels of a target that an (N,) bool array picks."""
-    picked = {
-        name: getattr(target, name)[use]
-        for name in ('rays', 'depth', 'sigma', 'length', 'pixel', 'tile')
-    }
-    return replace(target, **picked)
-
-
-def _pick(hits: Hits, use: np.ndarray) -> Hits:
-    return Hits(hits.depth[use], hits.normal[use], None, hits.border[use])
-
-
-def solve(views: Sequence[PosedImage], columns: ErrorColumns, rounds: int = _ROUNDS) -> Solution:
+def solve(views: Sequence[PosedImage], columns: ErrorColumns) -> Solution:
     """
     Estimate poses and shared coefficients together.
 
@@ -208,8 +195,6 @@ def solve(views: Sequence[PosedImage], columns: ErrorColumns, rounds: int = _ROU
         Views with approximately correct poses.
     columns : ErrorColumns
         Which errors are shared.
-    rounds : int
-        Maximum number of Gauss-Newton steps.
 
     Returns
     -------
@@ -218,7 +203,7 @@ def solve(views: Sequence[PosedImage], columns: ErrorColumns, rounds: int = _ROU
     """
     values = np.zeros(len(columns.names))
     current = list(views)
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         equations = [linearise(view, columns, values)[0] for view in current]
         S, s = reduced(equations, columns)
         values = np.linalg.solve(S, s)
@@ -287,7 +272,7 @@ def _finish(views: list[PosedImage], columns: ErrorColumns, values: np.ndarray) 
         tuple(views),
         tuple(poses),
         tuple(drags),
-        apart,
+        len(apart),
         tuple(free),
     )
 

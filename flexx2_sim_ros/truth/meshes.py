@@ -69,29 +69,11 @@ def load_room(path: Path) -> Room:
                     'one that is farther away or at NaN'
                 )
             return room
-    return read_mesh(path)
+    return _read_mesh(path)
 
 
-def read_mesh(path: Path) -> MeshRoom:
-    """
-    Read a mesh and check it.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        One of `SUFFIXES`. Colours of vertices, faces or textures become reflectivity: the
-        Rec. 709 luminance.
-
-    Returns
-    -------
-    MeshRoom
-
-    Raises
-    ------
-    InputError
-        As `load_room`.
-
-    """
+def _read_mesh(path: Path) -> MeshRoom:
+    # Colours of vertices, faces or textures become reflectivity: the Rec. 709 luminance.
     name = f'--scan: {shown_path(path)}'
     if path.suffix.lower() not in SUFFIXES or not is_regular_file(path):
         raise InputError(f'{name}: must be a mesh file ({", ".join(SUFFIXES)}), got no such file')

@@ -1,16 +1,13 @@
 """The page of a campaign: the pose of each recording, and how well it fits."""
 
-import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
-from io import BytesIO
 from typing import Any
 
-from flexx2_sim_ros.html_drawing import picture
+from flexx2_sim_ros.html_drawing import data_url, depth_picture, picture
 from flexx2_sim_ros.html_page import html_page
 from flexx2_sim_ros.truth.clean import PARTS
-from flexx2_sim_ros.truth.writing import PageImages
-from matplotlib.image import imsave
+from flexx2_sim_ros.truth.writing import Written
 import numpy as np
 
 _STYLE = """
@@ -29,10 +26,20 @@ _COLOURS = {
     'hidden': (230, 159, 0),
     'refused': (204, 121, 167),
 }
+_SHADES = 50  # of the image under the map
 _LIMIT = 0.03  # metres, end of the colour scale of the residual map
 
 
-def page(table: dict[str, Any], pictures: Mapping[int, PageImages]) -> str:
+_STATES = 'used', 'doubtful', 'refused'
+# By the kind of ground truth: what the edges on the first figure are.
+_CAPTIONS = {
+    'scan': 'measured depth (dark is near), edges of the room in orange',
+    'board': 'gray image, outline of the board as it was found in orange',
+    'planes': 'measured depth (dark is near), outlines of the known part of planes in orange',
+}
+
+
+def page(table: Mapping[str, Any], written: Mapping[int, Written]) -> str:
     """
     Return the page as HTML, all text escaped and all pictures inside.
 
@@ -40,54 +47,43 @@ def page(table: dict[str, Any], pictures: Mapping[int, PageImages]) -> str:
     ----------
     table : dict
         The content of ``truth.yaml``.
-    pictures : mapping of int to PageImages
-        Images of the recordings that are not refused, by number.
-
-    """
-    rows = table['recordings']
-    about = (
-        f'Room: <code>{escape(table["room"])}</code>, '
-        f'{" x ".join(f"{value:g}" for value in table["room_size_m"])} m, accuracy '
-        f'{table["room_error_mm"]:g} mm (given).'
-    )
-    body = [_shared(table), undecided(table['cannot_decide']), recordings_table(rows)]
-    for i, row in enumerate(rows):
-        if i in pictures:
-            caption = 'measured depth (dark is near), edges of the room in orange'
-            body.append(figures(row['name'], pictures[i], caption))
-    return whole_page(table, about, body)
-
-
-def whole_page(table: Mapping[str, Any], about: str, parts: Sequence[str]) -> str:
-    """
-    Return the page of a campaign with its parts.
-
-    Parameters
-    ----------
-    table : dict
-        The content of ``truth.yaml``.
-    about : str
-        The source of the ground truth, as HTML.
-    parts : sequence of str
-        HTML.
+    written : mapping of int to Written
+        The recordings that are not refused, by number.
 
     """
     rows = table['recordings']
     count = {state: sum(r['verdict'] == state for r in rows) for state in _STATES}
     words = ', '.join(f'{number} {state}' for state, number in count.items() if number)
+    caption = _CAPTIONS[table['kind']]
     body = [
         f'<h1>Ground truth of {len(rows)} recordings: {escape(words)}</h1>',
-        f'<p>{about}</p>',
-        *parts,
+        f'<p>{_about(table)}</p>',
+        *([_shared(table)] if 'shared' in table else []),
+        _undecided(table['cannot_decide']),
+        _recordings(table['kind'], rows),
+        *(_figures(rows[i]['name'], one, caption) for i, one in written.items()),
         f'<p><small>{escape(table["command"])}</small></p>',
     ]
     return html_page('Ground truth', _STYLE, '\n'.join(body))
 
 
-_STATES = 'used', 'doubtful', 'refused'
+def _about(table: Mapping[str, Any]) -> str:
+    if table['kind'] == 'planes':
+        return f'Planes: <code>{escape(table["planes"])}</code>.'
+    if table['kind'] == 'board':
+        size = ' x '.join(f'{value * 1e3:g}' for value in table['board_size_m'])
+        return (
+            f'Board: <code>{escape(table["board"])}</code>, {size} mm; focal length within '
+            f'{table["lens_error"]:.1%} (given).'
+        )
+    size = ' x '.join(f'{value:g}' for value in table['room_size_m'])
+    return (
+        f'Room: <code>{escape(table["room"])}</code>, {size} m, accuracy '
+        f'{table["room_error_mm"]:g} mm (given).'
+    )
 
 
-def _shared(table: dict[str, Any]) -> str:
+def _shared(table: Mapping[str, Any]) -> str:
     lines = []
     for effect, found in table['shared'].items():
         lines.append(
@@ -103,8 +99,7 @@ def _shared(table: dict[str, Any]) -> str:
     )
 
 
-def undecided(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a table of the effects that the ground truth cannot decide."""
+def _undecided(rows: Sequence[Mapping[str, Any]]) -> str:
     lines = ''.join(
         f'<tr><td>{escape(row["effect"])}</td><td class="words">{escape(row["reason"])}</td></tr>'
         for row in rows
@@ -136,69 +131,66 @@ def _sizes(found: Mapping[str, Any]) -> str:
     return f'gain {found["gain"]:.2f}, standard deviation {deviation:.2f}'
 
 
-def recordings_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return a table of the rows of ``truth.yaml``."""
+# The columns of the table of recordings: the head, and the cell of a row as HTML.
+_POSED: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    'camera': lambda row: row['motion'],
+    'pixels that fit': lambda row: f'{row["fitting"]:.0%}',
+    'pose, standard deviation': lambda row: (
+        f'{row["pose_sigma_mm"]:.2f} mm, {row["pose_sigma_deg"]:.3f} deg' if 'pose' in row else ''
+    ),
+    'median residual': lambda row: _residual(row) if 'pose' in row else '',
+    'known': lambda row: _known(row),
+}
+_PLANES: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    'known': lambda row: _known(row),
+    'planes: distance, and how much farther the recording shows them': lambda row: '<br>'.join(
+        map(_plane, row.get('planes', ()))
+    ),
+}
+
+
+def _recordings(kind: str, rows: Sequence[Mapping[str, Any]]) -> str:
+    columns = _PLANES if kind == 'planes' else _POSED
+    heads = ''.join(f'<th>{one}</th>' for one in ('file', 'verdict', *columns, ''))
     lines = []
     for row in rows:
-        sizes = ''
-        if 'pose' in row:
-            sizes = (
-                f'<td>{row["pose_sigma_mm"]:.2f} mm, {row["pose_sigma_deg"]:.3f} deg</td>'
-                f'<td>{_millimetres(row["residual_mm"])}</td><td>{known_share(row)}</td>'
-            )
+        own = ''.join(f'<td>{cell(row)}</td>' for cell in columns.values())
         lines.append(
-            f'<td>{row["motion"]}</td><td>{row["fitting"]:.0%}</td>'
-            f'{sizes or "<td></td><td></td><td></td>"}'
+            f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
+            f'{row["verdict"]}</span></td>{own}'
+            f'<td class="words"><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
         )
-    heads = 'camera', 'pixels that fit', 'pose, standard deviation', 'median residual', 'known'
-    return with_verdicts(rows, heads, lines)
-
-
-def with_verdicts(
-    rows: Sequence[Mapping[str, Any]], heads: Sequence[str], cells: Sequence[str]
-) -> str:
-    """Return a table of recordings, their verdicts and reasons, and cells of HTML between them."""
-    lines = [
-        f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
-        f'{row["verdict"]}</span></td>{own}'
-        f'<td class="words"><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
-        for row, own in zip(rows, cells, strict=True)
-    ]
     return (
-        '<h2>Recordings</h2><div class="scroll"><table><tr>'
-        f'{"".join(f"<th>{one}</th>" for one in ("file", "verdict", *heads, ""))}</tr>'
-        f'{"".join(lines)}</table></div>'
+        f'<h2>Recordings</h2><div class="scroll"><table><tr>{heads}</tr>{"".join(lines)}</table>'
+        '</div>'
     )
 
 
-def known_share(row: Mapping[str, Any]) -> str:
-    """Return what fraction of the pixels is known, and why others are not, as HTML."""
+def _known(row: Mapping[str, Any]) -> str:
+    # What fraction of the pixels is known, and why others are not.
+    if 'known' not in row:
+        return ''
     why = ', '.join(f'{name} {part:.0%}' for name, part in row['unknown'].items() if part)
     return f'{row["known"]:.0%}' + (f' <small>({why})</small>' if why else '')
 
 
-def _millimetres(value: float | None) -> str:
-    return 'no depth' if value is None else f'{value:.1f} mm'
+def _residual(row: Mapping[str, Any]) -> str:
+    return 'no depth' if row['residual_mm'] is None else f'{row["residual_mm"]:.1f} mm'
 
 
-def figures(name: str, shown: PageImages, caption: str) -> str:
-    """
-    Return the figures of one recording.
+def _plane(row: Mapping[str, Any]) -> str:
+    off = row['residual_mm']
+    measured = (
+        'not measured' if off is None else f'&plusmn; {row["sigma_mm"]:.1f} mm, {off:+.1f} mm'
+    )
+    return f'{escape(row["name"])}: {row["distance_m"]:.3f} m, {measured}'
 
-    Parameters
-    ----------
-    name : str
-        Name of the recording.
-    shown : PageImages
-        The images of the recording.
-    caption : str
-        Caption of the overlay.
 
-    """
+def _figures(name: str, shown: Written, caption: str) -> str:
     name = escape(name)
     return (
         f'<h2>{name}</h2><div class="row">'
-        f'<figure><img alt="edges of {name}" width="420" src="{overlay(shown)}"><figcaption>'
+        f'<figure><img alt="edges of {name}" width="420" src="{_overlay(shown)}"><figcaption>'
         f'{escape(caption)}</figcaption></figure>'
         f'<figure><img alt="residual of {name}" width="420" '
         f'src="{picture(shown.residual, _LIMIT)}"><figcaption>measured minus clean depth, blue '
@@ -208,41 +200,34 @@ def figures(name: str, shown: PageImages, caption: str) -> str:
     )
 
 
-def _legend(shown: PageImages) -> str:
+def _legend(shown: Written) -> str:
     return ', '.join(
         f'<span style="color:rgb{_COLOURS[name]}">&#9632;</span> {name} {part:.0%}'
         for name, part in shown.shares.items()
     )
 
 
-def _map(shown: PageImages) -> str:
+def _map(shown: Written) -> str:
     # Which pixels are known, and why others are not, over the image.
-    colours = np.array([_COLOURS[name] for name in PARTS], float)[shown.part]
-    image = 0.6 * colours + 0.4 * _gray(shown.image)[..., None]
-    return _data_url(image.astype(np.uint8).repeat(2, axis=0).repeat(2, axis=1))
+    colours = np.array([_COLOURS[name] for name in PARTS])[:, None]
+    shades = np.linspace(30, 230, _SHADES)[:, None]
+    level = np.rint(_brightness(shown.image) * (_SHADES - 1))
+    index = (shown.part * _SHADES + level).repeat(2, axis=0).repeat(2, axis=1)
+    return data_url(index, (0.6 * colours + 0.4 * shades).reshape(-1, 3))
 
 
-def overlay(shown: PageImages) -> str:
-    """Return an image with the edges of clean depth on it, as a data URL."""
-    image = np.repeat(_gray(shown.image)[..., None], 3, axis=2)
-    image = image.astype(np.uint8).repeat(4, axis=0).repeat(4, axis=1)
+def _overlay(shown: Written) -> str:
+    # With the edges of clean depth on it.
+    image = _brightness(shown.image).repeat(4, axis=0).repeat(4, axis=1)
     # Thin lines: an edge is drawn on one of the four rows and columns that a pixel has.
     lines = shown.edges.repeat(4, axis=0).repeat(4, axis=1)
     inner = lines.copy()
     inner[1:-1, 1:-1] = lines[:-2, 1:-1] & lines[2:, 1:-1] & lines[1:-1, :-2] & lines[1:-1, 2:]
-    image[lines & ~inner] = (217, 72, 15)
-    return _data_url(image)
+    return depth_picture(image, 0.0, 1.0, [lines & ~inner])
 
 
-def _gray(values: np.ndarray) -> np.ndarray:
-    # From dark for low values to bright; white where there are none.
+def _brightness(values: np.ndarray) -> np.ndarray:
+    # 0 for low values, 1 for high ones and where there are none.
     good = np.isfinite(values)
     low, high = np.percentile(values[good], [2, 98]) if good.any() else (0.0, 1.0)
-    gray = np.clip((values - low) / max(high - low, 1e-6), 0, 1) * 200 + 30
-    return np.where(good, gray, 255)
-
-
-def _data_url(image: np.ndarray) -> str:
-    file = BytesIO()
-    imsave(file, image, format='png')
-    return 'data:image/png;base64,' + base64.b64encode(file.getvalue()).decode()
+    return np.where(good, np.clip((values - low) / max(high - low, 1e-6), 0, 1), 1.0)

@@ -1,5 +1,6 @@
 """Move planes to measured distances and angles, with the covariance of the measurements."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from flexx2_sim_ros.recording.truth import plane_axes
@@ -146,8 +147,8 @@ class Constraints:
         return np.asarray(placed.distances - placed.normals @ np.array(self.origin) - told)
 
 
-def seen_angle(one: np.ndarray, other: np.ndarray) -> float:
-    """Return the angle between two planes on the camera's side, radians, from their normals."""
+def _seen_angle(one: np.ndarray, other: np.ndarray) -> float:
+    # The angle between two planes on the camera's side, radians, from their normals.
     across = float(np.linalg.norm(np.cross(one, other)))
     return float(np.pi - np.arctan2(across, one @ other))
 
@@ -155,7 +156,7 @@ def seen_angle(one: np.ndarray, other: np.ndarray) -> float:
 def _angle_errors(one: np.ndarray, other: np.ndarray, told: float) -> np.ndarray:
     # The angle itself has no derivative where planes are parallel.
     if min(told, np.pi - told) > _PARALLEL:
-        return np.array([seen_angle(one, other) - told])
+        return np.array([_seen_angle(one, other) - told])
     return np.asarray(np.stack(plane_axes(one)) @ other)
 
 
@@ -205,13 +206,20 @@ def _slope(placed: PlacedPlanes, change: np.ndarray, constraints: Constraints) -
     return np.stack(columns, axis=1) / (2 * _STEP)
 
 
-def turned(surfaces: list[ImagePlane], constraints: Constraints) -> str:
-    """Return why a recording shows other planes than the file means, or nothing."""
+def _angles(
+    surfaces: list[ImagePlane], constraints: Constraints
+) -> Iterator[tuple[Angle, float, float]]:
+    # Each measured angle, what the recording shows, and how far that is off: degrees.
     normals = {surface.name: surface.normal for surface in surfaces}
     for angle in constraints.angles:
-        seen = np.degrees(seen_angle(normals[angle.first], normals[angle.second]))
-        allowed = 2 * _MOST_TURN + _CONTRADICTION * angle.degrees.deviation
-        if abs(seen - angle.degrees.value) > allowed:
+        seen = float(np.degrees(_seen_angle(normals[angle.first], normals[angle.second])))
+        yield angle, seen, abs(seen - angle.degrees.value)
+
+
+def turned(surfaces: list[ImagePlane], constraints: Constraints) -> str:
+    """Return why a recording shows other planes than the file means, or nothing."""
+    for angle, seen, off in _angles(surfaces, constraints):
+        if off > 2 * _MOST_TURN + _CONTRADICTION * angle.degrees.deviation:
             return (
                 f'the angle between {angle.first} and {angle.second} must be that of the planes '
                 f'found, {seen:.0f} degrees, got {angle.degrees.value:g}'
@@ -221,17 +229,12 @@ def turned(surfaces: list[ImagePlane], constraints: Constraints) -> str:
 
 def turns(surfaces: list[ImagePlane], constraints: Constraints) -> list[str]:
     """Return where the recording shows another angle than was measured: a finding."""
-    normals = {surface.name: surface.normal for surface in surfaces}
-    out = []
-    for angle in constraints.angles:
-        seen = float(np.degrees(seen_angle(normals[angle.first], normals[angle.second])))
-        told = angle.degrees
-        if abs(seen - told.value) > _CONTRADICTION * told.deviation:
-            out.append(
-                f'{angle.first} and {angle.second}: the recording shows {seen:.1f} degrees '
-                f'between them, {told.value:g} +- {told.deviation:g} were measured and count'
-            )
-    return out
+    return [
+        f'{angle.first} and {angle.second}: the recording shows {seen:.1f} degrees between them, '
+        f'{angle.degrees.value:g} +- {angle.degrees.deviation:g} were measured and count'
+        for angle, seen, off in _angles(surfaces, constraints)
+        if off > _CONTRADICTION * angle.degrees.deviation
+    ]
 
 
 def contradiction(placed: PlacedPlanes, constraints: Constraints) -> str:

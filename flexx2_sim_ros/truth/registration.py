@@ -10,22 +10,17 @@ import time
 from flexx2_sim_ros.camera import Camera, Mode, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording import open_recording
-from flexx2_sim_ros.truth.alignment import align, choose
+from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.clock import ClockOffset, find_offset
 from flexx2_sim_ros.truth.joint import PosedImage
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.requests import RoomRequest
 from flexx2_sim_ros.truth.rooms import Room
 from flexx2_sim_ros.truth.search import find, FoundPose, look_around, Panoramas
-from flexx2_sim_ros.truth.trajectory import (
-    camera_trajectory,
-    CameraTrajectory,
-    PoseSource,
-    Trajectory,
-)
+from flexx2_sim_ros.truth.trajectory import camera_trajectory, CameraTrajectory, Trajectory
 import numpy as np
 
 _KEY_FRAMES = 6  # frames of a moving recording in the joint fit
@@ -43,35 +38,24 @@ _PLAIN = 0.5  # reflectivity where it is unknown
 @dataclass(frozen=True)
 class Job:
     """
-    A recording to register, and the settings; only `path` and `guess` differ between recordings.
+    A recording to register.
 
     Attributes
     ----------
-    path, room : pathlib.Path
-    camera : str or None
-        Which camera of a bag that has several.
-    profile : Profile or None
-    motion : str
-        ``auto``, ``still`` or ``moving``.
+    path : pathlib.Path
+        The recording.
+    request : RoomRequest
+        The settings of the run.
     guess : tuple of float or None
-        x, y, z (metres), qx, qy, qz, qw.
-    up : str
-        One of `search.UPS`.
-    told : PoseSource or None
-        Source of a rough pose for each frame.
+        Its rough pose: x, y, z (metres), qx, qy, qz, qw.
     uptime : float
         Seconds since the camera was switched on; infinite if unknown.
 
     """
 
     path: Path
-    room: Path
-    camera: str | None
-    profile: Profile | None
-    motion: str
+    request: RoomRequest
     guess: tuple[float, ...] | None
-    up: str
-    told: PoseSource | None = None
     uptime: float = math.inf
 
 
@@ -133,61 +117,63 @@ def register(job: Job) -> Registered:
         When the recording or the room cannot be read.
 
     """
-    room = load_room(job.room)
+    request = job.request
+    room = load_room(request.room)
     begin = time.perf_counter()
-    reader = open_recording(job.path, job.camera, job.profile)
-    source = (
-        None if job.told is None else camera_trajectory(job.told, job.path, reader.camera or '')
-    )
-    motion = job.motion
-    if motion == 'auto' and _told_to_move(job, reader.stamp_ns, source):
+    reader = request.opened(job.path)
+    given = None
+    if request.told is not None:
+        given = camera_trajectory(request.told, job.path, reader.camera or '')
+    motion = request.motion
+    if motion == 'auto' and given is not None and _moves(given, reader.stamp_ns):
         motion = 'moving'
-    footage = observe(reader, job.profile, motion)
-    told = _told(job, footage, source)
-    given = _given(job, told)
-    if job.told is not None and job.told.accuracy is not None:
-        if not given:
+    footage = observe(reader, request.profile, motion)
+    told = [None] * len(reader.stamp_ns) if given is None else _told(given, footage)
+    as_told = _as_told(given, told)
+    if given is not None and given.source.accuracy is not None:
+        if not as_told:
             raise InputError(
                 '--pose-accuracy: must be given with poses in the room and --clock-offset SECONDS'
             )
-        empty = Registered((), (), math.inf, footage.moving, math.inf, 0.0, given=given)
+        empty = Registered((), (), math.inf, footage.moving, math.inf, 0.0, given=as_told)
         return empty.as_given()
-    found, first, mirrored = _search(job, footage, _start(job, told))
+    found, first, mirrored = _search(job, footage, _start(job.guess, given, told))
     clock = None
     if footage.moving:
         fits = _track(room, footage, found.fit.pose, first, told)
-        if job.told is not None and source is not None:
-            clock = _clock(job.told, source, footage.reader.stamp_ns, fits)
+        if given is not None:
+            clock = _clock(given, reader.stamp_ns, fits)
             if not clock.reason:
-                told = _told(job, footage, source, clock.seconds)
+                told = _told(given, footage, clock.seconds)
             elif not any(told):
-                raise source.no_overlap(footage.reader.stamp_ns)
+                raise given.no_overlap(reader.stamp_ns)
     else:
-        fits = [(found.fit.pose, found.fit.cost)]
+        fits = [found.fit]
     return Registered(
-        tuple(tuple(pose.numbers()) for pose, _ in fits),
-        tuple(cost for _, cost in fits),
+        tuple(tuple(one.pose.numbers()) for one in fits),
+        tuple(one.cost for one in fits),
         found.rival,
         footage.moving,
         mirrored,
         time.perf_counter() - begin,
-        None if job.told is None or job.told.relative else _distance(told, fits),
+        None if given is None or given.source.relative else _distance(told, fits),
         clock,
-        given,
+        as_told,
     )
 
 
-def _given(job: Job, told: Sequence[Pose | None]) -> tuple[tuple[float, ...], ...]:
-    if job.told is None or job.told.relative or job.told.clock_offset is None:
+def _as_told(
+    given: CameraTrajectory | None, told: Sequence[Pose | None]
+) -> tuple[tuple[float, ...], ...]:
+    # The given poses, where they are in the room and of a known clock.
+    if given is None or given.source.relative or given.source.clock_offset is None:
         return ()
     return tuple(_NOWHERE if pose is None else tuple(pose.numbers()) for pose in told)
 
 
-def _told_to_move(job: Job, stamp_ns: np.ndarray, source: CameraTrajectory | None) -> bool:
+def _moves(given: CameraTrajectory, stamp_ns: np.ndarray) -> bool:
     # An image that changes little may hide a motion: the sky, or a camera of few pixels.
-    if job.told is None or source is None:
-        return False
-    poses = source.at(stamp_ns - round((job.told.clock_offset or 0.0) * 1e9))
+    poses = given.at(stamp_ns - round((given.source.clock_offset or 0.0) * 1e9))
     known = [Pose.from_numbers(one) for one in poses if np.isfinite(one).all()]
     motions = np.array([known[0].motion_to(one) for one in known]).reshape(-1, 2, 3)
     away = (np.linalg.norm(motions, axis=2) > _STANDS).any(axis=1)
@@ -195,51 +181,47 @@ def _told_to_move(job: Job, stamp_ns: np.ndarray, source: CameraTrajectory | Non
 
 
 def _told(
-    job: Job, footage: Footage, source: CameraTrajectory | None, found: float | None = None
+    given: CameraTrajectory, footage: Footage, found: float | None = None
 ) -> list[Pose | None]:
     # The given rough pose of each frame, with the offset of clocks that was found or given. A
     # moving camera may find an offset later, so that all poses may be missing.
-    stamp_ns = footage.reader.stamp_ns
-    if job.told is None or source is None:
-        return [None] * len(stamp_ns)
-    offset = job.told.clock_offset if found is None else found
-    there = stamp_ns - round((offset or 0.0) * 1e9)
-    poses = source.at(there)
-    can_wait = footage.moving and job.told.clock_offset is None
+    offset = given.source.clock_offset if found is None else found
+    there = footage.reader.stamp_ns - round((offset or 0.0) * 1e9)
+    poses = given.at(there)
+    can_wait = footage.moving and given.source.clock_offset is None
     if not can_wait and not np.isfinite(poses).all(axis=1).any():
-        raise source.no_overlap(there)
+        raise given.no_overlap(there)
     return [Pose.from_numbers(one) if np.isfinite(one).all() else None for one in poses]
 
 
 def _clock(
-    told: PoseSource,
-    source: CameraTrajectory,
-    stamp_ns: np.ndarray,
-    fits: Sequence[tuple[Pose, float]],
+    given: CameraTrajectory, stamp_ns: np.ndarray, fits: Sequence[AlignedPose]
 ) -> ClockOffset:
-    if source.fixed:
+    if given.fixed:
         return ClockOffset(reason='the given poses do not move')
-    numbers = np.array([pose.numbers() for pose, _ in fits])
-    lost = np.array([cost for _, cost in fits]) > LOST
+    numbers = np.array([one.pose.numbers() for one in fits])
+    lost = np.array([one.cost for one in fits]) > LOST
     fitted = Trajectory('', stamp_ns[~lost], numbers[~lost])
     if len(fitted.stamp_ns) < 2:
         return ClockOffset(reason='the camera is lost in most frames')
-    return find_offset(stamp_ns, fitted.at, source.at, source.span_ns, told.clock_offset or 0.0)
+    middle = given.source.clock_offset or 0.0
+    return find_offset(stamp_ns, fitted.at, given.at, given.span_ns, middle)
 
 
-def _start(job: Job, told: Sequence[Pose | None]) -> tuple[int, Pose] | None:
+def _start(
+    guess: tuple[float, ...] | None, given: CameraTrajectory | None, told: Sequence[Pose | None]
+) -> tuple[int, Pose] | None:
     # The first frame to register, and its rough pose, if there is one.
-    if job.guess is not None:
-        return 0, Pose.from_numbers(np.array(job.guess))
-    if job.told is None or job.told.relative:
+    if guess is not None:
+        return 0, Pose.from_numbers(np.array(guess))
+    if given is None or given.source.relative:
         return None
     return next(((i, pose) for i, pose in enumerate(told) if pose is not None), None)
 
 
-def _distance(
-    told: Sequence[Pose | None], fits: Sequence[tuple[Pose, float]]
-) -> tuple[float, float]:
-    fitted = [pose for pose, _ in fits] if len(fits) == len(told) else [fits[0][0]] * len(told)
+def _distance(told: Sequence[Pose | None], fits: Sequence[AlignedPose]) -> tuple[float, float]:
+    poses = [one.pose for one in fits]
+    fitted = poses if len(poses) == len(told) else poses[:1] * len(told)
     motions = np.array(
         [one.motion_to(other) for one, other in zip(told, fitted, strict=True) if one is not None]
     )
@@ -256,27 +238,29 @@ def _search(
     job: Job, footage: Footage, start: tuple[int, Pose] | None
 ) -> tuple[FoundPose, int, float]:
     # The best pose, the number of its frame, and the cost in a mirrored room.
-    room, up = load_room(job.room), job.up
+    path, up = job.request.room, job.request.up
+    room = load_room(path)
     first, guess = start or (0, None)
-    panoramas = _panoramas(job.room) if guess is None else None
+    panoramas = _panoramas(path) if guess is None else None
     tried: list[tuple[FoundPose, int]] = []
     count = len(footage.reader.stamp)
     for number in (0, count // 2, count - 1) if footage.moving and guess is None else (first,):
-        image = frame(footage, number) if footage.moving else footage.still
+        image = _frame(footage, number)
         tried.append((find(room, image, guess, panoramas, up), number))
         if tried[-1][0].fit.cost < 0.5 * min(tried[-1][0].rival, LOST):
             break
     best, number = min(tried, key=lambda one: one[0].fit.cost)
     mirrored = float('inf')
-    panoramas = _panoramas(job.room) if best.fit.cost > _SUSPECT else None
+    panoramas = _panoramas(path) if best.fit.cost > _SUSPECT else None
     if panoramas is not None and len(panoramas.places):
-        image = frame(footage, number) if footage.moving else footage.still
+        image = _frame(footage, number)
         mirrored = find(room, image.mirrored(), None, panoramas, up).fit.cost
     return best, number, mirrored
 
 
-def frame(footage: Footage, number: int) -> Observation:
-    """Return one frame of a recording."""
+def _frame(footage: Footage, number: int) -> Observation:
+    if not footage.moving:
+        return footage.still
     for index, image in enumerate(footage.frames()):
         if index == number:
             return footage.observe(image)
@@ -285,34 +269,34 @@ def frame(footage: Footage, number: int) -> Observation:
 
 def _track(
     room: Room, footage: Footage, start: Pose, first: int, told: Sequence[Pose | None]
-) -> list[tuple[Pose, float]]:
+) -> list[AlignedPose]:
     # Follows the camera from this frame forwards to the end, then backwards to the beginning.
     images = list(footage.frames())
-    fits: dict[int, tuple[Pose, float]] = {}
+    fits: dict[int, AlignedPose] = {}
     for order in (range(first, len(images)), range(first - 1, -1, -1)):
         sign = 1 if order.step > 0 else -1
         for number in order:
-            pose = start if number == first else fits[number - sign][0]
+            pose = start if number == first else fits[number - sign].pose
             last, now = told[number - sign] if number != first else None, told[number]
             if last is not None and now is not None:
                 pose = pose.moved(last.motion_to(now))
             elif number - 2 * sign in fits and number != first:  # Assumes constant velocity.
-                pose = pose.moved(fits[number - 2 * sign][0].motion_to(pose))
-            fits[number] = follow(room, footage.observe(images[number]), pose)
+                pose = pose.moved(fits[number - 2 * sign].pose.motion_to(pose))
+            fits[number] = _follow(room, footage.observe(images[number]), pose)
     return [fits[number] for number in range(len(images))]
 
 
-def follow(room: Room, image: Observation, start: Pose) -> tuple[Pose, float]:
-    """Return the pose of a frame and its cost, starting from the expected pose."""
+def _follow(room: Room, image: Observation, start: Pose) -> AlignedPose:
+    # The pose of a frame, from the expected one.
     fit = align(room, choose(image, _TRACKED), start, 6)
     if fit.cost > LOST:
         again = find(room, image, start, None, '+z').fit
         if again.cost < fit.cost:
             fit = again
-    return fit.pose, fit.cost
+    return fit
 
 
-def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[PosedImage]:
+def views_of(job: tuple[int, Job, Registered]) -> list[PosedImage]:
     """
     Return the views of a recording for the joint fit.
 
@@ -320,17 +304,12 @@ def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[Pose
     ----------
     job : tuple
         The number of the recording, its job and its registration.
-    bounce : bool
-        Whether to simulate light that bounces once.
 
     """
     recording, how, where = job
-    room = load_room(how.room)
-    footage = observe(
-        open_recording(how.path, how.camera, how.profile),
-        how.profile,
-        'moving' if where.moving else 'still',
-    )
+    path, profile = how.request.room, how.request.profile
+    room = load_room(path)
+    footage = how.request.footage(how.path, where.moving)
     if where.moving:
         chosen = np.unique(np.linspace(0, len(where.poses) - 1, _KEY_FRAMES).round().astype(int))
         images = dict.fromkeys(chosen.tolist())
@@ -346,10 +325,10 @@ def views_of(job: tuple[int, Job, Registered], bounce: bool = True) -> list[Pose
         pose = Pose.from_numbers(np.array(where.poses[number]))
         target = choose(image, _PIXELS)
         shape = np.zeros(len(target.depth))
-        if bounce and footage.mode is not None and footage.mode.modulation_hz:
-            added = bounced(room, pose, image, footage.reader.K, footage.mode, how.profile)
+        if footage.mode is not None and footage.mode.modulation_hz:
+            added = bounced(room, pose, image, footage.reader.K, footage.mode, profile)
             shape = added.ravel()[target.pixel]
-        out.append(PosedImage(recording, how.room, target, pose, shape, how.uptime))
+        out.append(PosedImage(recording, path, target, pose, shape, how.uptime))
     return out
 
 

@@ -1,8 +1,6 @@
 """Ground truth of a recording in a room."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from flexx2_sim_ros.truth.alignment import align, choose
 from flexx2_sim_ros.truth.clean import Clean, difference, REFUSED, render
@@ -11,9 +9,8 @@ from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import bounced, Job, LOST, Registered
-from flexx2_sim_ros.truth.rooms import Room
 from flexx2_sim_ros.truth.trajectory import Trajectory
-from flexx2_sim_ros.truth.writing import PageImages, picture_of, without_hidden
+from flexx2_sim_ros.truth.writing import GroundTruth, without_hidden
 import numpy as np
 
 _PIXELS = 2000
@@ -38,8 +35,6 @@ class RoomSurfaces:
         Coefficients of these errors.
     covariance : numpy.ndarray
         (6, 6) covariance of the pose.
-    room_error : float
-        Standard deviation of the room's surfaces along their normals, metres.
     latency : float
         How late images are by their stamps, seconds. Frames get the ground truth of their stamps.
 
@@ -51,7 +46,6 @@ class RoomSurfaces:
     columns: ErrorColumns
     values: tuple[float, ...]
     covariance: np.ndarray
-    room_error: float
     latency: float = 0.0
 
     @property
@@ -64,27 +58,25 @@ class RoomSurfaces:
         pose = self.registered.poses[number] if self.moving else self.pose
         if not np.isfinite(pose).all():
             return None
-        where = Pose.from_numbers(np.array(pose))
-        return render(load_room(self.job.room), where, footage.still.rays, self.room_error)
+        return self.render(Pose.from_numbers(np.array(pose)), footage)
 
-    def truths(self, footage: Footage) -> list[Clean]:
+    def render(self, pose: Pose, footage: Footage) -> Clean:
+        """Return the room from a pose."""
+        request = self.job.request
+        return render(load_room(request.room), pose, footage.still.rays, request.room_error)
+
+    def truth(self, footage: Footage) -> GroundTruth:
         """Return the room of each frame, or from the pose of a still recording."""
         if self.moving:
-            return _of_frames(load_room(self.job.room), self, footage)
-        clean = self.at(footage, 0)
-        assert clean is not None
-        return [without_hidden(clean, footage.still)]
-
-    def accuracy(self, footage: Footage, truths: Sequence[Clean]) -> dict[str, np.ndarray]:
-        """Return the covariance of the pose."""
-        return {'pose_covariance': self.covariance}
-
-    def shown(
-        self, footage: Footage, truths: Sequence[Clean], shares: dict[str, float]
-    ) -> tuple[PageImages, Any]:
-        """Return images of the first frame or median, and how rough the room is, metres."""
-        first, image = truths[0], footage.still
-        return picture_of(first, image, shares), roughness(first, image)
+            cleans = _of_frames(self, footage)
+        else:
+            clean = self.at(footage, 0)
+            assert clean is not None
+            cleans = [without_hidden(clean, footage.still)]
+        rough = roughness(cleans[0], footage.still)
+        return GroundTruth(
+            cleans, footage.still, {'pose_covariance': self.covariance}, found=rough
+        )
 
 
 def roughness(clean: Clean, image: Observation) -> float:
@@ -122,14 +114,14 @@ def roughness(clean: Clean, image: Observation) -> float:
     return float(np.sqrt(max(np.median(variance), 0.0)))
 
 
-def _of_frames(room: Room, what: RoomSurfaces, footage: Footage) -> list[Clean]:
+def _of_frames(what: RoomSurfaces, footage: Footage) -> list[Clean]:
     # Of a moving camera. Where images are late, from where the camera was at the stamp: that is
     # where later images were taken. The last frames have no later ones and are unknown, as are
     # those beside a frame whose pose was lost.
     frames = [footage.observe(image) for image in footage.frames()]
     lost = np.array(what.registered.costs) > LOST
-    poses = [_pose_of(room, what, footage, frame, i) for i, frame in enumerate(frames)]
-    seen = [render(room, pose, footage.still.rays, what.room_error) for pose in poses]
+    poses = [_pose_of(what, footage, frame, i) for i, frame in enumerate(frames)]
+    seen = [what.render(pose, footage) for pose in poses]
     truths = [
         truth.without(True, REFUSED) if gone else without_hidden(truth, frame)
         for truth, frame, gone in zip(seen, frames, lost, strict=True)
@@ -144,24 +136,24 @@ def _of_frames(room: Room, what: RoomSurfaces, footage: Footage) -> list[Clean]:
     out = []
     for numbers, truth, gone in zip(path.at(late), truths, lost[beside].any(axis=0), strict=True):
         if np.isfinite(numbers).all() and not gone:
-            placed = Pose.from_numbers(numbers)
-            there = render(room, placed, footage.still.rays, what.room_error)
+            there = what.render(Pose.from_numbers(numbers), footage)
             out.append(there.without(~truth.known, REFUSED))
         else:
             out.append(truth.without(True, REFUSED))
     return out
 
 
-def _pose_of(
-    room: Room, what: RoomSurfaces, footage: Footage, frame: Observation, number: int
-) -> Pose:
+def _pose_of(what: RoomSurfaces, footage: Footage, frame: Observation, number: int) -> Pose:
     # The pose is fitted again, with the shared errors subtracted.
+    room = load_room(what.job.request.room)
     numbers = what.registered.poses[number]
     pose = Pose.from_numbers(np.array(numbers if np.isfinite(numbers).all() else what.pose))
     if what.values and not what.registered.believed:
         added = np.zeros(frame.depth.shape)
         if what.columns.bounce and footage.mode is not None:
-            added = bounced(room, pose, frame, footage.reader.K, footage.mode, what.job.profile)
+            added = bounced(
+                room, pose, frame, footage.reader.K, footage.mode, what.job.request.profile
+            )
         values, rays = np.array(what.values), np.nan_to_num(frame.rays).reshape(-1, 2)
         true = what.columns.true_rays(values, rays)
         hits = room.cast(pose, true)

@@ -1,7 +1,6 @@
-"""Rooms that rays can be cast into: triangle meshes and MuJoCo models."""
+"""Rooms that rays are cast into: triangle meshes and MuJoCo models."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
@@ -41,9 +40,9 @@ class Hits:
         return np.einsum('ni,ni->n', self.normal[:, :2], rays) + self.normal[:, 2]
 
 
-class Room(Protocol):
+class Room:
     """
-    A room in front of a camera.
+    Surfaces in front of a camera.
 
     Attributes
     ----------
@@ -54,7 +53,7 @@ class Room(Protocol):
 
     """
 
-    complete: bool
+    complete = False
     bounds: np.ndarray
 
     def cast(self, pose: Pose, rays: np.ndarray) -> Hits:
@@ -73,12 +72,22 @@ class Room(Protocol):
         Hits
 
         """
+        found = self.hit(pose.t, rays @ pose.R[:, :2].T + pose.R[:, 2])
+        hits = replace(found, normal=found.normal @ pose.R)
+        hits.normal[hits.slant(rays) > 0] *= -1
+        return hits
 
-    def distances(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Return (N,) float32 metres along (N, 3) unit directions, room frame; inf: no hit."""
+    def distances(self, places: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Return (P, N) metres from (P, 3) places along (N, 3) unit directions; inf: no hit."""
+        depths = [self.hit(place, directions).depth for place in places]
+        return np.nan_to_num(np.stack(depths).astype(np.float32), nan=np.inf)
+
+    def hit(self, place: np.ndarray, directions: np.ndarray) -> Hits:
+        """Return the first surfaces in (N, 3) directions, room frame; depth in their lengths."""
+        raise NotImplementedError
 
 
-class MeshRoom:
+class MeshRoom(Room):
     """
     A triangle mesh.
 
@@ -91,20 +100,12 @@ class MeshRoom:
     border : numpy.ndarray
         (F,) bool, triangles at an open border.
 
-    Attributes
-    ----------
-    triangles : int
-        Number of triangles.
-
     """
-
-    complete = False
 
     def __init__(
         self, triangles: np.ndarray, reflectivity: np.ndarray | None, border: np.ndarray
     ) -> None:
         """Build the tree of bounding boxes."""
-        self.triangles = len(triangles)
         corners = triangles.reshape(-1, 3)
         self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
         # Embree calculates in float32: coordinates far from zero would lose digits.
@@ -123,30 +124,18 @@ class MeshRoom:
             else np.vstack([reflectivity, np.zeros((1, 3), np.float32)])
         )
 
-    def cast(self, pose: Pose, rays: np.ndarray) -> Hits:
-        """Follow a camera's rays to the first surface; see `Room.cast`."""
-        directions = (rays @ pose.R[:, :2].T + pose.R[:, 2]).astype(np.float32)
-        found = self._run(np.broadcast_to(pose.t, directions.shape), directions)
+    def hit(self, place: np.ndarray, directions: np.ndarray) -> Hits:
+        """Return the first triangles in these directions; see `Room.hit`."""
+        starts = np.broadcast_to(place - self._centre, directions.shape).astype(np.float32)
+        found = self._scene.run(starts, directions.astype(np.float32), output=True)
         index = found['primID']
         depth = np.where(index < 0, np.nan, found['tfar'].astype(np.float64))
-        normal = self._normal[index] @ pose.R
-        hits = Hits(depth, normal, None, self._border[index])
-        normal[hits.slant(rays) > 0] *= -1
-        if self._reflectivity is None:
-            return hits
-        u, v = found['u'], found['v']
-        corners = self._reflectivity[index]
-        mixed = corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v
-        return Hits(depth, normal, mixed, hits.border)
-
-    def distances(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Return distances along rays; see `Room.distances`."""
-        found = self._run(origins, directions.astype(np.float32))
-        return np.where(found['primID'] < 0, np.float32(np.inf), found['tfar'])
-
-    def _run(self, origins: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
-        starts = (origins - self._centre).astype(np.float32)
-        return self._scene.run(starts, directions, output=True)
+        mixed = None
+        if self._reflectivity is not None:
+            u, v = found['u'], found['v']
+            corners = self._reflectivity[index]
+            mixed = corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v
+        return Hits(depth, self._normal[index], mixed, self._border[index])
 
 
 def visible_geoms(model: mujoco.MjModel) -> np.ndarray:
@@ -154,7 +143,7 @@ def visible_geoms(model: mujoco.MjModel) -> np.ndarray:
     return np.asarray(VISIBLE_GROUPS[np.clip(model.geom_group, 0, 5)] > 0)
 
 
-class MujocoRoom:
+class MujocoRoom(Room):
     """
     A MuJoCo model at rest, its visible geoms (groups 0 to 2).
 
@@ -179,39 +168,16 @@ class MujocoRoom:
         place, reach = self._data.geom_xpos[chosen], model.geom_rbound[chosen, None]
         self.bounds = np.array([(place - reach).min(axis=0), (place + reach).max(axis=0)])
 
-    def cast(self, pose: Pose, rays: np.ndarray) -> Hits:
-        """Follow a camera's rays to the first surface; see `Room.cast`."""
-        length = np.sqrt(1 + (rays**2).sum(axis=1))
-        directions = (rays @ pose.R[:, :2].T + pose.R[:, 2]) / length[:, None]
-        distance, geom, normal = self._run(pose.t, directions)
-        depth = np.where(geom < 0, np.nan, distance / length)
-        normal = normal @ pose.R
-        hits = Hits(depth, normal, self._reflectivity[geom], np.zeros(len(rays), bool))
-        normal[hits.slant(rays) > 0] *= -1
-        return hits
-
-    def distances(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Return distances along rays; see `Room.distances`."""
-        out = np.empty(len(directions), np.float32)
-        # MuJoCo casts rays from one point at a time.
-        places, index = np.unique(origins, axis=0, return_inverse=True)
-        for number, place in enumerate(places):
-            chosen = index == number
-            distance, geom, _ = self._run(place, directions[chosen])
-            out[chosen] = np.where(geom < 0, np.inf, distance)
-        return out
-
-    def _run(
-        self, origin: np.ndarray, directions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        count = len(directions)
+    def hit(self, place: np.ndarray, directions: np.ndarray) -> Hits:
+        """Return the first geoms in these directions; see `Room.hit`."""
+        count, length = len(directions), np.linalg.norm(directions, axis=1)
         distance, geom = np.empty(count), np.empty(count, np.int32)
         normal = np.zeros((count, 3))
         mujoco.mj_multiRay(
             m=self._model,
             d=self._data,
-            pnt=np.ascontiguousarray(origin, np.float64),
-            vec=np.ascontiguousarray(directions, np.float64).ravel(),
+            pnt=np.ascontiguousarray(place, np.float64),
+            vec=np.ascontiguousarray(directions / length[:, None], np.float64).ravel(),
             geomgroup=VISIBLE_GROUPS,
             flg_static=1,
             bodyexclude=-1,
@@ -221,4 +187,5 @@ class MujocoRoom:
             nray=count,
             cutoff=mujoco.mjMAXVAL,
         )
-        return distance, geom, normal
+        depth = np.where(geom < 0, np.nan, distance / length)
+        return Hits(depth, normal, self._reflectivity[geom], np.zeros(count, bool))

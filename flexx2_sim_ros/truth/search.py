@@ -89,9 +89,7 @@ def look_around(room: Room) -> Panoramas:
     azimuth = (np.arange(columns) + 0.5) / columns * 2 * np.pi - np.pi
     e, a = np.meshgrid(elevation, azimuth, indexing='ij')
     sky = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], -1).reshape(-1, 3)
-    distance = room.distances(
-        np.repeat(places, len(sky), axis=0), np.tile(sky, (len(places), 1))
-    ).reshape(len(places), rows, columns)
+    distance = room.distances(places, sky).reshape(len(places), rows, columns)
     with np.errstate(invalid='ignore'):  # Where hardly a ray hits anything.
         free = np.percentile(distance.reshape(len(places), -1), 5, axis=1) > _NEAREST
     return Panoramas(places[free], np.ascontiguousarray(distance[free], np.float32))

@@ -5,15 +5,7 @@ from dataclasses import dataclass, replace
 import math
 
 from flexx2_sim_ros.truth.columns import ErrorColumns, LENS
-from flexx2_sim_ros.truth.joint import (
-    Linear,
-    linearise,
-    PosedImage,
-    reduced,
-    replace_target,
-    Solution,
-    solve,
-)
+from flexx2_sim_ros.truth.joint import Linear, linearise, PosedImage, reduced, Solution, solve
 import numpy as np
 
 # Periods that are tried, metres: c/16f of 100 MHz to c/2f of 40 MHz.
@@ -26,9 +18,9 @@ _SCAN_PIXELS = 1500
 _LEAST_GAIN, _STABLE = 40.0, 0.5
 # Limits of refusals; bench/truth.py of aac5156 shows which errors remain.
 MOST_BIAS = 0.08  # metres: calibrated cameras are off by less than 50 mm
-MOST_DEVIATION = 0.002  # metres, of the bias
-MOST_CONDITION = 300.0
-LEAST_RECORDINGS = 3
+_MOST_DEVIATION = 0.002  # metres, of the bias
+_MOST_CONDITION = 300.0
+_LEAST_RECORDINGS = 3
 _CLEAR = 3.0  # standard deviations of the bounce's gain, and of a scale
 _LIKE_SCALE = 2.0  # metres: a wave at least as long looks like a scale
 _LEAST_SCALE = 0.002  # scale error of a calibrated camera
@@ -80,12 +72,12 @@ def estimate(views: Sequence[PosedImage]) -> Shared:
 
     """
     bounce = any(view.bounce.any() for view in views)
-    several = _recordings(views) >= LEAST_RECORDINGS
+    several = len({view.recording for view in views}) >= _LEAST_RECORDINGS
     trial = _with_waves(solve(views, ErrorColumns(True, (), bounce, lens=several)))
     findings: dict[str, dict[str, object]] = {}
     trial, findings['warm_up_drift'] = _with_drift(trial)
     solution, findings['intrinsics_error'] = _with_or_without_lens(trial)
-    why = refusal(solution)
+    why = _refusal(solution)
     full, columns = solution, solution.columns
     clear = columns.bounce and _clear(solution)
     if clear and not why:
@@ -119,10 +111,6 @@ def _with_waves(solution: Solution) -> Solution:
     return solution
 
 
-def _recordings(views: Sequence[PosedImage]) -> int:
-    return len({view.recording for view in views})
-
-
 def _fitted(solution: Solution, name: str) -> tuple[float, float]:
     # Value and standard deviation of a coefficient.
     place = solution.columns.names.index(name)
@@ -134,7 +122,7 @@ def _with_or_without_lens(solution: Solution) -> tuple[Solution, dict[str, objec
     # floors and walls as a wrong lens does, and its shape is only simulated, so next to it nothing
     # is said of the lens.
     if not solution.columns.lens:
-        return solution, {'verdict': 'confounded', 'reason': _too_few(LEAST_RECORDINGS, solution)}
+        return solution, {'verdict': 'confounded', 'reason': _too_few(_LEAST_RECORDINGS, solution)}
     lens = {name: _fitted(solution, name) for name in LENS}
     least = {name: usual * _LEAST_LENS for name, usual in _USUAL_LENS.items()}
     loose = [name for name, (_, deviation) in lens.items() if deviation > least[name]]
@@ -169,10 +157,10 @@ def _with_drift(solution: Solution) -> tuple[Solution, dict[str, object]]:
         }
     if np.ptp(uptimes) < _LEAST_TIME:
         return solution, {'verdict': 'identified', 'reason': 'an offset: all is within minutes'}
-    if len(solution.left_out) <= LEAST_RECORDINGS:
+    if solution.recordings <= _LEAST_RECORDINGS:
         return solution, {
             'verdict': 'confounded',
-            'reason': _too_few(LEAST_RECORDINGS + 1, solution),
+            'reason': _too_few(_LEAST_RECORDINGS + 1, solution),
         }
     trials = [solve(solution.views, replace(solution.columns, drift=tau)) for tau in _DRIFTS]
     clear = [abs(value) / spread for value, spread in (_fitted(one, 'drift') for one in trials)]
@@ -194,19 +182,18 @@ def _with_drift(solution: Solution) -> tuple[Solution, dict[str, object]]:
 
 
 def _too_few(least: int, solution: Solution) -> str:
-    return f'needs at least {least} recordings, got {len(solution.left_out)}'
+    return f'needs at least {least} recordings, got {solution.recordings}'
 
 
 def _scale(solution: Solution) -> dict[str, object]:
     # The scale is reported but not subtracted: if it is an error of the camera, the diagnosis must
     # see it.
-    if len(solution.left_out) < LEAST_RECORDINGS:
+    if solution.recordings < _LEAST_RECORDINGS:
         return {}
     periods = tuple(one for one in solution.columns.periods if one < _LIKE_SCALE)
     columns = replace(solution.columns, bias=True, periods=periods, scale=True)
     trial = solve(solution.views, columns)
-    place = columns.names.index('scale')
-    size, deviation = float(trial.values[place]), float(trial.deviations[place])
+    size, deviation = _fitted(trial, 'scale')
     if abs(size) < max(_CLEAR * deviation, _LEAST_SCALE):
         return {}
     return {
@@ -219,27 +206,26 @@ def _scale(solution: Solution) -> dict[str, object]:
 
 
 def _clear(solution: Solution) -> bool:
-    gain, deviation = float(solution.values[-1]), float(solution.deviations[-1])
-    return len(solution.left_out) >= LEAST_RECORDINGS and gain > _CLEAR * deviation
+    gain, deviation = _fitted(solution, 'bounce')
+    return solution.recordings >= _LEAST_RECORDINGS and gain > _CLEAR * deviation
 
 
-def refusal(solution: Solution) -> str:
-    """Return why an estimate of the bias cannot be trusted; empty if it can."""
-    recordings = len(solution.left_out)
-    if recordings < LEAST_RECORDINGS:
-        return _too_few(LEAST_RECORDINGS, solution)
-    bias, deviation = float(solution.values[0]), float(solution.deviations[0])
-    if solution.condition > MOST_CONDITION:
+def _refusal(solution: Solution) -> str:
+    # Why an estimate of the bias cannot be trusted; empty if it can.
+    if solution.recordings < _LEAST_RECORDINGS:
+        return _too_few(_LEAST_RECORDINGS, solution)
+    bias, deviation = _fitted(solution, 'bias')
+    if solution.condition > _MOST_CONDITION:
         return (
             f'the recordings cannot tell it from their poses (condition number '
-            f'{solution.condition:.0f}, must be at most {MOST_CONDITION:.0f})'
+            f'{solution.condition:.0f}, must be at most {_MOST_CONDITION:.0f})'
         )
     if abs(bias) > MOST_BIAS:
         return f'{bias * 1e3:+.0f} mm is more than {MOST_BIAS * 1e3:.0f} mm, which is implausible'
-    if deviation > MOST_DEVIATION:
+    if deviation > _MOST_DEVIATION:
         return (
             f'recordings disagree: leaving one out changes it by {deviation * 1e3:.1f} mm '
-            f'(at most {MOST_DEVIATION * 1e3:.0f} mm)'
+            f'(at most {_MOST_DEVIATION * 1e3:.0f} mm)'
         )
     return ''
 
@@ -275,7 +261,7 @@ class _Scan:
         step = max(len(view.target.depth) // _SCAN_PIXELS, 1)
         use = np.zeros(len(view.target.depth), bool)
         use[::step] = True
-        thin = replace(view, target=replace_target(view.target, use), bounce=view.bounce[use])
+        thin = replace(view, target=view.target.picked(use), bounce=view.bounce[use])
         equations, kept, depth = linearise(thin, solution.columns, solution.values)
         return cls(equations, replace(thin, target=kept), depth)
 
@@ -318,10 +304,11 @@ def _noise(scanned: Sequence[_Scan], values: np.ndarray) -> float:
 
 
 def _findings(full: Solution, used: Solution, why: str) -> dict[str, dict[str, object]]:
+    metres, deviation = _fitted(full, 'bias')
     offset: dict[str, object] = {
         'verdict': 'confounded' if why else 'identified',
-        'metres': float(full.values[0]),
-        'standard_deviation': float(full.deviations[0]),
+        'metres': metres,
+        'standard_deviation': deviation,
     }
     if why:
         offset['reason'] = why
@@ -341,10 +328,11 @@ def _findings(full: Solution, used: Solution, why: str) -> dict[str, dict[str, o
     if waves:
         found['wiggling'] = {'verdict': 'identified', 'waves': waves}
     if full.columns.bounce:
+        gain, deviation = _fitted(full, 'bounce')
         found['multipath'] = {
             'verdict': 'identified' if used.columns.bounce else 'confounded',
-            'gain': float(full.values[-1]),
-            'standard_deviation': float(full.deviations[-1]),
+            'gain': gain,
+            'standard_deviation': deviation,
         }
         if not used.columns.bounce:
             found['multipath']['reason'] = (

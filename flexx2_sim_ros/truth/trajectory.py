@@ -130,14 +130,13 @@ class CameraTrajectory:
         The recording that they are for.
     chain : tuple of Trajectory
         From the room to the body; poses of each in the frame of the one before.
-    camera_in_body : tuple of float
-        As in `PoseSource`.
+    source : PoseSource
 
     """
 
     path: Path
     chain: tuple[Trajectory, ...]
-    camera_in_body: tuple[float, ...]
+    source: PoseSource
 
     @property
     def fixed(self) -> bool:
@@ -155,7 +154,7 @@ class CameraTrajectory:
         poses = self.chain[0].at(stamp_ns)
         for link in self.chain[1:]:
             poses = _compose(poses, link.at(stamp_ns))
-        return _compose(poses, np.tile(self.camera_in_body, (len(poses), 1)))
+        return _compose(poses, np.tile(self.source.camera_in_body, (len(poses), 1)))
 
     def no_overlap(self, stamp_ns: np.ndarray) -> InputError:
         """Return the error that no pose is at these (T,) stamps."""
@@ -191,7 +190,7 @@ def camera_trajectory(source: PoseSource, path: Path, camera: str = '') -> Camer
         When the poses cannot be read.
 
     """
-    return CameraTrajectory(path, tuple(_chain(source, path, camera)), source.camera_in_body)
+    return CameraTrajectory(path, tuple(_chain(source, path, camera)), source)
 
 
 def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:

@@ -1,12 +1,11 @@
 """Write a recording with its ground truth."""
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.recording import open_recording, RecordingReader, RecordingWriter
+from flexx2_sim_ros.recording import RecordingReader, RecordingWriter
 from flexx2_sim_ros.recording.truth import KEYS
 from flexx2_sim_ros.truth.clean import (
     apart,
@@ -18,19 +17,51 @@ from flexx2_sim_ros.truth.clean import (
     PARTS,
     REFUSED,
 )
-from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray, has_gray_frames
-from flexx2_sim_ros.truth.observation import Footage, mask_of, Observation, observe
+from flexx2_sim_ros.truth.files import TruthSource
+from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray
+from flexx2_sim_ros.truth.observation import Footage, mask_of, Observation
 from flexx2_sim_ros.truth.reflectivity import (
     gray_samples,
     GraySamples,
     GrayScale,
     with_reflectivity,
 )
+from flexx2_sim_ros.truth.requests import TruthRequest
 import numpy as np
 
 _WRITTEN = {'clean_depth', 'incidence', 'depth', *KEYS}
 _FEW = 0.01  # of the pixels may contradict the ground truth without a note
 _LIT_FRAMES = 6  # of a moving recording: enough to learn what gray values mean
+
+
+@dataclass(frozen=True)
+class GroundTruth:
+    """
+    What a recording should show.
+
+    Attributes
+    ----------
+    cleans : sequence of Clean
+        One for each frame if the camera moved, else one.
+    image : Observation
+        A frame, or the median, for the page.
+    accuracy : mapping of str to numpy.ndarray
+        The keys of the recording that say how accurate it is.
+    number : int
+        Of the frame for the page.
+    gray : numpy.ndarray or None
+        (H, W) gray values to show in the place of depth.
+    found : object
+        What else is learnt of the recording.
+
+    """
+
+    cleans: Sequence[Clean]
+    image: Observation
+    accuracy: Mapping[str, np.ndarray] = field(default_factory=dict)
+    number: int = 0
+    gray: np.ndarray | None = None
+    found: Any = None
 
 
 class Surfaces(Protocol):
@@ -43,16 +74,8 @@ class Surfaces(Protocol):
     def at(self, footage: Footage, number: int) -> Clean | None:
         """Return what a frame should show, for its light; None where its pose is not known."""
 
-    def truths(self, footage: Footage) -> list[Clean]:
-        """Return ground truth: one for each frame if the camera moved, else one."""
-
-    def accuracy(self, footage: Footage, truths: Sequence[Clean]) -> dict[str, np.ndarray]:
-        """Return the keys that say how accurate it is."""
-
-    def shown(
-        self, footage: Footage, truths: Sequence[Clean], shares: dict[str, float]
-    ) -> tuple['PageImages', Any]:
-        """Return images for the page, and what else is learnt of the recording."""
+    def truth(self, footage: Footage) -> GroundTruth:
+        """Return what the recording should show."""
 
 
 @dataclass(frozen=True)
@@ -62,39 +85,30 @@ class Writing:
 
     Attributes
     ----------
-    path : pathlib.Path
-    camera : str or None
-        Which camera of a bag that has several.
-    profile : Profile or None
+    request : TruthRequest
+        The settings of the run.
+    source : TruthSource
+        The recording.
     surfaces : Surfaces
-    target : pathlib.Path
-        The file to write.
-    keys : mapping of str to numpy.ndarray
-        Further keys to write.
     scale : GrayScale or None
         What gray values mean; None where they are not used.
 
     """
 
-    path: Path
-    camera: str | None
-    profile: Profile | None
+    request: TruthRequest
+    source: TruthSource
     surfaces: Surfaces
-    target: Path
-    keys: Mapping[str, np.ndarray]
     scale: GrayScale | None = None
 
-    def opened(self) -> tuple[RecordingReader, Footage]:
+    def footage(self) -> Footage:
         """Return the recording, open."""
-        reader = open_recording(self.path, self.camera, self.profile)
-        motion = 'moving' if self.surfaces.moving else 'still'
-        return reader, observe(reader, self.profile, motion)
+        return self.request.footage(self.source.path, self.surfaces.moving)
 
 
 @dataclass(frozen=True)
-class PageImages:
+class Written:
     """
-    The images of a recording on the page: its first frame or median.
+    A recording that was written, and its images for the page: of its first frame or median.
 
     Attributes
     ----------
@@ -110,6 +124,8 @@ class PageImages:
         The fraction of pixels of each of `PARTS`, over all frames.
     notes : tuple of str
         What a person should know of pixels that contradict the ground truth.
+    found : object
+        As in `GroundTruth`.
 
     """
 
@@ -118,27 +134,18 @@ class PageImages:
     residual: np.ndarray
     part: np.ndarray
     shares: dict[str, float]
-    notes: tuple[str, ...] = ()
-
-    @property
-    def known(self) -> float:
-        """Return the fraction of the pixels that are known."""
-        return self.shares['known']
+    notes: tuple[str, ...]
+    found: Any
 
     def table(self) -> dict[str, Any]:
         """Return the shares of pixels for ``truth.yaml``: known, and unknown by reason."""
         left = {name: round(part, 4) for name, part in self.shares.items() if name != 'known'}
-        return {'known': round(self.known, 4), 'unknown': left}
+        return {'known': round(self.shares['known'], 4), 'unknown': left}
 
 
-def write_recording(what: Writing) -> tuple[PageImages, Any]:
+def write_recording(what: Writing) -> Written:
     """
     Write a recording with `clean_depth` and its accuracy, whole or not at all.
-
-    Returns
-    -------
-    tuple
-        As `Surfaces.shown`.
 
     Raises
     ------
@@ -146,17 +153,18 @@ def write_recording(what: Writing) -> tuple[PageImages, Any]:
         When the recording cannot be read or the file cannot be written.
 
     """
-    reader, footage = what.opened()
-    surfaces = what.surfaces
-    truths = surfaces.truths(footage)
-    if what.scale is not None and shows_light(reader, surfaces.moving):
-        truths = [
-            with_reflectivity(truth, gray, footage.still.rays, what.scale)
-            for truth, gray in zip(truths, gray_images(reader, surfaces.moving), strict=True)
+    footage, moving = what.footage(), what.surfaces.moving
+    reader, truth = footage.reader, what.surfaces.truth(footage)
+    cleans = truth.cleans
+    if what.scale is not None and _shows_light(reader, moving):
+        cleans = [
+            with_reflectivity(clean, gray, footage.still.rays, what.scale)
+            for clean, gray in zip(cleans, gray_images(reader, moving), strict=True)
         ]
-    keys = {**surfaces.accuracy(footage, truths), **what.keys}
-    shares = write_truth(reader, what.target, truths, surfaces.moving, keys)
-    return surfaces.shown(footage, truths, shares)
+    uptime = {} if what.source.uptime is None else {'uptime': what.source.uptime}
+    keys = {**truth.accuracy, **uptime}
+    shares = write_truth(reader, what.source.target, cleans, moving, keys)
+    return _written(truth, shares)
 
 
 def read_light(what: Writing) -> list[GraySamples]:
@@ -172,9 +180,9 @@ def read_light(what: Writing) -> list[GraySamples]:
         When the recording cannot be read.
 
     """
-    reader, footage = what.opened()
-    moving = what.surfaces.moving
-    if not shows_light(reader, moving):
+    footage, moving = what.footage(), what.surfaces.moving
+    reader = footage.reader
+    if not _shows_light(reader, moving):
         return []
     every = max(len(reader.stamp) // _LIT_FRAMES, 1) if moving else 1
     out = []
@@ -188,10 +196,10 @@ def read_light(what: Writing) -> list[GraySamples]:
     return [one for one in out if one is not None]
 
 
-def shows_light(reader: RecordingReader, moving: bool) -> bool:
-    """Return whether the reflectivity of a recording is to be taken from its gray images."""
+def _shows_light(reader: RecordingReader, moving: bool) -> bool:
+    # Whether the reflectivity of a recording is to be taken from its gray images.
     known = 'reflectivity' in reader.layouts or 'reflectivity' in reader.arrays
-    return not known and has_gray(reader) and (not moving or has_gray_frames(reader))
+    return not known and has_gray(reader, moving)
 
 
 def write_truth(
@@ -220,7 +228,7 @@ def write_truth(
     Returns
     -------
     dict
-        As `PageImages.shares`.
+        As `Written.shares`.
 
     Raises
     ------
@@ -244,12 +252,12 @@ def write_truth(
     return dict(zip(PARTS, (counts / part.size).tolist(), strict=True))
 
 
-def picture_of(truth: Clean, first: Observation, shares: dict[str, float]) -> PageImages:
-    """Return the images of a recording for the page: of its first frame or median."""
-    error = difference(truth, first)
-    residual = np.where(truth.known, error, np.nan).astype(np.float32)
-    few = _FEW * truth.known.size
-    farther, hidden = (apart(truth, first) > 0).sum(), (truth.part == HIDDEN).sum()
+def _written(truth: GroundTruth, shares: dict[str, float]) -> Written:
+    clean, image = truth.cleans[truth.number], truth.image
+    error = difference(clean, image)
+    residual = np.where(clean.known, error, np.nan).astype(np.float32)
+    few = _FEW * clean.known.size
+    farther, hidden = (apart(clean, image) > 0).sum(), (clean.part == HIDDEN).sum()
     notes = []
     if farther > few:
         notes.append(
@@ -258,8 +266,15 @@ def picture_of(truth: Clean, first: Observation, shares: dict[str, float]) -> Pa
         )
     if hidden > few:
         notes.append(f'{hidden} pixels show something nearer that the ground truth has not')
-    return PageImages(
-        first.depth.astype(np.float32), edges(truth), residual, truth.part, shares, tuple(notes)
+    shown = image.depth if truth.gray is None else truth.gray
+    return Written(
+        shown.astype(np.float32),
+        edges(clean),
+        residual,
+        clean.part,
+        shares,
+        tuple(notes),
+        truth.found,
     )
 
 

@@ -1,0 +1,324 @@
+"""Ground truth from a printed board: find it in gray images, and render its plane."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.truth.absorbed import never_decided
+from flexx2_sim_ros.truth.board import find_board, plane_covariance
+from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, REFUSED, render_plane, unknown
+from flexx2_sim_ros.truth.files import reason_of, TruthSource
+from flexx2_sim_ros.truth.gray import Gray, GrayFit, inside, white_fraction
+from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray
+from flexx2_sim_ros.truth.observation import Footage, grow, Observation
+from flexx2_sim_ros.truth.plane_finding import surface_around
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.printed import Printed, read_board
+from flexx2_sim_ros.truth.requests import BoardRequest
+from flexx2_sim_ros.truth.run import Run
+from flexx2_sim_ros.truth.shared import MOST_BIAS
+from flexx2_sim_ros.truth.target import Target
+from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, without_hidden, Written
+import numpy as np
+
+_MOST_METRES, _MOST_DEGREES = 0.01, 2.0  # standard deviation of the plane
+_LEAST_FITTING = 0.5
+_TRIED = 4  # recordings that tell which of two boards it is. ASSUMED
+# A depth error that grows with distance by more than this fraction is no offset. Prints that were
+# scaled to fit the page are off by 3 to 6 %; a calibrated camera's scale is right to 0.5 %.
+_MOST_SCALE = 0.02
+_LEAST_SPREAD = 0.2  # metres between the nearest and the farthest board that distinguish the two
+_FITS, _FITS_NOISE = 0.05, 3.0  # metres and standard deviations of the residual, as for a scan
+_BORDER = 2  # pixels
+_ELSEWHERE = 0.5  # reflectivity where it is unknown
+
+
+@dataclass(frozen=True)
+class BoardJob:
+    """A recording, the settings of the run, and the board to find."""
+
+    request: BoardRequest
+    path: Path
+    target: Target | Printed
+
+
+@dataclass(frozen=True)
+class BoardPoses:
+    """
+    The poses of the camera relative to the board in a recording.
+
+    Attributes
+    ----------
+    moving : bool
+    poses : tuple
+        Poses of the camera in the frame of the board, as `Pose.numbers`: one for a still
+        recording, one for each frame of a moving one; None where the board is not found.
+    covariances : tuple
+        (6, 6) covariances of the motions of those that are found.
+    blur, contrast : float
+        Medians of these values of `GrayFit`.
+    reason : str
+        Why the board is not found; empty if it is found in a frame.
+
+    """
+
+    moving: bool
+    poses: tuple[tuple[float, ...] | None, ...]
+    covariances: tuple[np.ndarray, ...]
+    blur: float
+    contrast: float
+    reason: str
+
+
+def place_board(job: BoardJob) -> BoardPoses:
+    """Find the board in a recording, or the reason why it is not found."""
+    try:
+        return _search(job)
+    except InputError as error:  # The others can be used.
+        return _placed(False, [reason_of(error, job.path)])
+
+
+def _search(job: BoardJob) -> BoardPoses:
+    footage = job.request.footage(job.path)
+    reader, moving, rays = footage.reader, footage.moving, footage.still.rays
+    if not has_gray(reader):
+        return _placed(moving, ['it has no gray image (amplitude)'])
+    if not has_gray(reader, moving):
+        return _placed(moving, ['it has one gray image for all frames, but moves'])
+    found: list[GrayFit | str] = []
+    before = None
+    for image in gray_images(reader, moving):
+        fit = find_board(job.target, Gray(image, rays), job.request.lens_error, before)
+        found.append(fit)
+        before = None if isinstance(fit, str) else fit
+    return _placed(moving, found)
+
+
+def _placed(moving: bool, found: Sequence[GrayFit | str]) -> BoardPoses:
+    fits = [fit for fit in found if isinstance(fit, GrayFit)]
+    reasons = [fit for fit in found if isinstance(fit, str)]
+    return BoardPoses(
+        moving,
+        tuple(None if isinstance(fit, str) else tuple(fit.pose.numbers()) for fit in found),
+        tuple(fit.covariance for fit in fits),
+        float(np.median([fit.blur for fit in fits])) if fits else 0.0,
+        float(np.median([fit.contrast for fit in fits])) if fits else 0.0,
+        '' if fits else max(set(reasons), key=reasons.count),
+    )
+
+
+@dataclass(frozen=True)
+class _OnBoard:
+    # How well depth agrees with the board in the first frame that shows it: the pose, median clean
+    # depth, median of measured minus clean depth (metres; NaN without valid pixels), the fraction
+    # of known pixels near that, and the standard deviation of the plane (metres along its normal,
+    # degrees about its worse axis).
+    pose: tuple[float, ...]
+    distance: float
+    difference: float
+    fitting: float
+    deviation: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class BoardSurfaces:
+    """A board as a recording shows it; see `Surfaces`."""
+
+    job: BoardJob
+    placed: BoardPoses
+
+    @property
+    def moving(self) -> bool:
+        """Return whether the camera moved."""
+        return self.placed.moving
+
+    def at(self, footage: Footage, number: int) -> None:
+        """Return nothing: the reflectivity of a board is known."""
+
+    def truth(self, footage: Footage) -> GroundTruth:
+        """Return the board in each frame, or in the median of a still recording."""
+        frames = map(footage.observe, footage.frames()) if self.moving else [footage.still]
+        cleans = []
+        shown: list[tuple[int, Observation, Clean, Pose]] = []
+        for number, (image, numbers) in enumerate(zip(frames, self.placed.poses, strict=True)):
+            if numbers is None:
+                nothing = unknown(image)
+                cleans.append(replace(nothing, reflectivity=nothing.depth))
+                continue
+            pose = Pose.from_numbers(np.array(numbers))
+            clean = self._clean(image, pose)
+            cleans.append(without_hidden(clean, image))
+            if not shown:
+                shown.append((number, image, clean, pose))
+        (number, image, clean, pose), *_ = shown
+        covariance = np.asarray(np.mean(self.placed.covariances, axis=0))
+        known = cleans[number].known
+        known = known if known.any() else clean.known
+        points = image.directions[known] * clean.depth[known, None]
+        plane = plane_covariance(pose, covariance, points.mean(axis=0))
+        keys = {'pose_covariance': covariance}
+        if not self.moving:
+            keys['plane'] = cleans[0].known.astype(np.uint8)
+            keys['plane_covariance'] = plane
+            keys['plane_names'] = np.array(['board'])
+        gray = next(islice(gray_images(footage.reader, self.moving), number, None))
+        found = _judged(image, clean, pose, plane)
+        return GroundTruth(cleans, image, keys, number, gray, found)
+
+    def _clean(self, image: Observation, pose: Pose) -> Clean:
+        target, inverse = self.job.target, pose.R[2] / -pose.t[2]
+        seen = inside(target, pose, image.rays)
+        clean = render_plane(image, inverse, target.flatness, self.job.request.wall | seen)
+        if self.job.request.wall:
+            core = ~grow(~seen, _BORDER)
+            seen = core | surface_around(image, inverse, core & image.smooth)
+        part = np.where(grow(~seen, _BORDER), np.uint8(REFUSED), clean.part)
+        part[~seen] = OUTSIDE
+        # The ratio of black to white is measured in the gray image; white comes from the file.
+        gray = Gray(np.ones(image.depth.shape), image.rays)
+        white = white_fraction(target, gray, pose, self.placed.blur)
+        black = target.white * self.placed.contrast
+        mixed = np.where(np.isfinite(white), black + (target.white - black) * white, _ELSEWHERE)
+        return replace(clean, part=part, reflectivity=mixed.astype(np.float32))
+
+
+def _judged(image: Observation, clean: Clean, pose: Pose, plane: np.ndarray) -> _OnBoard:
+    known = clean.known
+    error = difference(clean, image)[known]
+    valid = np.isfinite(error)
+    middle = float(np.median(error[valid])) if valid.any() else float('nan')
+    near = np.abs(error - middle) < _FITS + _FITS_NOISE * image.sigma[known]
+    turn = np.sqrt(np.linalg.eigvalsh(plane[1:, 1:])[-1])
+    return _OnBoard(
+        tuple(pose.numbers()),
+        float(np.median(clean.depth[known])),
+        middle,
+        float(near.mean()),
+        (float(np.sqrt(plane[0, 0])), float(np.degrees(turn))),
+    )
+
+
+class BoardCampaign:
+    """Recordings of a board; see `Campaign`."""
+
+    kind, lit = 'board', False
+
+    def __init__(self, request: BoardRequest) -> None:
+        """Read the description of the board."""
+        self.request = request
+        self.kinds: Sequence[Target | Printed] = read_board(request.board).kinds
+        self.files: Sequence[Path] = (Path(request.board),)
+
+    def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
+        """Find the board in each recording."""
+        self.sources = sources
+        self.target = max(self.kinds, key=lambda kind: self._count(run, kind))
+        self.placed = self._placed(run, self.target, sources)
+        found = {
+            i: BoardSurfaces(self._job(source, self.target), one)
+            for i, (source, one) in enumerate(zip(sources, self.placed, strict=True))
+            if not one.reason
+        }
+        if not found:
+            raise InputError(f'{shown_path(sources[0].path)}: {self.placed[0].reason}')
+        return found
+
+    def _count(self, run: Run, target: Target | Printed) -> int:
+        # In how many of the first recordings it is found; these are not searched again.
+        if len(self.kinds) == 1:
+            return 0
+        return sum(not one.reason for one in self._placed(run, target, self.sources[:_TRIED]))
+
+    def _placed(
+        self, run: Run, target: Target | Printed, sources: Sequence[TruthSource]
+    ) -> list[BoardPoses]:
+        jobs, inputs = [self._job(one, target) for one in sources], [[one.path] for one in sources]
+        text = 'finding the board'
+        return run.each_once(text, (0.0, 0.7), place_board, jobs, inputs, (BoardPoses,))
+
+    def _job(self, source: TruthSource, target: Target | Printed) -> BoardJob:
+        return BoardJob(self.request.settings(), source.path, target)
+
+    def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
+        """Return where the board is in each recording, and how well depth agrees with it."""
+        self.scale = _scale([one.found for one in written.values()])
+        rows = []
+        for i, (source, one) in enumerate(zip(self.sources, self.placed, strict=True)):
+            row = source.row(
+                'refused',
+                [one.reason],
+                motion='moving' if one.moving else 'still',
+                frames=len(one.poses) if one.moving else 1,
+                fitting=0.0,
+            )
+            rows.append(row | _numbers(written[i], one, self.scale) if i in written else row)
+        return rows
+
+    def about(self) -> dict[str, Any]:
+        """Return what was known of the board."""
+        return {
+            'board': str(self.request.board),
+            'board_size_m': [self.target.width, self.target.height],
+            'lens_error': self.request.lens_error,
+            'reflectivity': {'kind': 'anchored', 'white': self.target.white},
+        }
+
+    def findings(self) -> dict[str, Any]:
+        """Return what the board cannot decide, and whether depth grows with distance."""
+        scale = {} if self.scale is None else {'depth_scale': round(self.scale, 5)}
+        return {'cannot_decide': never_decided(any(one.moving for one in self.placed)), **scale}
+
+
+def _numbers(written: Written, placed: BoardPoses, scale: float | None) -> dict[str, Any]:
+    board: _OnBoard = written.found
+    doubts = _doubts(board, scale)
+    valid = np.isfinite(board.difference)
+    return {
+        'verdict': 'doubtful' if doubts else 'used',
+        'reasons': [*doubts, *written.notes],
+        'frames_with_board': len(placed.covariances),
+        'fitting': round(board.fitting, 4),
+        'pose': [round(value, 6) for value in board.pose],
+        'pose_sigma_mm': round(board.deviation[0] * 1e3, 3),
+        'pose_sigma_deg': round(board.deviation[1], 4),
+        'distance_m': round(board.distance, 4),
+        **written.table(),
+        'blur_px': round(placed.blur, 3),
+        'black_to_white': round(placed.contrast, 4),
+        'residual_mm': round(board.difference * 1e3, 3) if valid else None,
+    }
+
+
+def _doubts(board: _OnBoard, scale: float | None) -> list[str]:
+    doubts = []
+    if board.deviation[0] > _MOST_METRES or board.deviation[1] > _MOST_DEGREES:
+        doubts.append(
+            f'its gray image does not hold the board: {board.deviation[0] * 1e3:.0f} mm and '
+            f'{board.deviation[1]:.1f} degrees; bring the board nearer or tilt it'
+        )
+    if board.fitting < _LEAST_FITTING:
+        doubts.append(f'only {board.fitting:.0%} of the board has depth on one plane')
+    if np.isfinite(board.difference) and abs(board.difference) > MOST_BIAS:
+        doubts.append(
+            f'measured depth is {board.difference * 1e3:+.0f} mm off the board, more than an '
+            'offset is: measure the rulers on the print; the lens can be wrong, too'
+        )
+    elif scale is not None and abs(scale) > _MOST_SCALE:
+        doubts.append(
+            f'measured depth grows by {scale:+.1%} of distance, which no offset does: measure the '
+            "rulers on the print; the lens or the depth's own scale can be wrong, too"
+        )
+    return doubts
+
+
+def _scale(boards: Sequence[_OnBoard]) -> float | None:
+    # The fraction of distance by which the difference between depth and board grows.
+    good = [board for board in boards if np.isfinite(board.difference)]
+    distance = np.array([board.distance for board in good])
+    if len(good) < 2 or np.ptp(distance) < _LEAST_SPREAD:
+        return None
+    slope, _ = np.polyfit(distance, [board.difference for board in good], 1)
+    return float(slope)

@@ -1,0 +1,313 @@
+"""Ground truth from planes of a room: find them in each recording, and move them to the tape."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_planes
+from flexx2_sim_ros.truth.clean import Clean, KNOWN, OUTSIDE, render_plane, unknown
+from flexx2_sim_ros.truth.files import reason_of, TruthSource
+from flexx2_sim_ros.truth.observation import Footage, Observation
+from flexx2_sim_ros.truth.plane_constraints import (
+    Constraints,
+    contradiction,
+    doubts_of,
+    PlacedPlanes,
+    settle,
+    turned,
+    turns,
+)
+from flexx2_sim_ros.truth.plane_file import PlaneFile, PlaneHint, read_planes
+from flexx2_sim_ros.truth.plane_finding import find_planes, ImagePlane
+from flexx2_sim_ros.truth.requests import PlaneRequest, TruthRequest
+from flexx2_sim_ros.truth.run import Run
+from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
+import numpy as np
+
+_FRONTAL = 20.0  # degrees between the normal and the optical axis
+
+
+@dataclass(frozen=True)
+class PlaneJob:
+    """
+    Planes to find in a recording.
+
+    Attributes
+    ----------
+    request : PlaneRequest
+        The settings of the run.
+    path : pathlib.Path
+        The recording.
+    hints : tuple of PlaneHint
+        The planes in it.
+    plan : PlaneFile
+        The file that they are from.
+
+    """
+
+    request: PlaneRequest
+    path: Path
+    hints: tuple[PlaneHint, ...]
+    plan: PlaneFile
+
+
+@dataclass(frozen=True)
+class Judged:
+    """
+    Whether a recording's planes can be trusted.
+
+    Attributes
+    ----------
+    state : str
+        ``used``, ``doubtful`` or ``refused``.
+    reasons : tuple of str
+        Why the recording is doubtful or refused, and notes on missing measurements.
+    surfaces : tuple of ImagePlane
+        The planes as fitted to the recording; none if it is refused.
+    placed : PlacedPlanes or None
+        The planes moved to the measurements.
+    covariance : numpy.ndarray or None
+        (3 P, 3 P) covariance, as in recordings.
+    taped : tuple of bool
+        Of which of them a distance was measured.
+    square : bool
+        Whether an angle between two of them was measured.
+
+    """
+
+    state: str
+    reasons: tuple[str, ...]
+    surfaces: tuple[ImagePlane, ...] = ()
+    placed: PlacedPlanes | None = None
+    covariance: np.ndarray | None = None
+    taped: tuple[bool, ...] = ()
+    square: bool = False
+
+    @property
+    def frontal(self) -> float:
+        """Return the angle between optical axis and normal of the only plane, degrees; or inf."""
+        if self.placed is None or len(self.surfaces) > 1:
+            return float('inf')
+        return float(np.degrees(np.arccos(np.clip(self.placed.normals[0, 2], -1, 1))))
+
+    def table(self) -> list[dict[str, Any]]:
+        """Return the planes for ``truth.yaml``."""
+        if self.placed is None or self.covariance is None:
+            return []
+        placed, spread = self.placed, np.sqrt(np.diag(self.covariance))
+        distances = placed.distance_deviations(self.covariance)
+        return [
+            {
+                'name': surface.name,
+                'distance_m': round(float(placed.distances[k]), 5),
+                'normal': [round(float(value), 5) for value in placed.normals[k]],
+                'sigma_mm': round(float(distances[k]) * 1e3, 2),
+                'sigma_deg': round(float(np.degrees(spread[3 * k + 1 : 3 * k + 3].max())), 3),
+                'residual_mm': _off(surface, placed, k) if told else None,
+                'bend_mm': round(surface.bend * 1e3, 2),
+            }
+            for k, (surface, told) in enumerate(zip(self.surfaces, self.taped, strict=True))
+        ]
+
+
+def _off(surface: ImagePlane, placed: PlacedPlanes, k: int) -> float:
+    return round((surface.distance - float(placed.distances[k])) * 1e3, 2)
+
+
+def place_planes(job: PlaneJob) -> Judged:
+    """Find the planes of a recording and move them to the measurements."""
+    try:
+        footage = job.request.footage(job.path)
+    except InputError as error:  # The others can be used.
+        return Judged('refused', (reason_of(error, job.path),))
+    if footage.moving:
+        return Judged('refused', ('the camera moves; planes need one that stands still',))
+    surfaces = find_planes(footage.still, job.hints)
+    names = [surface.name for surface in surfaces]
+    missing = [hint for hint in job.hints if hint.name not in names]
+    for hint in missing:
+        if hint.box or hint.outline:
+            return Judged('refused', (f'{hint.name}: no plane is found where the file says',))
+    if not surfaces:
+        return Judged('refused', ('no plane is found in it',))
+    constraints = _constraints(job, names)
+    reason = turned(surfaces, constraints)
+    if reason:
+        return Judged('refused', (reason,))
+    placed, covariance = settle(_fitted(surfaces, footage.still), constraints)
+    reason = contradiction(placed, constraints)
+    if reason:
+        return Judged('refused', (reason,))
+    doubts = doubts_of(surfaces, constraints)
+    notes = turns(surfaces, constraints)
+    notes += [f'{hint.name}: not found' for hint in missing]
+    notes += [note for surface in surfaces for note in surface.notes()]
+    return Judged(
+        'doubtful' if doubts else 'used',
+        tuple(doubts + notes),
+        tuple(surfaces),
+        placed,
+        covariance,
+        tuple(told is not None for told in constraints.distances),
+        bool(constraints.angles),
+    )
+
+
+def _constraints(job: PlaneJob, names: list[str]) -> Constraints:
+    told = {hint.name: hint.distance for hint in job.hints}
+    angles = tuple(a for a in job.plan.angles if a.first in names and a.second in names)
+    return Constraints(tuple(names), tuple(told[name] for name in names), angles, job.plan.origin)
+
+
+def _fitted(surfaces: list[ImagePlane], image: Observation) -> PlacedPlanes:
+    pivots = []
+    for surface in surfaces:
+        rays = image.directions[surface.mask]
+        pivots.append((rays / (rays @ surface.inverse)[:, None]).mean(axis=0))
+    return PlacedPlanes(
+        np.stack([surface.normal for surface in surfaces]),
+        np.array([surface.distance for surface in surfaces]),
+        np.stack(pivots),
+    )
+
+
+@dataclass(frozen=True)
+class PlaneSurfaces:
+    """The planes of a recording; see `Surfaces`."""
+
+    job: PlaneJob
+    found: Judged
+    moving = False
+
+    def at(self, footage: Footage, number: int) -> Clean:
+        """Return the planes as the image shows them."""
+        return self._render(footage.still)[0]
+
+    def truth(self, footage: Footage) -> GroundTruth:
+        """Return the planes of the one image; its plane of each pixel, and their covariance."""
+        clean, plane = self._render(footage.still)
+        assert self.found.covariance is not None
+        keys = {
+            'plane': plane,
+            'plane_covariance': self.found.covariance,
+            'plane_names': np.array([surface.name for surface in self.found.surfaces]),
+        }
+        return GroundTruth([clean], footage.still, keys)
+
+    def _render(self, image: Observation) -> tuple[Clean, np.ndarray]:
+        # Pixels outside the planes are unknown.
+        placed = self.found.placed
+        assert placed is not None
+        out, plane = unknown(image), np.zeros(image.depth.shape, np.uint8)
+        flat = {hint.name: hint.flat for hint in self.job.hints}
+        for k, surface in enumerate(self.found.surfaces):
+            told, mask = flat[surface.name], surface.mask
+            error = self.job.request.room_error if told is None else told
+            one = render_plane(image, placed.normals[k] / placed.distances[k], error, mask)
+            for name in ('depth', 'incidence', 'sigma'):
+                getattr(out, name)[mask] = getattr(one, name)[mask]
+            plane[mask] = k + 1
+            new = (surface.part != OUTSIDE) & (out.part != KNOWN)
+            out.part[new] = surface.part[new]
+        return out, plane
+
+
+class PlaneCampaign:
+    """Recordings of planes; see `Campaign`."""
+
+    kind, lit = 'planes', True
+
+    def __init__(self, request: PlaneRequest) -> None:
+        """Read the file of the planes."""
+        self.request, self.plan = request, read_planes(request.planes)
+        self.files: Sequence[Path] = (request.planes,)
+
+    def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
+        """Find the planes in each recording."""
+        self.sources, settings = sources, self.request.settings()
+        jobs = [
+            PlaneJob(settings, one.path, self.plan.seen_in(one.target.stem), self.plan)
+            for one in sources
+        ]
+        kinds = Judged, ImagePlane, PlacedPlanes
+        inputs = [[one.path] for one in sources]
+        self.found: list[Judged] = run.each_once(
+            'finding planes', (0.0, 0.7), place_planes, jobs, inputs, kinds
+        )
+        if not any(one.surfaces for one in self.found):
+            raise InputError(f'{shown_path(sources[0].path)}: {self.found[0].reasons[0]}')
+        return {
+            i: PlaneSurfaces(job, one)
+            for i, (job, one) in enumerate(zip(jobs, self.found, strict=True))
+            if one.surfaces
+        }
+
+    def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
+        """Return what was found in each recording; what contradicts a plane is counted there."""
+        return [
+            source.row(one.state, one.reasons)
+            | ({**written[i].table(), 'planes': one.table()} if i in written else {})
+            for i, (source, one) in enumerate(zip(self.sources, self.found, strict=True))
+        ]
+
+    def about(self) -> dict[str, Any]:
+        """Return what was known of the planes."""
+        return {
+            'planes': str(self.request.planes),
+            'origin_m': list(self.plan.origin),
+            'room_error_mm': self.request.room_error * 1e3,
+        }
+
+    def findings(self) -> dict[str, Any]:
+        """Return what the planes cannot decide, and what they hide."""
+        absent = sorted(set(self.plan.changes) - {one.target.stem for one in self.sources})
+        taped = all(any(one.taped) for one in self.found if one.surfaces)
+        return {
+            **({'not_given': absent} if absent else {}),
+            'cannot_decide': _cannot_decide(self.found),
+            'absorbed': absorbed('tape' if taped else 'planes'),
+        }
+
+
+def asked_for(request: TruthRequest) -> str:
+    """
+    Return what should be measured before the work, and what is not decided without; or nothing.
+
+    It is the distance of planes.
+
+    Raises
+    ------
+    InputError
+        When the file of the planes cannot be used.
+
+    """
+    if not isinstance(request, PlaneRequest):
+        return ''
+    plan = read_planes(request.planes)
+    changed = [hint for rows in plan.changes.values() for hint in rows.values()]
+    if any(hint is not None and hint.distance for hint in (*plan.planes, *changed)):
+        return ''
+    _, *rows = hidden_by_planes(False, bool(plan.angles))
+    return (
+        f'{shown_path(request.planes)}: no plane has a distance. Measure that of each plane from '
+        'the camera, and write for example "distance: 1.20 +- 0.003". Without it '
+        f'{", ".join(row["effect"] for row in rows)} cannot be decided'
+    )
+
+
+def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, Any]]:
+    # The diagnosis computes others for each recording.
+    found = [one for one in judged if one.surfaces]
+    taped = any(any(one.taped) for one in found)
+    out = hidden_by_planes(taped, any(one.square for one in found))
+    if all(one.frontal < _FRONTAL for one in found):
+        out.append(
+            {
+                'effect': 'wiggling',
+                'reason': 'all recordings show one wall from the front; views tilted by 40 '
+                'degrees, and the distance of each, would decide it',
+            }
+        )
+    return out
