@@ -99,12 +99,12 @@ def test_only_loop_keeps_what_is_compiled() -> None:
 # Lines of Python in each room, in hundreds, and files below 60 lines. A commit that needs more
 # raises its number and says why; one that needs less lowers it.
 BUDGETS = {
-    'base': 21, 'batch': 73, 'camera': 11, 'characterize': 51, 'cli': 47, 'consumers': 13,
+    'base': 21, 'batch': 65, 'camera': 11, 'characterize': 51, 'cli': 47, 'consumers': 13,
     'effects': 64, 'export': 9, 'formulas': 8, 'gap': 229, 'messages': 6, 'nodes': 57,
     'physics': 17, 'processing': 7, 'profiles': 15, 'recording': 56, 'rendering': 12, 'robots': 19,
     'truth': 90, 'view': 13, 'walking': 12,
 }  # fmt: skip
-SMALL_FILES = 42
+SMALL_FILES = 41
 
 
 def test_the_house_stays_small() -> None:
