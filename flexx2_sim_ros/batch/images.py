@@ -6,7 +6,7 @@ from functools import cached_property
 import math
 from typing import Any
 
-from flexx2_sim_ros.batch import edge_kernels, kernels, observe_kernels
+from flexx2_sim_ros.batch import edge_kernels, kernels
 from flexx2_sim_ros.batch.arrays import PIXELS_A_THREAD
 from flexx2_sim_ros.batch.effect_tables import Effects, effects_row, Light, light_row, noise_row
 from flexx2_sim_ros.batch.frame import BORDER, Frame, Lens, Noise, SPREAD
@@ -233,7 +233,7 @@ class Images:
             None if outside is None else wp.array(outside.ravel(), dtype=wp.bool, device=device)
         )
         # Not while a graph is captured.
-        for module in (kernels, edge_kernels, observe_kernels):
+        for module in (kernels, edge_kernels):
             wp.load_module(module, device=device)
 
     @cached_property
@@ -306,16 +306,16 @@ class Images:
 
     def draw_normals(self) -> None:
         """Draw the axial noise's normals."""
-        self.each_block(observe_kernels.draw_normals)
+        self.each_block(kernels.draw_normals)
 
     def observe(self) -> None:
         """Write the frames, after `find_surfaces` and `move_edges`."""
         if self.lists:
-            launch(observe_kernels.observe_blocks, (self.count, self.blocks), self.frame)
+            launch(kernels.observe_blocks, (self.count, self.blocks), self.frame)
         else:
             self.draw_normals()
-            self.each_pixel(observe_kernels.observe_rows)
-            self.each_listed(observe_kernels.observe_moved)
+            self.each_pixel(kernels.observe_rows)
+            self.each_listed(kernels.observe_moved)
 
     def blank_outside(self, out: wp.array) -> None:
         """Blank all environments' (N * H * W,) float32 frames outside of the valid region."""
@@ -328,7 +328,7 @@ class Images:
     def _blank(self, count: int, invalid: float, out: wp.array) -> None:
         if self._outside is not None:
             threads = (count, self._outside.size)
-            launch(observe_kernels.blank_outside, threads, self._outside, invalid, out)
+            launch(kernels.blank_outside, threads, self._outside, invalid, out)
 
 
 def launch(kernel: Any, threads: Any, *values: Any) -> None:

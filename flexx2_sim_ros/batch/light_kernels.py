@@ -1,25 +1,38 @@
-"""The light of each pixel, as Warp kernels."""
+"""What effects do to the light, shift and noise of each pixel's own surface, as Warp kernels."""
 
 from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
+from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import (
     agreed,
+    draw_four,
     mix_neighbours,
     near_jump,
     reflectivity_at,
     returned_light,
 )
 from flexx2_sim_ros.batch.frame import (
+    blocks_of,
     Frame,
     of_frequencies,
     of_listed,
     of_pixels,
     OPTIONS,
     Own,
+    own_of,
     padded,
     place,
     Surfaces,
 )
-from flexx2_sim_ros.batch.kernels import add_to_list
+from flexx2_sim_ros.batch.kernels import add_to_list, distance
+from flexx2_sim_ros.effects import (
+    ambient_light,
+    amplitude_bias,
+    excess_noise,
+    heavy_tails,
+    warm_up_drift,
+    wiggling,
+)
+from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
 
 wp.set_module_options(OPTIONS)
@@ -32,6 +45,18 @@ def find_light(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
     rho = reflectivity_at(f.surfaces, n, y, x)
     inverse = at(f.surfaces.p, padded(f.lens, n, y, x))
     put(f.amplitude, i, returned_light(rho, at(f.facing, i), inverse))
+
+
+_TAILS = wp.constant(wp.uint32(heavy_tails.HeavyTails.stream))
+_PER_NANOSECOND = wp.constant(wp.float32(1e-9))
+
+_harmonics = compiled(wiggling.harmonics)
+_dark_bias = compiled(amplitude_bias.dark_bias)
+_drift = compiled(warm_up_drift.drift)
+_scaled_noise = compiled(excess_noise.scaled_noise)
+_with_tails = compiled(heavy_tails.with_tails)
+_with_shot_noise = compiled(ambient_light.with_shot_noise)
+_surface_factor = compiled(surface_formulas.surface_factor)
 
 
 @of_frequencies()
@@ -98,3 +123,107 @@ def list_mixed(f: Frame):
 def mix_listed(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
     """Write the light of the footprints of the listed pixels. For CUDA: none waits for others."""
     mix(f, own, n, y, x)
+
+
+@of_pixels()
+def scale_by_surface(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
+    """Scale sigma_z by a factor that depends on each pixel's reflectivity."""
+    i = place(f.lens, n, y, x)
+    factor = _surface_factor(
+        reflectivity_at(f.surfaces, n, y, x),
+        at(f.facing, i),
+        at(f.surfaces.p, padded(f.lens, n, y, x)),
+        own.surface_noise[0],
+        own.surface_noise[1],
+        own.surface_noise[2],
+    )
+    put(f.expected, i, at(f.expected, i) * factor)
+
+
+@wp.func
+def _wiggles(f: Frame, own: Own) -> wp.bool:
+    return own.effects.wiggling_strength > 0.0
+
+
+@of_frequencies(when=_wiggles)
+def wiggle(f: Frame, own: Own, k: wp.int32, n: wp.int32, y: wp.int32, x: wp.int32):
+    """Add the harmonics of the modulation: the effect wiggling."""
+    e = own.effects
+    i = k * f.pitch + place(f.lens, n, y, x)
+    shift = at(f.shifts, i)
+    z = distance(at(f.surfaces.p, padded(f.lens, n, y, x)), 0.0)
+    harmonics = _harmonics(
+        own.turns * (z + shift),
+        e.wiggling_a1,
+        e.wiggling_b1,
+        e.wiggling_a2,
+        e.wiggling_b2,
+        e.wiggling_a3,
+        e.wiggling_b3,
+        e.wiggling_a4,
+        e.wiggling_b4,
+    )
+    put(f.shifts, i, shift + harmonics)
+
+
+@of_frequencies()
+def shift_alike(f: Frame, own: Own, k: wp.int32, n: wp.int32, y: wp.int32, x: wp.int32):
+    """Add the shift that all frequencies have in common."""
+    e = own.effects
+    pixel = place(f.lens, n, y, x)
+    i = k * f.pitch + pixel
+    same = wp.float32(e.offset_bias)
+    if e.warm_up_drift_strength > 0.0:
+        elapsed = wp.float32(own.elapsed) * _PER_NANOSECOND
+        same += _drift(elapsed, e.warm_up_drift_bias, e.warm_up_drift_tau, e.warm_up_drift_uptime)
+    shift = at(f.shifts, i) + same
+    if e.fixed_pattern_rms > 0.0:
+        shift += e.fixed_pattern_rms * at(f.grain, place(f.lens, own.env, y, x))
+    if e.amplitude_bias_strength > 0.0:
+        shift += _dark_bias(
+            at(f.amplitude, pixel),
+            e.amplitude_bias_intercept,
+            e.amplitude_bias_slope,
+            e.amplitude_bias_log_knee,
+            e.amplitude_bias_span,
+        )
+    put(f.shifts, i, shift)
+
+
+@of_pixels()
+def change_noise(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
+    """Change sigma_z: the effects excess_noise and ambient_light."""
+    e = own.effects
+    i = place(f.lens, n, y, x)
+    sigma = at(f.expected, i)
+    if e.excess_noise_strength > 0.0:
+        sigma = _scaled_noise(sigma, e.excess_noise_factor)
+    if e.ambient_light_strength > 0.0:
+        sigma = _with_shot_noise(
+            sigma,
+            at(f.amplitude, i),
+            reflectivity_at(f.surfaces, n, y, x),
+            e.ambient_light_k,
+            e.ambient_light_reflected,
+        )
+    put(f.expected, i, sigma)
+
+
+@wp.kernel
+def widen_tails(f: Frame, chunk: wp.int32):
+    """Change normals, ``chunk`` blocks of four a thread: the effect heavy_tails."""
+    n, c = wp.tid()
+    own = own_of(f, n)
+    share = own.effects.heavy_tails_share
+    width = own.effects.heavy_tails_width
+    if share <= 0.0:
+        return
+    blocks = blocks_of(f.lens.height * f.lens.width)
+    block = c * chunk
+    end = wp.min(block + chunk, blocks)
+    while block < end:
+        chances = draw_four(block, _TAILS, own.stamp, own.key)
+        for k in range(4):
+            i = 4 * (n * blocks + block) + k
+            put(f.normals, i, _with_tails(at(f.normals, i), chances[k], share, width))
+        block += 1

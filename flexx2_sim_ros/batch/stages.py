@@ -3,14 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from flexx2_sim_ros.batch import (
-    dropout_kernels,
-    effect_kernels,
-    grain_kernels,
-    kernels,
-    motion,
-    shift_kernels,
-)
+from flexx2_sim_ros.batch import effect_kernels, grain_kernels, kernels, light_kernels, motion
 from flexx2_sim_ros.batch.geometry import SceneGeometry
 from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.batch.light import PixelLight
@@ -66,8 +59,7 @@ class BatchStages:
         self._light = PixelLight(effects, profile, images, device)
         if 'motion_artefact' in self._names:
             motion.prepare(images, num_envs, device)
-        for module in (dropout_kernels, effect_kernels, shift_kernels):
-            wp.load_module(module, device=device)
+        wp.load_module(effect_kernels, device=device)
         if 'fixed_pattern' in self._names:
             self._make_grain(num_envs)
 
@@ -80,7 +72,7 @@ class BatchStages:
         )
         sizes['kept'] = kept if 'temporal_filter' in self._names else 0
         sizes['grain'] = kept if 'fixed_pattern' in self._names else 0
-        loses = self._names & dropout_kernels.LOSES.keys()
+        loses = self._names & effect_kernels.LOSES.keys()
         sizes['chances'] = 4 * images.most * images.blocks if loses else 0
         for name, size in sizes.items():
             setattr(frame, name, wp.zeros(size, dtype=wp.float32, device=device))
@@ -106,19 +98,19 @@ class BatchStages:
         images.each_pixel(kernels.describe)
         self._light.find()
         if self._depends_on_surfaces and images.frame.surfaces.reflectivity.size:
-            images.each_pixel(shift_kernels.scale_by_surface)
+            images.each_pixel(light_kernels.scale_by_surface)
         # What effects add to the light and the noise of each pixel's own surface:
         if 'motion_artefact' in names:
             motion.shift(images)
         if 'wiggling' in names:
-            images.each_pixel(shift_kernels.wiggle)
+            images.each_pixel(light_kernels.wiggle)
         if names & _SHIFTS_ALIKE:
-            images.each_pixel(shift_kernels.shift_alike)
+            images.each_pixel(light_kernels.shift_alike)
         if names & _CHANGES_NOISE:
-            images.each_pixel(shift_kernels.change_noise)
+            images.each_pixel(light_kernels.change_noise)
         images.draw_normals()
         if 'heavy_tails' in names:
-            images.each_block(shift_kernels.widen_tails)
+            images.each_block(light_kernels.widen_tails)
         images.each_pixel(effect_kernels.measure)
         # And to what each pixel sees:
         if 'spatial_filter' in names:
@@ -127,7 +119,7 @@ class BatchStages:
         if 'temporal_filter' in names:
             images.each_pixel(effect_kernels.filter_in_time)
         images.each_pixel(effect_kernels.finish)
-        for name, lose in dropout_kernels.LOSES.items():
+        for name, lose in effect_kernels.LOSES.items():
             if name in names:
                 images.each_pixel(lose)
 
