@@ -11,14 +11,14 @@ from batches import DEVICES, look, scenes, WAYS
 from boards import board, edge_sigma, K, mean_kl
 from flexx2_sim_ros.batch import (
     BatchCamera,
-    bounce_kernels,
+    bounce,
     DepthNoise,
     edge_kernels,
     geometry_kernels,
     history_kernels,
     images,
     kernels,
-    scatter_kernels,
+    scatter,
     timing_kernels,
 )
 from flexx2_sim_ros.batch.effect_tables import BATCHED
@@ -327,15 +327,7 @@ def test_calls_are_in_the_order_of_torchs_stream() -> None:
 
 @pytest.mark.parametrize(
     'module',
-    [
-        kernels,
-        edge_kernels,
-        geometry_kernels,
-        history_kernels,
-        timing_kernels,
-        bounce_kernels,
-        scatter_kernels,
-    ],
+    [kernels, edge_kernels, geometry_kernels, history_kernels, timing_kernels, bounce, scatter],
 )
 def test_kernels_compile_for_cuda(module: object, tmp_path: Path) -> None:
     """Without a GPU this is all that can be said; effect_kernels takes 5 s and is left out."""

@@ -12,7 +12,6 @@ from flexx2_sim_ros.batch.host import HostCameras, without_kernel, write_frames
 from flexx2_sim_ros.batch.images import Images, MOST_PIXELS, period_ns, Rows
 from flexx2_sim_ros.batch.pickling import reduced
 from flexx2_sim_ros.batch.stages import BatchStages
-from flexx2_sim_ros.batch.surface_kernels import depends_on_surfaces
 from flexx2_sim_ros.batch.timing import FrameTiming
 from flexx2_sim_ros.camera import Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects import Effect, Randomisation
@@ -324,19 +323,21 @@ class BatchCamera:
     ) -> None:
         # Slower, with noise by reflectivity; the same in all modes, since graphs are captured.
         with_stages = self._has_effects or (
-            reflectivity is not None and depends_on_surfaces(self.profile.modes)
+            reflectivity is not None
+            and any(mode.noise.surfaces is not None for mode in self.profile.modes)
         )
         stages = self._stages_for(images) if with_stages else None
         if stages is not None:
             stages.begin(reflectivity is not None)
-        for first in range(0, self.num_envs, images.count):
-            count = min(images.count, self.num_envs - first)
+        for first in range(0, self.num_envs, images.most):
+            images.begin(first, reflectivity, out)
             if stages is not None:
-                stages.observe(depth, reflectivity, first, count, out)
+                stages.observe(depth)
             else:
-                images.find_surfaces(depth, first, count)
-                images.move_edges(first, count, self._rows)
-                images.observe(first, count, self._rows, out)
+                images.find_surfaces(depth, first)
+                images.move_edges()
+                images.observe()
+        images.end()
 
     def _stages_for(self, images: Images) -> BatchStages:
         if self._stages is None or self._stages.images is not images:
@@ -348,7 +349,6 @@ class BatchCamera:
                 self._rows,
                 self._intrinsics(images.height, images.width),
             )
-            self._stages.set_modes(self._modes)
         return self._stages
 
     def _give(self, drawn: DrawnCameras | None) -> None:
@@ -367,10 +367,8 @@ class BatchCamera:
 
     def _set(self, modes: list[Mode], effects: list[tuple[Effect, ...]]) -> None:
         wp.synchronize_device(self.device)  # Frames may be in the making, on another stream.
-        self._rows.set_modes(modes, effects)
+        self._rows.set_modes(modes, effects, self.profile)
         self._modes, self._effects = modes, effects
-        if self._stages is not None:
-            self._stages.set_modes(modes)
         if self._host is not None:
             self._host.set_modes(modes)
         wp.synchronize_device(self.device)
@@ -382,13 +380,8 @@ class BatchCamera:
                     f'depth: must have at most {MOST_PIXELS} pixels in all, got '
                     f'{self.num_envs} x {height} x {width} pixels'
                 )
-            self._images = Images(
-                self.num_envs,
-                self._intrinsics(height, width),
-                self.profile,
-                self._invalid,
-                self.device,
-            )
+            lens = self._intrinsics(height, width)
+            self._images = Images(self._rows, lens, self.profile, self._invalid)
             wp.synchronize_device(self.device)  # Frames may be made on another stream.
         self._timing.keep(self._longest_ns, self._shortest_ns, self._images, steps)
         return self._images

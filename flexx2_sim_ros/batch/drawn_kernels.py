@@ -1,7 +1,7 @@
 """Drawing a camera for an environment, as Warp kernels."""
 
 from flexx2_sim_ros.batch.effect_tables import Effects
-from flexx2_sim_ros.batch.kernels import OPTIONS
+from flexx2_sim_ros.batch.frame import OPTIONS
 import warp as wp
 
 wp.set_module_options(OPTIONS)

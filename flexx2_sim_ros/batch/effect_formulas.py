@@ -5,8 +5,9 @@ import math
 from flexx2_sim_ros.batch.arithmetic import counter_of, four_normals, one_of, philox4x32, uniform
 from flexx2_sim_ros.batch.arrays import at, at_byte
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.batch.effect_tables import Effects, Light
-from flexx2_sim_ros.batch.kernels import cos_incidence, Lens, Noise, padded
+from flexx2_sim_ros.batch.effect_tables import Light
+from flexx2_sim_ros.batch.frame import BORDER, Own, padded, place, Surfaces
+from flexx2_sim_ros.batch.kernels import cos_incidence
 from flexx2_sim_ros.effects import flying_pixels, range_wrap, unwrapping
 from flexx2_sim_ros.formulas import phases
 from flexx2_sim_ros.formulas import surfaces as surface_formulas
@@ -35,16 +36,6 @@ _agreed_shift = compiled(unwrapping.agreed_shift)
 _rewrapped = compiled(unwrapping.rewrapped)
 
 
-@wp.struct
-class Surfaces:
-    """Inverse depth and jumps of the environments of a pass, and their reflectivity."""
-
-    p: wp.array(dtype=wp.float32)
-    jumps: wp.array(dtype=wp.uint8)
-    reflectivity: wp.array(dtype=wp.float32)  # of the same pixels; empty: 1 everywhere
-    first_of_reflectivity: wp.int32
-
-
 @wp.func
 def draw_four(block: wp.int32, stream: wp.uint32, stamp: wp.int64, key: wp.vec2ui) -> wp.vec4f:
     """Return the random numbers of a stream, in (0, 1], of the four pixels from 4 * block on."""
@@ -68,44 +59,32 @@ def draw_normal(
 
 
 @wp.func
-def reflectivity_at(
-    surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32
-) -> wp.float32:
+def reflectivity_at(s: Surfaces, n: wp.int32, y: wp.int32, x: wp.int32) -> wp.float32:
     """Return a pixel's reflectivity, 0..1; 1 where none is given."""
     rho = wp.float32(1.0)
-    if surfaces.reflectivity.shape[0] > 0:
-        given = at(
-            surfaces.reflectivity,
-            ((surfaces.first_of_reflectivity + n) * lens.height + y) * lens.width + x,
-        )
+    if s.reflectivity.shape[0] > 0:
+        given = at(s.reflectivity, place(s.lens, s.first_of_reflectivity + n, y, x))
         rho = _usable_reflectivity(given)
     return rho
 
 
 @wp.func
-def amplitude_at(
-    surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32
-) -> wp.float32:
+def amplitude_at(s: Surfaces, n: wp.int32, y: wp.int32, x: wp.int32) -> wp.float32:
     """Return the light that comes back from a pixel's surface, 1/m^2."""
-    i = padded(lens, n, y, x)
-    inverse = at(surfaces.p, i)
-    return returned_light(
-        reflectivity_at(surfaces, lens, n, y, x),
-        cos_incidence(surfaces.p, surfaces.jumps, lens, i, y, x),
-        inverse,
-    )
+    rho = reflectivity_at(s, n, y, x)
+    return returned_light(rho, cos_incidence(s, n, y, x), at(s.p, padded(s.lens, n, y, x)))
 
 
 @wp.func
-def near_jump(surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32, x: wp.int32) -> wp.bool:
+def near_jump(s: Surfaces, n: wp.int32, y: wp.int32, x: wp.int32) -> wp.bool:
     """Say whether a depth jump lies within the 3 x 3 pixels around."""
     near = wp.bool(False)
-    i = padded(lens, n, y, x)
-    pitch = lens.width + 4
+    i = padded(s.lens, n, y, x)
+    pitch = s.lens.width + BORDER
     for k in range(3):
         for j in range(2):
-            across = at_byte(surfaces.jumps, i + (k - 1) * pitch + j - 1)
-            down = at_byte(surfaces.jumps, i + (j - 1) * pitch + k - 1)
+            across = at_byte(s.jumps, i + (k - 1) * pitch + j - 1)
+            down = at_byte(s.jumps, i + (j - 1) * pitch + k - 1)
             if (wp.int32(across) & 1) != 0 or (wp.int32(down) & 2) != 0:
                 near = True
     return near
@@ -113,8 +92,7 @@ def near_jump(surfaces: Surfaces, lens: Lens, n: wp.int32, y: wp.int32, x: wp.in
 
 @wp.func
 def border(
-    surfaces: Surfaces,
-    lens: Lens,
+    s: Surfaces,
     bit: wp.int32,
     stream: wp.uint32,
     key: wp.vec2ui,
@@ -123,33 +101,25 @@ def border(
     x: wp.int32,
 ) -> wp.float32:
     """Return where the border to the pixel on the right (bit 1) or below (bit 2) is, 0..1."""
-    jumps = (wp.int32(at_byte(surfaces.jumps, padded(lens, n, y, x))) & bit) != 0
-    return _border_place(draw(y * lens.width + x, stream, wp.int64(0), key), jumps)
+    jumps = (wp.int32(at_byte(s.jumps, padded(s.lens, n, y, x))) & bit) != 0
+    return _border_place(draw(y * s.lens.width + x, stream, wp.int64(0), key), jumps)
 
 
 @wp.func
 def parts(
-    surfaces: Surfaces,
-    lens: Lens,
-    side: wp.float32,
-    key: wp.vec2ui,
-    n: wp.int32,
-    y: wp.int32,
-    x: wp.int32,
+    s: Surfaces, side: wp.float32, key: wp.vec2ui, n: wp.int32, y: wp.int32, x: wp.int32
 ) -> wp.mat33f:
     """Return how much of a square footprint lies on each of the 3 x 3 pixels."""
     across = wp.vec3f()
     down = wp.vec3f()
     if x > 0:
-        place = border(surfaces, lens, 1, _ROW_PLACES, key, n, y, x - 1)
-        across[0] = _beyond_border(side, 1.0 - place)
-    if x + 1 < lens.width:
-        across[2] = _beyond_border(side, border(surfaces, lens, 1, _ROW_PLACES, key, n, y, x))
+        across[0] = _beyond_border(side, 1.0 - border(s, 1, _ROW_PLACES, key, n, y, x - 1))
+    if x + 1 < s.lens.width:
+        across[2] = _beyond_border(side, border(s, 1, _ROW_PLACES, key, n, y, x))
     if y > 0:
-        place = border(surfaces, lens, 2, _COLUMN_PLACES, key, n, y - 1, x)
-        down[0] = _beyond_border(side, 1.0 - place)
-    if y + 1 < lens.height:
-        down[2] = _beyond_border(side, border(surfaces, lens, 2, _COLUMN_PLACES, key, n, y, x))
+        down[0] = _beyond_border(side, 1.0 - border(s, 2, _COLUMN_PLACES, key, n, y - 1, x))
+    if y + 1 < s.lens.height:
+        down[2] = _beyond_border(side, border(s, 2, _COLUMN_PLACES, key, n, y, x))
     across[1] = 1.0 - across[0] - across[2]
     down[1] = 1.0 - down[0] - down[2]
     return wp.outer(down, across)
@@ -157,13 +127,7 @@ def parts(
 
 @wp.func
 def light_around(
-    surfaces: Surfaces,
-    lens: Lens,
-    turns: wp.float32,
-    weights: wp.mat33f,
-    n: wp.int32,
-    y: wp.int32,
-    x: wp.int32,
+    s: Surfaces, turns: wp.float32, weights: wp.mat33f, n: wp.int32, y: wp.int32, x: wp.int32
 ) -> wp.vec2f:
     """Return the mean phasor of the 3 x 3 pixels that have a return, by weight."""
     around = wp.vec3f()
@@ -172,18 +136,17 @@ def light_around(
         xx = x + k % 3 - 1
         weight = weights[k // 3, k % 3]
         if weight > 0.0:  # So it is within the image.
-            inverse = at(surfaces.p, padded(lens, n, yy, xx))
+            inverse = at(s.p, padded(s.lens, n, yy, xx))
             if inverse > 0.0:
                 cosine, sine = _direction(turns / inverse)
-                amplitude = amplitude_at(surfaces, lens, n, yy, xx)
+                amplitude = amplitude_at(s, n, yy, xx)
                 around += weight * wp.vec3f(amplitude * cosine, amplitude * sine, 1.0)
     return wp.vec2f(around[0], around[1]) / wp.max(around[2], _LEAST)
 
 
 @wp.func
 def mix_neighbours(
-    surfaces: Surfaces,
-    lens: Lens,
+    s: Surfaces,
     light: Light,
     side: wp.float32,
     key: wp.vec2ui,
@@ -193,15 +156,15 @@ def mix_neighbours(
 ) -> wp.vec4f:
     """Return the shift of each frequency, and the amplitude, of a footprint across an edge."""
     out = wp.vec4f()
-    z = 1.0 / at(surfaces.p, padded(lens, n, y, x))
-    weights = parts(surfaces, lens, side, key, n, y, x)
-    for f in range(3):
-        if f < light.frequencies:
-            turns = light.turns[f]
-            mixed = light_around(surfaces, lens, turns, weights, n, y, x)
+    z = 1.0 / at(s.p, padded(s.lens, n, y, x))
+    weights = parts(s, side, key, n, y, x)
+    for k in range(3):
+        if k < light.frequencies:
+            turns = light.turns[k]
+            mixed = light_around(s, turns, weights, n, y, x)
             cosine, sine = _direction(turns * z)
-            out[f] = _shift_between(mixed[0], mixed[1], cosine, sine, TURN * turns)
-            out[3] += light.weights[f] * wp.length(mixed)
+            out[k] = _shift_between(mixed[0], mixed[1], cosine, sine, TURN * turns)
+            out[3] += light.weights[k] * wp.length(mixed)
     return out
 
 
@@ -235,24 +198,22 @@ def agreed(light: Light, shifts: wp.vec3f, depth: wp.float32) -> wp.vec3f:
 
 @wp.func
 def unwrapped(
-    e: Effects,
-    light: Light,
+    own: Own,
     shifts: wp.vec3f,
     sigma: wp.float32,
     pixel: wp.int32,
     pixels: wp.int32,
-    stamp: wp.int64,
-    key: wp.vec2ui,
     here: wp.float32,
 ) -> wp.float32:
     """Return the measured depth after unwrapping, which noise can make wrong."""
-    spread = e.range_wrap_noise * sigma
+    light = own.light
+    spread = own.effects.range_wrap_noise * sigma
     out = here
     if light.frequencies > 1 and any_apart(light, shifts, spread):
         errors = wp.vec3f()
         for f in range(3):
             if f < light.frequencies:
-                normal = draw_normal(f * pixels + pixel, _WRAP, stamp, key)
+                normal = draw_normal(f * pixels + pixel, _WRAP, own.stamp, own.key)
                 errors[f] = _misread(shifts[f], light.spreads[f], spread, normal)
         if any_apart(light, errors, 0.0):
             out = here + _wrong_jump(
@@ -262,19 +223,10 @@ def unwrapped(
 
 
 @wp.func
-def wrapped(
-    e: Effects,
-    light: Light,
-    z: wp.float32,
-    noise: Noise,
-    pixel: wp.int32,
-    stamp: wp.int64,
-    key: wp.vec2ui,
-    here: wp.float32,
-) -> wp.float32:
+def wrapped(own: Own, z: wp.float32, pixel: wp.int32, here: wp.float32) -> wp.float32:
     """Return a measured depth modulo the ambiguity; NaN where the camera notices."""
     out = here
-    if _is_beyond(here, z, light.ambiguity, noise.range_max):
-        chance = draw(pixel, _WRAP_SHARE, stamp, key)
-        out = _folded(here, light.ambiguity, chance, e.range_wrap_share)
+    if _is_beyond(here, z, own.light.ambiguity, own.noise.range_max):
+        chance = draw(pixel, _WRAP_SHARE, own.stamp, own.key)
+        out = _folded(here, own.light.ambiguity, chance, own.effects.range_wrap_share)
     return out

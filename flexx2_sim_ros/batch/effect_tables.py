@@ -105,7 +105,7 @@ def effects_row(effects: Sequence[Effect]) -> np.ndarray:
 
 
 def noise_row(mode: Mode, effects: Sequence[Effect]) -> tuple[float, ...]:
-    """Return the row of an environment, of `kernels.Noise`, or raise `InputError`."""
+    """Return the row of an environment, of `frame.Noise`, or raise `InputError`."""
     check_frequencies(effects, mode)
     noise, edge_sigma, laplace = mode.noise, mode.noise.sigma_x, 0.0
     for effect in effects:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 from flexx2_sim_ros.batch import geometry_kernels
-from flexx2_sim_ros.batch.effect_formulas import Surfaces
 from flexx2_sim_ros.batch.history import each_with, FrameHistory
 from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.camera import Intrinsics, Profile
@@ -48,10 +47,9 @@ class SceneGeometry:
         device = rows.stamps.device
         self._images = images
         needs = {need for own in effects for effect in own for need in effect.batched or ()}
-        size = images.count * images.height * images.width
 
         def image() -> wp.array:
-            return wp.zeros(size, dtype=wp.float32, device=device)
+            return wp.zeros(images.pixels, dtype=wp.float32, device=device)
 
         # Each kernel with its parameters, and its own images of depth and reflectivity.
         self._steps: list[tuple[Any, tuple[Any, ...], wp.array, wp.array]] = []
@@ -64,51 +62,34 @@ class SceneGeometry:
         self._history = (
             FrameHistory(effects, latest_ns, profile, images, rows) if 'history' in needs else None
         )
-        self._nothing = wp.zeros(0, dtype=wp.float32, device=device)
         if self._steps:
             wp.load_module(geometry_kernels, device=device)
 
-    def begin(self, is_first: wp.array, with_reflectivity: bool) -> None:
+    def begin(self, with_reflectivity: bool) -> None:
         """Register a new frame in all environments; see `FrameHistory.begin`."""
         if self._history is not None:
-            self._history.begin(is_first, with_reflectivity)
+            self._history.begin(with_reflectivity)
 
-    def look(self, depth: wp.array, reflectivity: wp.array | None, first: int, count: int) -> Any:
-        """
-        Return the `Surfaces` that some environments see.
-
-        Parameters
-        ----------
-        depth, reflectivity : warp.array
-            (N * H * W,) float32, of all environments.
-        first, count : int
-            Which environments.
-
-        """
-        images = self._images
-        surfaces = Surfaces()
-        surfaces.p, surfaces.jumps = images.surfaces
-        surfaces.reflectivity = self._nothing if reflectivity is None else reflectivity
-        surfaces.first_of_reflectivity = first
-        first_of_depth = first
+    def look(self, depth: wp.array) -> None:
+        """Find the surfaces that the environments of the pass see, from all clean depth."""
+        images, frame = self._images, self._images.frame
+        first = frame.first
         if self._steps or self._history is None:
-            images.find_surfaces(depth, first, count)
-        threads = (count, images.height, images.width)
-        for kernel, parameters, seen_depth, seen_reflectivity in self._steps:
-            seen = seen_depth, seen_reflectivity
-            launch(kernel, threads, surfaces, images.lens, first, *parameters, *seen)
-            images.find_surfaces(seen_depth, 0, count)
-            depth, first_of_depth = seen_depth, 0
-            if surfaces.reflectivity.size:
-                surfaces.reflectivity, surfaces.first_of_reflectivity = seen_reflectivity, 0
+            images.find_surfaces(depth, first)
+        threads = (images.count, images.height, images.width)
+        for kernel, parameters, *seen in self._steps:
+            launch(kernel, threads, frame, *parameters, *seen)
+            depth, first = seen[0], 0
+            self._show(*seen)
         if self._history is not None:
-            depth, seen_reflectivity = self._history.look_back(
-                depth, first_of_depth, surfaces, first, count
-            )
-            images.find_surfaces(depth, 0, count)
-            if seen_reflectivity.size:
-                surfaces.reflectivity, surfaces.first_of_reflectivity = seen_reflectivity, 0
-        return surfaces
+            self._show(*self._history.look_back(depth, first))
+
+    def _show(self, depth: wp.array, reflectivity: wp.array) -> None:
+        # What the environments of the pass see from now on.
+        self._images.find_surfaces(depth, 0)
+        frame = self._images.frame
+        if frame.surfaces.reflectivity.size and reflectivity.size:
+            frame.surfaces.reflectivity, frame.surfaces.first_of_reflectivity = reflectivity, 0
 
 
 def _poses(effects: Sequence[Sequence[Effect]], device: Any) -> wp.array:

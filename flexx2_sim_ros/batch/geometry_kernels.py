@@ -4,8 +4,8 @@ import math
 
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.batch.effect_formulas import Surfaces
-from flexx2_sim_ros.batch.kernels import Lens, OPTIONS, padded, slopes
+from flexx2_sim_ros.batch.frame import Frame, OPTIONS, padded, place, Surfaces
+from flexx2_sim_ros.batch.kernels import slopes
 from flexx2_sim_ros.effects import pose_error
 from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
@@ -39,8 +39,7 @@ class Pose:
 
 @wp.func
 def show(
-    surfaces: Surfaces,
-    lens: Lens,
+    s: Surfaces,
     n: wp.int32,
     pixel: wp.int32,
     source: wp.int32,
@@ -49,55 +48,42 @@ def show(
     reflectivity: wp.array(dtype=wp.float32),
 ):
     """Write what a pixel sees: depth ``seen`` and the reflectivity of pixel ``source``."""
-    pixels = lens.height * lens.width
+    pixels = s.lens.height * s.lens.width
     put(depth, n * pixels + pixel, seen)
-    if surfaces.reflectivity.shape[0] > 0:
-        put(
-            reflectivity,
-            n * pixels + pixel,
-            at(surfaces.reflectivity, (surfaces.first_of_reflectivity + n) * pixels + source),
-        )
+    if s.reflectivity.shape[0] > 0:
+        rho = at(s.reflectivity, (s.first_of_reflectivity + n) * pixels + source)
+        put(reflectivity, n * pixels + pixel, rho)
 
 
 @wp.func
 def _shown_at(
-    p: wp.array(dtype=wp.float32),
-    lens: Lens,
-    n: wp.int32,
-    dx: wp.float32,
-    dy: wp.float32,
-    dz: wp.float32,
-    step: wp.vec3f,
-    inverse: wp.float32,
+    s: Surfaces, n: wp.int32, ray: wp.vec3f, step: wp.vec3f, inverse: wp.float32
 ) -> wp.float32:
-    ratio = _depth_ratio(dz, step[2], inverse)
-    column = _pixel_at(_place_at(dx, step[0], inverse, ratio, lens.fx, lens.cx), lens.width - 1)
-    row = _pixel_at(_place_at(dy, step[1], inverse, ratio, lens.fy, lens.cy), lens.height - 1)
-    return at(p, padded(lens, n, row, column))
+    lens = s.lens
+    ratio = _depth_ratio(ray[2], step[2], inverse)
+    column = _pixel_at(
+        _place_at(ray[0], step[0], inverse, ratio, lens.fx, lens.cx), lens.width - 1
+    )
+    row = _pixel_at(_place_at(ray[1], step[1], inverse, ratio, lens.fy, lens.cy), lens.height - 1)
+    return at(s.p, padded(lens, n, row, column))
 
 
 @wp.func
 def _in_front(
-    p: wp.array(dtype=wp.float32),
-    lens: Lens,
-    n: wp.int32,
-    dx: wp.float32,
-    dy: wp.float32,
-    dz: wp.float32,
-    step: wp.vec3f,
-    inverse: wp.float32,
+    s: Surfaces, n: wp.int32, ray: wp.vec3f, step: wp.vec3f, inverse: wp.float32
 ) -> wp.float32:
     # As in `effects.pose_error`.
-    closest = _closest_seen(dz, step[2])
-    far = _depth_ratio(dz, step[2], inverse)
-    close = _depth_ratio(dz, step[2], closest)
+    lens = s.lens
+    closest = _closest_seen(ray[2], step[2])
+    far = _depth_ratio(ray[2], step[2], inverse)
+    close = _depth_ratio(ray[2], step[2], closest)
     if inverse >= closest or far < _NEAREST or close < _NEAREST:
         return inverse
     path = _parallax(
-        _place_at(dx, step[0], inverse, far, lens.fx, lens.cx),
-        _place_at(dy, step[1], inverse, far, lens.fy, lens.cy),
-        _place_at(dx, step[0], closest, close, lens.fx, lens.cx),
-        _place_at(dy, step[1], closest, close, lens.fy, lens.cy),
+        _place_at(ray[0], step[0], inverse, far, lens.fx, lens.cx),
+        _place_at(ray[1], step[1], inverse, far, lens.fy, lens.cy),
+        _place_at(ray[0], step[0], closest, close, lens.fx, lens.cx),
+        _place_at(ray[1], step[1], closest, close, lens.fy, lens.cy),
     )
     pixel = (closest - inverse) / wp.max(path, 1.0)
     steps = wp.int32(wp.min(path + 0.5, _MOST_STEPS))
@@ -105,33 +91,33 @@ def _in_front(
     k = wp.int32(steps)
     while k > 0:
         there = wp.min(inverse + wp.float32(k) * pixel, closest)
-        here = _shown_at(p, lens, n, dx, dy, dz, step, there)
+        here = _shown_at(s, n, ray, step, there)
         if _is_near(here, there, pixel):
-            again = _shown_at(p, lens, n, dx, dy, dz, step, here)
+            again = _shown_at(s, n, ray, step, here)
             if _is_near(again, here, 0.5 * pixel):
                 return here
         if here < there:
             free = there
         k -= 1
-    if steps > 0 and _shown_at(p, lens, n, dx, dy, dz, step, inverse) > inverse + pixel:
+    if steps > 0 and _shown_at(s, n, ray, step, inverse) > inverse + pixel:
         return free
     return inverse
 
 
 @wp.kernel
 def look_from(
-    surfaces: Surfaces,
-    lens: Lens,
-    first: wp.int32,
+    f: Frame,
     poses: wp.array(dtype=Pose),
     depth: wp.array(dtype=wp.float32),
     reflectivity: wp.array(dtype=wp.float32),
 ):
     """Write what a camera at another pose sees: the effect pose_error."""
     n, y, x = wp.tid()
-    pose = poses[first + n]
+    lens = f.lens
+    pose = poses[f.first + n]
+    step = pose.step
     pixel = y * lens.width + x
-    inverse = at(surfaces.p, padded(lens, n, y, x))
+    inverse = at(f.surfaces.p, padded(lens, n, y, x))
     source = wp.int32(pixel)
     out = wp.where(inverse > 0.0, 1.0 / inverse, _NAN)
     if pose.moved == 1:
@@ -142,34 +128,30 @@ def look_from(
             (wp.float32(x) - lens.cx) / lens.fx,
             (wp.float32(y) - lens.cy) / lens.fy,
         )
-        nearest = _in_front(surfaces.p, lens, n, dx, dy, dz, pose.step, inverse)
-        far = _depth_ratio(dz, pose.step[2], nearest)
+        nearest = _in_front(f.surfaces, n, wp.vec3f(dx, dy, dz), step, inverse)
+        far = _depth_ratio(dz, step[2], nearest)
         out = _NAN
         source = wp.int32(0)
         if far >= _NEAREST:
-            place_x = _place_at(dx, pose.step[0], nearest, far, lens.fx, lens.cx)
-            place_y = _place_at(dy, pose.step[1], nearest, far, lens.fy, lens.cy)
+            place_x = _place_at(dx, step[0], nearest, far, lens.fx, lens.cx)
+            place_y = _place_at(dy, step[1], nearest, far, lens.fy, lens.cy)
             column = _pixel_at(place_x, lens.width - 1)
             row = _pixel_at(place_y, lens.height - 1)
             source = row * lens.width + column
             i = padded(lens, n, row, column)
-            here = at(surfaces.p, i)
+            here = at(f.surfaces.p, i)
             if here > 0.0:
-                d = slopes(surfaces.p, surfaces.jumps, lens, i)
+                d = slopes(f.surfaces, i)
                 u = wp.float32(column) - lens.cx
                 v = wp.float32(row) - lens.cy
                 nx, ny, nz = _plane_normal(here, d[0], d[1], u, v, lens.fx, lens.fy)
-                out = _depth_of_plane(
-                    nx, ny, nz, dx, dy, dz, pose.step[0], pose.step[1], pose.step[2]
-                )
-    show(surfaces, lens, n, pixel, source, out, depth, reflectivity)
+                out = _depth_of_plane(nx, ny, nz, dx, dy, dz, step[0], step[1], step[2])
+    show(f.surfaces, n, pixel, source, out, depth, reflectivity)
 
 
 @wp.kernel
 def look_up(
-    surfaces: Surfaces,
-    lens: Lens,
-    first: wp.int32,
+    f: Frame,
     views: wp.array(dtype=wp.int32),
     index: wp.array(dtype=wp.int32),
     du: wp.array(dtype=wp.float32),
@@ -184,28 +166,20 @@ def look_up(
     are from `physics.geometry.Reprojection.lines`.
     """
     n, y, x = wp.tid()
-    pixel = y * lens.width + x
-    view = views[first + n]
-    inverse = at(surfaces.p, padded(lens, n, y, x))
+    pixel = y * f.lens.width + x
+    view = views[f.first + n]
+    inverse = at(f.surfaces.p, padded(f.lens, n, y, x))
     source = wp.int32(pixel)
     if view >= 0:
-        entry = view * lens.height * lens.width + pixel
+        entry = place(f.lens, view, y, x)
         source = index[entry]
         inverse = 0.0
         if source >= 0:
-            row = source // lens.width
-            i = padded(lens, n, row, source - row * lens.width)
-            here = at(surfaces.p, i)
-            d = slopes(surfaces.p, surfaces.jumps, lens, i)
+            row = source // f.lens.width
+            i = padded(f.lens, n, row, source - row * f.lens.width)
+            here = at(f.surfaces.p, i)
+            d = slopes(f.surfaces, i)
             if here > 0.0:
                 inverse = _beside(here, d[0], d[1], at(du, entry), at(dv, entry))
-    show(
-        surfaces,
-        lens,
-        n,
-        pixel,
-        wp.max(source, 0),
-        wp.where(inverse > 0.0, 1.0 / inverse, _NAN),
-        depth,
-        reflectivity,
-    )
+    out = wp.where(inverse > 0.0, 1.0 / inverse, _NAN)
+    show(f.surfaces, n, pixel, wp.max(source, 0), out, depth, reflectivity)

@@ -3,7 +3,7 @@
 from flexx2_sim_ros.batch.arithmetic import counter_of, four_normals
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.batch.kernels import Lens, OPTIONS
+from flexx2_sim_ros.batch.frame import Frame, OPTIONS, place
 from flexx2_sim_ros.effects import fixed_pattern
 import warp as wp
 
@@ -16,30 +16,32 @@ _to_unit_variance = compiled(fixed_pattern.to_unit_variance)
 
 
 @wp.kernel
-def white_noise(
-    pixels: wp.int32, keys: wp.array(dtype=wp.vec2ui), out: wp.array(dtype=wp.float32)
-):
+def white_noise(f: Frame, out: wp.array(dtype=wp.float32)):
     """Write four of an environment's normals."""
     n, block = wp.tid()
-    four = four_normals(counter_of(block, _STREAM, wp.int64(0)), keys[n])
+    pixels = f.lens.height * f.lens.width
+    four = four_normals(counter_of(block, _STREAM, wp.int64(0)), f.keys[n])
     for k in range(4):
         if 4 * block + k < pixels:
             put(out, n * pixels + 4 * block + k, four[k])
 
 
 @wp.kernel
-def less_its_mean(white: wp.array(dtype=wp.float32), lens: Lens, out: wp.array(dtype=wp.float32)):
+def less_its_mean(f: Frame, white: wp.array(dtype=wp.float32)):
     """Write a pixel's noise less the mean over the 5 x 5 pixels around."""
     n, y, x = wp.tid()
-    frame = n * lens.height * lens.width
-    pixel = frame + y * lens.width + x
-    put(out, pixel, _less_mean(white, frame, lens.height, lens.width, y, x))
+    height, width = f.lens.height, f.lens.width
+    put(
+        f.grain, place(f.lens, n, y, x), _less_mean(white, n * height * width, height, width, y, x)
+    )
 
 
 @wp.kernel
-def to_unit_variance(pixels: wp.int32, grain: wp.array(dtype=wp.float32)):
+def to_unit_variance(f: Frame):
     """Scale an environment's grain."""
     n = wp.tid()
+    grain = f.grain
+    pixels = f.lens.height * f.lens.width
     total = wp.float64(0.0)
     squares = wp.float64(0.0)
     i = n * pixels

@@ -65,46 +65,30 @@ class FrameHistory:
             setattr(history, name, array(np.zeros(sum(chosen)), wp.float32))
         history.depth = wp.zeros(self._frames * self._pixels, dtype=wp.float32, device=device)
         history.reflectivity = wp.zeros(0, dtype=wp.float32, device=device)
-        self._depth = wp.zeros(images.count * self._pixels, dtype=wp.float32, device=device)
+        self._depth = wp.zeros(images.pixels, dtype=wp.float32, device=device)
         self._reflectivity = wp.zeros(0, dtype=wp.float32, device=device)
         wp.load_module(history_kernels, device=device)
 
-    def begin(self, is_first: wp.array, with_reflectivity: bool) -> None:
-        """
-        Register a new frame in all environments that take one.
-
-        Parameters
-        ----------
-        is_first : warp.array
-            (N,) uint8, 1 for the first frame after a reset.
-        with_reflectivity : bool
-            Whether reflectivity is given.
-
-        """
+    def begin(self, with_reflectivity: bool) -> None:
+        """Register a new frame in all environments that take one, and whether it has colours."""
         history = self._history
         if with_reflectivity and not history.reflectivity.size:
             history.reflectivity = wp.full_like(history.depth, 1.0)
             self._reflectivity = wp.full_like(self._depth, 1.0)
         rows = self._rows
-        arrays = rows.is_due, is_first, rows.latencies, rows.stamps
-        launch(history_kernels.find_moment, is_first.size, *arrays, history)
+        frame = self._images.frame
+        launch(history_kernels.find_moment, rows.stamps.size, frame, rows.latencies, history)
 
-    def look_back(
-        self, depth: wp.array, first_of_depth: int, surfaces: Any, first: int, count: int
-    ) -> tuple[wp.array, wp.array]:
+    def look_back(self, depth: wp.array, first: int) -> tuple[wp.array, wp.array]:
         """
-        Keep the frames of some environments, and return what they see.
+        Keep the frames of the pass, and return what its environments see.
 
         Parameters
         ----------
         depth : warp.array
             Flat float32 depth images.
-        first_of_depth : int
+        first : int
             Which of them is the first environment's.
-        surfaces : Surfaces
-            With reflectivity.
-        first, count : int
-            Which environments.
 
         Returns
         -------
@@ -113,22 +97,9 @@ class FrameHistory:
             while reflectivity was never given.
 
         """
-        grid, chunk = self._images.grid(count)
-        launch(
-            history_kernels.look_back,
-            grid,
-            depth,
-            first_of_depth,
-            surfaces,
-            self._images.lens,
-            first,
-            chunk,
-            self._rows.is_due,
-            self._history,
-            self._depth,
-            self._reflectivity,
-        )
-        return self._depth, self._reflectivity
+        seen = self._depth, self._reflectivity
+        self._images.each_pixel(history_kernels.look_back, depth, first, self._history, *seen)
+        return seen
 
 
 def each_with(need: str, effects: Sequence[Sequence[Effect]]) -> list[Any]:

@@ -2,16 +2,13 @@
 
 from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.batch.effect_formulas import Surfaces
-from flexx2_sim_ros.batch.kernels import Lens, OPTIONS
+from flexx2_sim_ros.batch.frame import Frame, NO, OPTIONS, place, YES
 from flexx2_sim_ros.effects import between
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
 _PER_NANOSECOND = wp.constant(wp.float32(1e-9))
-_YES = wp.constant(wp.uint8(1))
-_NO = wp.constant(wp.uint8(0))
 
 _frames_around = compiled(between.frames_around)
 _share_of = compiled(between.share_of)
@@ -38,22 +35,16 @@ class History:
 
 
 @wp.kernel
-def find_moment(
-    is_due: wp.array(dtype=wp.uint8),
-    is_first: wp.array(dtype=wp.uint8),
-    latencies: wp.array(dtype=wp.int64),
-    stamps: wp.array(dtype=wp.int64),
-    history: History,
-):
+def find_moment(f: Frame, latencies: wp.array(dtype=wp.int64), history: History):
     """Keep the stamp of a new frame, and find the frames around the moment that it shows."""
     n = wp.tid()
     k = history.places[n]
-    if k < 0 or is_due[n] == _NO:
+    if k < 0 or f.is_due[n] == NO:
         return
-    stamp = stamps[n]
+    stamp = f.stamps[n]
     slots = history.slots
     newest = history.newest[k]
-    count = wp.where(is_first[n] == _YES, 0, history.count[k])
+    count = wp.where(f.is_first[n] == YES, 0, history.count[k])
     if count == 0 or history.stamps[k * slots + newest] != stamp:
         newest = (newest + 1) % slots
         count = wp.min(count + 1, slots)
@@ -82,27 +73,22 @@ def find_moment(
 
 @wp.kernel
 def look_back(
+    f: Frame,
     given: wp.array(dtype=wp.float32),
     first_given: wp.int32,
-    surfaces: Surfaces,
-    lens: Lens,
-    first: wp.int32,
-    chunk: wp.int32,
-    is_due: wp.array(dtype=wp.uint8),
     history: History,
     depth: wp.array(dtype=wp.float32),
     reflectivity: wp.array(dtype=wp.float32),
 ):
     """Keep the frame ``given``, and write what is seen at the moment to show."""
     n, y, c = wp.tid()
-    k = wp.where(is_due[first + n] == _YES, history.places[first + n], -1)
-    pixels = lens.height * lens.width
-    x = first_of(c, chunk)
-    end = end_of(c, chunk, lens.width)
-    stride = stride_of(lens.width)
-    source = (first_given + n) * pixels + y * lens.width
-    shade = (surfaces.first_of_reflectivity + n) * pixels + y * lens.width
-    target = n * pixels + y * lens.width
+    k = wp.where(f.is_due[f.first + n] == YES, history.places[f.first + n], -1)
+    x = first_of(c, f.chunk)
+    end = end_of(c, f.chunk, f.lens.width)
+    stride = stride_of(f.lens.width)
+    source = place(f.lens, first_given + n, y, 0)
+    shade = place(f.lens, f.surfaces.first_of_reflectivity + n, y, 0)
+    target = place(f.lens, n, y, 0)
     newest = wp.int32(0)
     early = wp.int32(0)
     late = wp.int32(0)
@@ -111,10 +97,10 @@ def look_back(
     seconds = wp.float32(0.0)
     if k >= 0:
         frames = k * history.slots
-        newest = (frames + history.newest[k]) * pixels + y * lens.width
-        early = (frames + history.early[k]) * pixels + y * lens.width
-        late = (frames + history.late[k]) * pixels + y * lens.width
-        nearer = (frames + history.nearer[k]) * pixels + y * lens.width
+        newest = place(f.lens, frames + history.newest[k], y, 0)
+        early = place(f.lens, frames + history.early[k], y, 0)
+        late = place(f.lens, frames + history.late[k], y, 0)
+        nearer = place(f.lens, frames + history.nearer[k], y, 0)
         share = history.share[k]
         seconds = history.seconds[k]
     while x < end:
@@ -131,8 +117,8 @@ def look_back(
         put(depth, target + x, z)
         if reflectivity.shape[0] > 0:
             rho = wp.float32(1.0)
-            if surfaces.reflectivity.shape[0] > 0:
-                rho = at(surfaces.reflectivity, shade + x)
+            if f.surfaces.reflectivity.shape[0] > 0:
+                rho = at(f.surfaces.reflectivity, shade + x)
             if k >= 0:
                 put(history.reflectivity, newest + x, rho)
                 rho = at(history.reflectivity, nearer + x)

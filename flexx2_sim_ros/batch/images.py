@@ -6,9 +6,10 @@ from functools import cached_property
 import math
 from typing import Any
 
-from flexx2_sim_ros.batch import edge_kernels, kernels, observe_kernels, region_kernels
+from flexx2_sim_ros.batch import edge_kernels, kernels
 from flexx2_sim_ros.batch.arrays import PIXELS_A_THREAD
-from flexx2_sim_ros.batch.effect_tables import Effects, effects_row, noise_row
+from flexx2_sim_ros.batch.effect_tables import Effects, effects_row, Light, light_row, noise_row
+from flexx2_sim_ros.batch.frame import BORDER, Frame, Lens, Noise, SPREAD
 from flexx2_sim_ros.batch.host import without_kernel
 from flexx2_sim_ros.camera import Intrinsics, Mode
 from flexx2_sim_ros.effects import Effect
@@ -23,6 +24,7 @@ import warp as wp
 AT_A_TIME = {'cpu': 8, 'cuda': 512}
 MOST_PIXELS = 2**31 - 1  # of an array of Warp
 THREADS_FOR_LISTED = 1024  # of an environment, where there are many
+_ON_ALL_SURFACES = 1.0, 1.0, 0.0  # noise that does not depend on the surface
 
 
 def many_threads(device: Any) -> bool:
@@ -33,12 +35,16 @@ def many_threads(device: Any) -> bool:
 @dataclass(frozen=True)
 class Rows:
     """
-    The mode, key and stamp of each environment, (N,) arrays on the device.
+    The mode, effects, key and stamps of each environment, (N,) arrays on the device.
 
     Attributes
     ----------
-    noise : warp.array
-        `kernels.Noise`, of its mode.
+    noises : warp.array
+        `Noise`, of its mode.
+    lights : warp.array
+        `Light`, of its mode.
+    surface_noise : warp.array
+        vec3f, of its mode: the coefficients of `formulas.surfaces.surface_factor`.
     periods : warp.array
         int64, nanoseconds from frame to frame.
     effects : warp.array
@@ -50,11 +56,17 @@ class Rows:
     stamps : warp.array
         int64, nanoseconds.
     is_due : warp.array
-        uint8, 1 where this call takes a frame.
+        uint8, 1 where this call takes a frame; elsewhere nothing is kept of it.
+    was_reset, is_first : warp.array
+        uint8, 1 where the next frame is the first one for its effects, and where this one is.
+    started, last, before : warp.array
+        int64, nanoseconds: stamps of the first frame, of this one and of the one before.
 
     """
 
-    noise: wp.array
+    noises: wp.array
+    lights: wp.array
+    surface_noise: wp.array
     periods: wp.array
     effects: wp.array
     latencies: wp.array
@@ -62,28 +74,36 @@ class Rows:
     keys: wp.array
     stamps: wp.array
     is_due: wp.array
+    was_reset: wp.array
+    is_first: wp.array
+    started: wp.array
+    last: wp.array
+    before: wp.array
 
     @classmethod
     def of(cls, keys: np.ndarray, device: Any) -> 'Rows':
         """Return rows with the (N, 2) uint32 keys, at stamp 0; modes and effects are to be set."""
-
-        def zeros(dtype: Any) -> wp.array:
-            return wp.zeros(len(keys), dtype=dtype, device=device)
-
+        types = {
+            **dict.fromkeys(('periods', 'latencies', 'delays', 'stamps'), wp.int64),
+            **dict.fromkeys(('started', 'last', 'before'), wp.int64),
+            **dict.fromkeys(('is_due', 'was_reset', 'is_first'), wp.uint8),
+            'noises': Noise,
+            'lights': Light,
+            'surface_noise': wp.vec3f,
+            'effects': Effects,
+        }
         return cls(
-            noise=zeros(kernels.Noise),
-            periods=zeros(wp.int64),
-            effects=zeros(Effects),
-            latencies=zeros(wp.int64),
-            delays=zeros(wp.int64),
             keys=wp.array(keys, dtype=wp.vec2ui, device=device),
-            stamps=zeros(wp.int64),
-            is_due=zeros(wp.uint8),
+            **{name: wp.zeros(len(keys), dtype=one, device=device) for name, one in types.items()},
         )
 
-    def set_modes(self, modes: Sequence[Mode], effects: Sequence[tuple[Effect, ...]]) -> None:
+    def set_modes(
+        self, modes: Sequence[Mode], effects: Sequence[tuple[Effect, ...]], profile: Profile
+    ) -> None:
         """
-        Put the noise and the period of the mode of every environment on the device.
+        Put the numbers of the mode of every environment on the device.
+
+        A captured graph reads the same memory again.
 
         Raises
         ------
@@ -92,9 +112,16 @@ class Rows:
 
         """
         pairs = list(zip(modes, effects, strict=True))
-        rows = {(mode, own): noise_row(mode, own) for mode, own in set(pairs)}
-        layout = kernels.Noise.numpy_dtype()  # type: ignore
-        self.noise.assign(np.array([rows[pair] for pair in pairs], layout))
+        noises = {(mode, own): noise_row(mode, own) for mode, own in set(pairs)}
+        layout = Noise.numpy_dtype()  # type: ignore
+        self.noises.assign(np.array([noises[pair] for pair in pairs], layout))
+        lights = {mode: light_row(mode, profile) for mode in set(modes)}
+        self.lights.assign(np.array([lights[mode] for mode in modes]))
+        surfaces = [
+            mode.noise.surfaces.coefficients if mode.noise.surfaces else _ON_ALL_SURFACES
+            for mode in modes
+        ]
+        self.surface_noise.assign(np.array(surfaces, np.float32))
         self.periods.assign(np.array([period_ns(mode) for mode in modes]))
 
     def set_effects(self, effects: Sequence[tuple[Effect, ...]]) -> None:
@@ -143,64 +170,70 @@ class Images:
 
     Parameters
     ----------
-    num_envs : int
-        Number of environments.
+    rows : Rows
+        Of all environments.
     camera : Intrinsics
         Of the depth images; its distortion is not used.
     profile : Profile
         Of the cameras.
     invalid : float
         What invalid pixels are.
-    device : warp.Device
-        Where.
 
     Attributes
     ----------
     height, width : int
+    most : int
+        Environments in a pass.
     count : int
-        Environments at a time.
-    lens : kernels.Lens
+        Environments in the pass at hand.
+    frame : Frame
+        What kernels take. `listed` of it says how many pixels of each environment are listed
+        (every `SPREAD`), and `pixel_list` which: those that see another surface; with many threads
+        those with a jump. `moved` is 0 everywhere between frames.
     lists : bool
         Whether there are many threads, so that lists share out the work of a few pixels.
-    listed, pixel_list : warp.array
-        How many pixels of each environment at hand are listed (every `kernels.SPREAD`), and
-        which, int32: those that see another surface; with many threads those with a jump.
-    moved : warp.array
-        Where pixels of the environments at hand take their values from, uint16; 0 everywhere
-        between frames.
     out : warp.array
         (N, H, W) float32, finished frames.
 
     """
 
-    def __init__(
-        self, num_envs: int, camera: Intrinsics, profile: Profile, invalid: float, device: Any
-    ) -> None:
+    def __init__(self, rows: Rows, camera: Intrinsics, profile: Profile, invalid: float) -> None:
         """Allocate the memory."""
+        device, num_envs = rows.stamps.device, rows.stamps.size
         self.height, self.width = camera.height, camera.width
         self.lists = many_threads(device)
-        self.count = min(num_envs, AT_A_TIME['cuda' if device.is_cuda else 'cpu'])
-        self.lens = _lens(camera, profile, invalid)
-        pixels = self.height * self.width
-        bordered = (self.height + kernels.BORDER) * (self.width + kernels.BORDER)
+        self.most = self.count = min(num_envs, AT_A_TIME['cuda' if device.is_cuda else 'cpu'])
+        self.pixels = self.most * self.height * self.width
+        bordered = self.most * (self.height + BORDER) * (self.width + BORDER)
+        blocks = 4 * self.most * self.blocks
 
-        def zeros(size: int, dtype: Any) -> wp.array:
-            return wp.zeros(self.count * size, dtype=dtype, device=device)
+        def zeros(size: int, dtype: Any = wp.float32) -> wp.array:
+            return wp.zeros(size, dtype=dtype, device=device)
 
+        frame = self.frame = Frame()
+        frame.lens = frame.surfaces.lens = _lens(camera, profile, invalid)
+        frame.chunk = min(PIXELS_A_THREAD, self.width) if self.lists else self.width
+        frame.threads = THREADS_FOR_LISTED if self.lists else 1
+        frame.pitch = self.pixels
+        for name, row in vars(rows).items():
+            if name in Frame.vars:  # type: ignore[attr-defined]
+                setattr(frame, name, row)
         # The borders stay zero.
-        self._p = zeros(bordered, wp.float32)
-        self._jumps = zeros(bordered, wp.uint8)
-        self.moved = zeros(pixels, wp.uint16)
-        self.listed = zeros(kernels.SPREAD, wp.int32)
-        self.pixel_list = zeros(pixels, wp.int32)
+        frame.surfaces.p = zeros(bordered)
+        frame.surfaces.jumps = zeros(bordered, wp.uint8)
+        frame.moved = zeros(self.pixels, wp.uint16)
+        frame.listed = zeros(self.most * SPREAD, wp.int32)
+        frame.pixel_list = zeros(self.pixels, wp.int32)
+        frame.normals = zeros(blocks)
         self._shape = (num_envs, self.height, self.width)
+        self._nothing = zeros(0)
         self.out = wp.zeros(self._shape, dtype=wp.float32, device=device)
         outside = profile.sensor.outside(camera)
         self._outside = (
             None if outside is None else wp.array(outside.ravel(), dtype=wp.bool, device=device)
         )
         # Not while a graph is captured.
-        for module in (kernels, edge_kernels, observe_kernels, region_kernels):
+        for module in (kernels, edge_kernels):
             wp.load_module(module, device=device)
 
     @cached_property
@@ -213,154 +246,89 @@ class Images:
         """Return the same for reflectivity."""
         return wp.zeros(self._shape, dtype=wp.float32, device=self.out.device)
 
-    @cached_property
-    def normals(self) -> wp.array:
-        """Return memory for the axial noise's normals of a pass, whole blocks of four."""
-        size = self.count * self.blocks * 4
-        return wp.zeros(size, dtype=wp.float32, device=self.out.device)
-
     @property
     def blocks(self) -> int:
         """Return how many blocks of four random numbers the pixels of a frame need."""
         return -(-self.height * self.width // 4)
 
-    @property
-    def surfaces(self) -> tuple[wp.array, wp.array]:
-        """Return inverse depth and jumps of the environments at hand, with borders."""
-        return self._p, self._jumps
-
-    def grid(self, count: int) -> tuple[tuple[int, int, int], int]:
-        """Return the threads for the pixels of some environments, and the pixels of each."""
-        chunk = min(PIXELS_A_THREAD, self.width) if self.lists else self.width
-        return (count, self.height, -(-self.width // chunk)), chunk
-
-    def block_grid(self, count: int) -> tuple[tuple[int, int], int]:
-        """Return the threads for random numbers of some environments, and the blocks of each."""
-        chunk = 1 if self.lists else self.blocks
-        return (count, self.blocks // chunk), chunk
-
-    def list_grid(self, count: int) -> tuple[tuple[int, int], int]:
-        """Return the threads for the listed pixels of some environments, and those of each."""
-        return (count, THREADS_FOR_LISTED), THREADS_FOR_LISTED
-
-    def find_surfaces(self, depth: wp.array, first: int, count: int) -> None:
+    def begin(self, first: int, reflectivity: wp.array | None, out: wp.array) -> None:
         """
-        Find surfaces and jumps.
+        Begin a pass.
 
         Parameters
         ----------
-        depth : warp.array
-            Flat float32 depth images.
-        first, count : int
-            Which of them.
+        first : int
+            Its first environment.
+        reflectivity, out : warp.array
+            (N * H * W,) float32, of all environments; reflectivity may be None.
 
         """
-        grid, chunk = self.grid(count)
-        launch(kernels.invert, grid, depth, self.lens, first, chunk, self._p, self.listed)
-        surface = self._p, self.lens, chunk, self._jumps
-        if self.lists:
-            launch(kernels.list_jumps, grid, *surface, self.listed, self.pixel_list)
-        else:
-            launch(kernels.find_jumps, grid, *surface)
+        self.count = min(self.most, self._shape[0] - first)
+        frame = self.frame
+        frame.first = frame.surfaces.first_of_reflectivity = first
+        frame.surfaces.reflectivity = self._nothing if reflectivity is None else reflectivity
+        frame.out = out
 
-    def move_edges(self, first: int, count: int, rows: Rows) -> None:
-        """Move the edges of environments, into `moved`."""
-        random = rows.noise, rows.keys, rows.stamps, self.moved, self.listed, self.pixel_list
+    def end(self) -> None:
+        """Let go of the caller's memory."""
+        self.frame.surfaces.reflectivity = self.frame.out = self._nothing
+
+    def each_pixel(self, kernel: Any, *more: Any) -> None:
+        """Launch a kernel for all pixels of the pass."""
+        launch(kernel, self.grid(self.count), self.frame, *more)
+
+    def grid(self, count: int) -> tuple[int, int, int]:
+        """Return the threads for the pixels of some environments."""
+        return count, self.height, -(-self.width // self.frame.chunk)
+
+    def each_listed(self, kernel: Any) -> None:
+        """Launch a kernel for the listed pixels of the pass."""
+        launch(kernel, (self.count, self.frame.threads), self.frame)
+
+    def each_block(self, kernel: Any) -> None:
+        """Launch a kernel for the random numbers of the pass, with the blocks of a thread."""
+        chunk = 1 if self.lists else self.blocks
+        launch(kernel, (self.count, self.blocks // chunk), self.frame, chunk)
+
+    def find_surfaces(self, depth: wp.array, first: int) -> None:
+        """Find surfaces and jumps in flat float32 depth images, from the first of them on."""
+        self.each_pixel(kernels.invert, depth, first)
+        self.each_pixel(kernels.list_jumps if self.lists else kernels.find_jumps)
+
+    def move_edges(self) -> None:
+        """Move the edges, into `moved`."""
         if self.lists:
-            grid, threads = self.list_grid(count)
-            place = self._jumps, self.lens
-            launch(edge_kernels.mark_edges, grid, *place, threads, self.listed, self.pixel_list)
-            launch(edge_kernels.move_marked, grid, *place, first, threads, *random)
+            self.each_listed(edge_kernels.mark_edges)
+            self.each_listed(edge_kernels.move_marked)
             return
         for column, lines in enumerate((self.height, self.width)):
-            launch(
-                edge_kernels.move_edges,
-                (count, lines),
-                self._jumps,
-                self.lens,
-                first,
-                column,
-                *random,
-            )
+            launch(edge_kernels.move_edges, (self.count, lines), self.frame, column)
 
-    def draw_normals(self, first: int, count: int, rows: Rows) -> wp.array:
-        """Return the axial noise's normals of some environments, in `normals`."""
-        grid, chunk = self.block_grid(count)
-        launch(
-            observe_kernels.draw_normals,
-            grid,
-            self.height * self.width,
-            first,
-            chunk,
-            rows.keys,
-            rows.stamps,
-            self.normals,
-        )
-        return self.normals
+    def draw_normals(self) -> None:
+        """Draw the axial noise's normals."""
+        self.each_block(kernels.draw_normals)
 
-    def observe(self, first: int, count: int, rows: Rows, out: wp.array) -> None:
-        """
-        Write the frames of environments, after `find_surfaces` and `move_edges`.
-
-        Parameters
-        ----------
-        first, count : int
-            Which environments.
-        rows : Rows
-            Of all environments.
-        out : warp.array
-            (N * H * W,) float32, of all environments.
-
-        """
-        surface = (self._p, self._jumps, self.lens)
+    def observe(self) -> None:
+        """Write the frames, after `find_surfaces` and `move_edges`."""
         if self.lists:
-            launch(
-                observe_kernels.observe_blocks,
-                (count, (self.height * self.width + 3) // 4),
-                *surface,
-                first,
-                rows.noise,
-                rows.keys,
-                rows.stamps,
-                self.moved,
-                out,
-            )
+            launch(kernels.observe_blocks, (self.count, self.blocks), self.frame)
         else:
-            launch(
-                observe_kernels.observe_rows,
-                (count, self.height),
-                *surface,
-                first,
-                rows.noise,
-                self.draw_normals(first, count, rows),
-                out,
-            )
-            launch(
-                observe_kernels.observe_moved,
-                count,
-                *surface,
-                first,
-                rows.noise,
-                rows.keys,
-                rows.stamps,
-                self.moved,
-                self.listed,
-                self.pixel_list,
-                out,
-            )
+            self.draw_normals()
+            self.each_pixel(kernels.observe_rows)
+            self.each_listed(kernels.observe_moved)
 
     def blank_outside(self, out: wp.array) -> None:
         """Blank all environments' (N * H * W,) float32 frames outside of the valid region."""
-        self._blank(self._shape[0], self.lens.invalid, out)
+        self._blank(self._shape[0], self.frame.lens.invalid, out)
 
-    def blank_measured(self, count: int, measured: wp.array) -> None:
-        """Do so with the measured depth of `count` environments, before filters mix neighbours."""
-        self._blank(count, math.nan, measured)
+    def blank_measured(self) -> None:
+        """Do so with the measured depth of the pass, before filters mix neighbours."""
+        self._blank(self.count, math.nan, self.frame.measured)
 
     def _blank(self, count: int, invalid: float, out: wp.array) -> None:
         if self._outside is not None:
             threads = (count, self._outside.size)
-            launch(region_kernels.blank_outside, threads, self._outside, invalid, out)
+            launch(kernels.blank_outside, threads, self._outside, invalid, out)
 
 
 def launch(kernel: Any, threads: Any, *values: Any) -> None:
@@ -370,7 +338,7 @@ def launch(kernel: Any, threads: Any, *values: Any) -> None:
 
 def _lens(camera: Intrinsics, profile: Profile, invalid: float) -> Any:
     sensor = profile.sensor
-    lens = kernels.Lens()
+    lens = Lens()
     lens.fx, lens.fy, lens.cx, lens.cy = camera.fx, camera.fy, camera.cx, camera.cy
     lens.height, lens.width = camera.height, camera.width
     lens.jump_share, lens.steep_share = sensor.jump_share, sensor.steep_share

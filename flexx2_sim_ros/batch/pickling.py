@@ -5,7 +5,7 @@ import io
 import pickle
 from typing import Any
 
-from flexx2_sim_ros.batch.kernels import Lens
+from flexx2_sim_ros.batch.frame import Lens
 import numpy as np
 import warp as wp
 

@@ -1,7 +1,7 @@
 """What `height_grid` and `rendering` do on the device, as Warp kernels."""
 
 from flexx2_sim_ros.batch.compiled import compiled
-from flexx2_sim_ros.batch.kernels import OPTIONS
+from flexx2_sim_ros.batch.frame import OPTIONS
 from flexx2_sim_ros.formulas import grid_cells
 import warp as wp
 

@@ -113,11 +113,8 @@ class FrameTiming:
     def exchange(self, images: Images, out: wp.array) -> None:
         """Keep the frames in ``out``, (N * H * W,) float32, and write what has arrived there."""
         if self._timing.slots:
-            grid, chunk = images.grid(self._rows.stamps.size)
-            size = images.height, images.width
-            launch(
-                timing_kernels.exchange, grid, *size, chunk, self._timing, self._rows.is_due, out
-            )
+            grid = images.grid(self._rows.stamps.size)
+            launch(timing_kernels.exchange, grid, images.frame, self._timing, out)
 
     def end(self) -> None:
         """Move the stamps to the next call."""

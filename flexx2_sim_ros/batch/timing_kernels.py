@@ -1,13 +1,11 @@
 """When frames are taken and when they arrive, as Warp kernels."""
 
 from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
-from flexx2_sim_ros.batch.kernels import OPTIONS
+from flexx2_sim_ros.batch.frame import Frame, NO, OPTIONS, place, YES
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
-_YES = wp.constant(wp.uint8(1))
-_NO = wp.constant(wp.uint8(0))
 _NINE = wp.constant(wp.int64(9))
 _TWENTY = wp.constant(wp.int64(20))
 _ROUNDING = wp.constant(wp.int64(1000))  # nanoseconds: steps and delays are rounded
@@ -46,7 +44,7 @@ def begin(
     """
     n = wp.tid()
     period = periods[n]
-    again = steps == wp.int64(0) and timing.was_reset[n] == _NO
+    again = steps == wp.int64(0) and timing.was_reset[n] == NO
     stamp = wp.int64(stamps[n])
     if again:
         stamp = timing.last[n]
@@ -55,7 +53,7 @@ def begin(
     stamps[n] = stamp
     due = wp.int64(timing.next_due[n])
     early = (stamp - timing.last[n]) * _NINE / _TWENTY
-    is_first = timing.was_reset[n] == _YES or stamp < timing.last[n]
+    is_first = timing.was_reset[n] == YES or stamp < timing.last[n]
     if is_first:
         timing.count[n] = 0
         due = stamp
@@ -65,10 +63,10 @@ def begin(
         if stamp >= due + period:  # Due times passed without a call.
             due = stamp
         due += period
-    timing.was_reset[n] = _NO
+    timing.was_reset[n] = NO
     timing.last[n] = stamp
     timing.next_due[n] = due
-    is_due[n] = wp.where(takes, _YES, _NO)
+    is_due[n] = wp.where(takes, YES, NO)
     if timing.slots == 0:
         image_stamps[n] = stamp
         return
@@ -94,24 +92,16 @@ def begin(
 
 
 @wp.kernel
-def exchange(
-    height: wp.int32,
-    width: wp.int32,
-    chunk: wp.int32,
-    timing: Timing,
-    is_due: wp.array(dtype=wp.uint8),
-    images: wp.array(dtype=wp.float32),
-):
+def exchange(f: Frame, timing: Timing, images: wp.array(dtype=wp.float32)):
     """Keep the frames that were taken, and write those that have arrived in their place."""
     n, y, c = wp.tid()
-    pixels = height * width
-    own = n * pixels + y * width
-    newest = (n * timing.slots + timing.newest[n]) * pixels + y * width
-    arrived = (n * timing.slots + timing.arrived[n]) * pixels + y * width
-    takes = is_due[n] == _YES
-    begin = first_of(c, chunk)
-    end = end_of(c, chunk, width)
-    stride = stride_of(width)
+    own = place(f.lens, n, y, 0)
+    newest = place(f.lens, n * timing.slots + timing.newest[n], y, 0)
+    arrived = place(f.lens, n * timing.slots + timing.arrived[n], y, 0)
+    takes = f.is_due[n] == YES
+    begin = first_of(c, f.chunk)
+    end = end_of(c, f.chunk, f.lens.width)
+    stride = stride_of(f.lens.width)
     x = wp.int32(begin)
     if takes:
         while x < end:
@@ -136,4 +126,4 @@ def forget(mask: wp.array(dtype=wp.bool), was_reset: wp.array(dtype=wp.uint8)):
     """Let the chosen environments begin with a first frame."""
     n = wp.tid()
     if mask[n]:
-        was_reset[n] = _YES
+        was_reset[n] = YES

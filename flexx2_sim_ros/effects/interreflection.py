@@ -2,7 +2,7 @@
 One diffuse bounce between the patches of a depth image.
 
 Formulas on single numbers first; the loops over images are this module's, and those of
-`batch.bounce_kernels`.
+`batch.bounce`.
 """
 
 from collections.abc import Sequence
