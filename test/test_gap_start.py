@@ -9,6 +9,7 @@ from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from made_images import folder_of
+import numpy as np
 import pytest
 from real_frames import DATA
 import yaml
@@ -63,6 +64,15 @@ def test_piped_answers_lead_from_images_to_a_diagnosis(
     ]
 
 
+def test_recordings_that_have_ground_truth_need_none(
+    ran: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    Path('known').mkdir()
+    np.savez('known/a.npz', depth=np.ones((2, 8, 8)), clean_depth=np.ones((2, 8, 8)))
+    assert start(monkeypatch, 'known\n\n\n') == 0
+    assert ran == ['gap diagnose known --out gap/diagnosis --profile flexx2']
+
+
 def test_options_leave_no_question(ran: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     Path('bags').mkdir()
     more = '--trajectory poses.txt --clock-offset 0'
@@ -95,6 +105,7 @@ def test_a_wrong_answer_is_one_sentence(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    np.savez('a.npz', depth=np.ones((2, 8, 8)))
     assert start(monkeypatch, answers, *options) == 2
     assert said in capsys.readouterr().err
     assert ran == []

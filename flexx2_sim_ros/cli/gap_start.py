@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
         if status := _run([*words, *camera]):
             return status
         recordings = converted
-    kind, file = _truth(arguments, out)
+    kind, file = _truth(arguments, recordings, out)
     campaign = recordings
     if kind != 'none':
         if kind == 'planes' and not file.exists():
@@ -81,12 +81,15 @@ def run(arguments: argparse.Namespace) -> int:
     return _run(['gap', 'diagnose', str(campaign), '--out', str(out / 'diagnosis'), *camera])
 
 
-def _truth(arguments: argparse.Namespace, out: Path) -> tuple[str, Path]:
+def _truth(arguments: argparse.Namespace, recordings: Path, out: Path) -> tuple[str, Path]:
+    from flexx2_sim_ros.truth.files import has_truth, recordings_of
+
     for kind in _KINDS:
         if (file := getattr(arguments, kind)) is not None:
             return kind, Path(file)
     known = '\n'.join(f'  {kind:7}{text}' for kind, text in _KINDS.items())
-    kind = _ask(f'What do you know of the room?\n{known}\n', 'planes')
+    usual = 'none' if any(map(has_truth, recordings_of([recordings]))) else 'planes'
+    kind = _ask(f'What do you know of the room?\n{known}\n', usual)
     if kind not in _KINDS:
         raise InputError(f'ground truth: must be one of {", ".join(_KINDS)}, got {shown(kind)}')
     if kind == 'none':
