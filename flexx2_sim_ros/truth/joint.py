@@ -149,9 +149,7 @@ class Solution:
         return self.covariances[view] + np.outer(drag, drag)
 
 
-def linearise(
-    view: PosedImage, columns: ErrorColumns, values: np.ndarray
-) -> tuple[Linear, AlignedPixels, np.ndarray]:
+def linearise(view: PosedImage, columns: ErrorColumns, values: np.ndarray) -> Linear:
     """
     Return a view's equations at its pose, with robust weights of the residuals.
 
@@ -166,8 +164,7 @@ def linearise(
 
     Returns
     -------
-    tuple
-        The equations, the pixels in them, and the depth expected at each, metres.
+    Linear
 
     """
     rays = columns.true_rays(values, view.target.rays)
@@ -182,7 +179,7 @@ def linearise(
     y += A @ np.where(np.isin(columns.names, tuple(LENS)), values, 0)
     weight = robust_weights(y - A @ values, chosen.sigma**2, TRUNCATION)
     J = jacobian(kept, rays)
-    return Linear(J, A, y, weight, chosen.tile, 1 / chosen.length), chosen, kept.depth
+    return Linear(J, A, y, weight, chosen.tile, 1 / chosen.length)
 
 
 def solve(views: Sequence[PosedImage], columns: ErrorColumns) -> Solution:
@@ -204,7 +201,7 @@ def solve(views: Sequence[PosedImage], columns: ErrorColumns) -> Solution:
     values = np.zeros(len(columns.names))
     current = list(views)
     for _ in range(_ROUNDS):
-        equations = [linearise(view, columns, values)[0] for view in current]
+        equations = [linearise(view, columns, values) for view in current]
         S, s = reduced(equations, columns)
         values = np.linalg.solve(S, s)
         longest = 0.0
@@ -232,7 +229,7 @@ def _share(one: Linear) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _finish(views: list[PosedImage], columns: ErrorColumns, values: np.ndarray) -> Solution:
-    equations = [linearise(view, columns, values)[0] for view in views]
+    equations = [linearise(view, columns, values) for view in views]
     shares = [_share(one) for one in equations]
     k = len(values)
     prior = np.diag(columns.precision)

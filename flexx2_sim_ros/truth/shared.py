@@ -241,65 +241,46 @@ def _hidden_by_bounce(solution: Solution) -> str:
 
 def _best_period(solution: Solution) -> tuple[float, float]:
     # The period that explains most of the residual, and the ratio to noise.
-    scanned = [_Scan.of(view, solution) for view in solution.views]
-    gains = _gains(scanned, solution.columns, _PERIODS)
-    best = float(_PERIODS[int(gains.argmax())])
-    finer = best * _FINER
-    gains = _gains(scanned, solution.columns, finer)
+    gains = _gains(solution, _PERIODS)
+    finer = float(_PERIODS[int(gains.argmax())]) * _FINER
+    gains = _gains(solution, finer)
     return float(finer[int(gains.argmax())]), float(gains.max())
 
 
-@dataclass(frozen=True)
-class _Scan:
-    # The equations of a view with fewer pixels, and depth and ray length of these pixels.
-    equations: Linear
-    view: PosedImage
-    depth: np.ndarray
-
-    @classmethod
-    def of(cls, view: PosedImage, solution: Solution) -> '_Scan':
-        step = max(len(view.target.depth) // _SCAN_PIXELS, 1)
-        use = np.zeros(len(view.target.depth), bool)
-        use[::step] = True
-        thin = replace(view, target=view.target.picked(use), bounce=view.bounce[use])
-        equations, kept, depth = linearise(thin, solution.columns, solution.values)
-        return cls(equations, replace(thin, target=kept), depth)
-
-
-def _gains(scanned: Sequence[_Scan], columns: ErrorColumns, periods: np.ndarray) -> np.ndarray:
-    S, s = reduced([one.equations for one in scanned], columns)
-    k, count = len(s), len(periods)
-    cross = np.zeros((count, k, 2))
-    own = np.tile(np.eye(2) * 1e-12, (count, 1, 1))
-    side = np.zeros((count, 2))
-    for one in scanned:
-        length = one.view.target.length
-        turn = 2 * np.pi * (one.depth * length)[:, None] / periods
-        wave = np.concatenate([np.sin(turn), np.cos(turn)], axis=1) / length[:, None]
-        free = one.equations.free(wave)
-        weighted = free * one.equations.weight[:, None]
-        pairs = weighted.reshape(-1, 2, count)
-        cross += np.einsum('npc,nk->ckp', pairs, one.equations.A, optimize=True)
-        own += np.einsum('npc,nqc->cpq', pairs, wave.reshape(-1, 2, count), optimize=True)
-        side += (weighted.T @ one.equations.y).reshape(2, count).T
-    # Without the part that existing columns explain.
-    through = np.linalg.solve(np.broadcast_to(S, (count, k, k)), cross)
-    left = own - cross.transpose(0, 2, 1) @ through
-    rest = side - np.einsum('ckp,k->cp', through, s)
-    amplitudes = np.linalg.solve(left + 1e-9 * np.eye(2), rest[..., None])[..., 0]
-    gain = np.einsum('cp,cp->c', amplitudes, rest)
-    return gain / _noise(scanned, np.linalg.solve(S, s))
+def _gains(solution: Solution, periods: np.ndarray) -> np.ndarray:
+    # How much a wave of each period explains, beyond poses and present columns.
+    k, first = len(solution.values), 1 + 2 * len(solution.columns.periods)
+    waves = np.arange(first, first + 2 * len(periods))
+    values = np.insert(solution.values, first, np.zeros(len(waves)))
+    columns = replace(solution.columns, periods=(*solution.columns.periods, *periods.tolist()))
+    equations = [linearise(_thin(view), columns, values) for view in solution.views]
+    S, s = reduced(equations, columns)
+    S -= np.diag(np.isin(np.arange(len(s)), waves) * columns.precision)
+    own = np.setdiff1d(np.arange(len(s)), waves)
+    present = np.linalg.solve(S[np.ix_(own, own)], np.column_stack([S[own], s[own]]))
+    left = S[waves] - S[np.ix_(waves, own)] @ present[:, :-1]
+    rest = (s[waves] - S[np.ix_(waves, own)] @ present[:, -1]).reshape(-1, 2)
+    pairs = waves.reshape(-1, 2)
+    blocks = np.stack([left[2 * i : 2 * i + 2, pair] for i, pair in enumerate(pairs)])
+    amplitudes = np.linalg.solve(blocks + 1e-9 * np.eye(2), rest[..., None])[..., 0]
+    noise = _noise([(one, one.A[:, own]) for one in equations], present[:k, -1])
+    return np.asarray(np.einsum('cp,cp->c', amplitudes, rest) / noise)
 
 
-def _noise(scanned: Sequence[_Scan], values: np.ndarray) -> float:
+def _thin(view: PosedImage) -> PosedImage:
+    # With fewer pixels.
+    use = np.zeros(len(view.target.depth), bool)
+    use[:: max(len(use) // _SCAN_PIXELS, 1)] = True
+    return replace(view, target=view.target.picked(use), bounce=view.bounce[use])
+
+
+def _noise(equations: Sequence[tuple[Linear, np.ndarray]], values: np.ndarray) -> float:
     # Part of pure noise that one coefficient explains; residuals of one tile are not independent.
     total, squares = 0.0, 0.0
-    for one in scanned:
-        equations = one.equations
-        left = equations.free((equations.y - equations.A @ values)[:, None])[:, 0]
-        tiles = np.bincount(equations.tile, equations.weight * left)
-        squares += float((tiles**2).sum())
-        total += float(equations.weight.sum())
+    for one, present in equations:
+        left = one.free((one.y - present @ values)[:, None])[:, 0]
+        squares += float((np.bincount(one.tile, one.weight * left) ** 2).sum())
+        total += float(one.weight.sum())
     return max(squares / max(total, 1e-30), 1e-30)
 
 
