@@ -78,17 +78,15 @@ def _shown(table: dict[str, Any]) -> Table:
 
     shown = Table(box=SIMPLE_HEAD, pad_edge=False)
     shown.add_column('record', no_wrap=True)
-    for head in ('truth', 'correct', 'wrong', 'open', 'bit', 'tells apart best'):
+    for head in ('truth', 'correct', 'wrong', 'open'):
         shown.add_column(head)
 
-    def add(name: str, truth: str, row: Any, apart: str) -> None:
-        shares = (percent(row[key]) for key in ('right', 'wrong', 'undecided'))
-        shown.add_row(name, truth, *shares, f'{row["bits"]:.2f}', apart)
+    def add(name: str, truth: str, row: Any) -> None:
+        shown.add_row(name, truth, *(percent(row[key]) for key in ('right', 'wrong', 'undecided')))
 
     for row in table['ranking'][:_ROWS]:
-        pair = ' against '.join(row['best_told_apart'])
-        add(printable(row['name']), row['truth'], row, printable(pair))
+        add(printable(row['name']), row['truth'], row)
     shown.add_section()
     for words, row in baselines(table):
-        add(words, '', row, '')
+        add(words, '', row)
     return shown

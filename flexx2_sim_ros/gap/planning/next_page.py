@@ -1,6 +1,6 @@
 """The page of suggestions: the ranking, and images for each explanation."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from flexx2_sim_ros import html_parts as html
@@ -105,36 +105,27 @@ def _told(name: str, value: Any) -> bool:
 
 def _ranking(table: Mapping[str, Any]) -> html.Html:
     rows = [
-        html.row(_cells(f'{row["name"]}, truth: {row["truth"]}', row, row['best_told_apart']))
+        html.row(_cells(f'{row["name"]}, truth: {row["truth"]}', row))
         for row in table['ranking'][:_MOST_ROWS]
     ]
-    rows += [html.row(_cells(words, one, ()), 'dim') for words, one in baselines(table)]
+    rows += [html.row(_cells(words, one), 'dim') for words, one in baselines(table)]
     left = len(table['ranking']) - _MOST_ROWS
     more = f' {left} more are in next.json.' if left > 0 else ''
-    heads = (
-        'record twice',
-        'settles it correctly',
-        'wrongly',
-        'not',
-        'information, bit',
-        'tells apart best',
-    )
+    heads = ('record twice', 'settles it correctly', 'wrongly', 'not')
     return html.join(
         html.table(heads, rows, 'ranking'),
         html.note(
             'The fractions are those of simulated diagnoses of all recordings together, if the '
             'explanations are as likely as above. They do not know of causes that are not in that '
-            'table, and have been tested on few campaigns: see docs/diagnose_your_flexx2.md. One '
-            f'recording tells so many bits; {table["most_bits"]:.2f} bit would decide between all '
-            f'explanations.{more} Mean of repeats: of repeating a recording that was diagnosed. '
-            'Mean of the plan: of a random recording of the plan.'
+            'table, and have been tested on few campaigns: see '
+            f'docs/diagnose_your_flexx2.md.{more} Mean of repeats: of repeating a recording that '
+            'was diagnosed. Mean of the plan: of a random recording of the plan.'
         ),
     )
 
 
-def _cells(record: str, row: Mapping[str, Any], apart: Sequence[str]) -> list[str]:
-    shares = [percent(row[key]) for key in ('right', 'wrong', 'undecided')]
-    return [record, *shares, f'{row["bits"]:.2f}', ' against '.join(apart)]
+def _cells(record: str, row: Mapping[str, Any]) -> list[str]:
+    return [record, *(percent(row[key]) for key in ('right', 'wrong', 'undecided'))]
 
 
 def _view(

@@ -25,13 +25,6 @@ from flexx2_sim_ros.gap.planning.forecast import (
     Expected,
     what_is_known,
 )
-from flexx2_sim_ros.gap.planning.information import (
-    entropy,
-    Outlook,
-    outlook,
-    true_columns,
-    with_true,
-)
 from flexx2_sim_ros.gap.planning.looks import look, PredictedView
 from flexx2_sim_ros.gap.planning.plan import Plan
 from flexx2_sim_ros.gap.planning.possible import (
@@ -47,7 +40,7 @@ from flexx2_sim_ros.gap.work import find, Progress, Simulations, stepper, summar
 from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
-SCHEMA = 2
+SCHEMA = 3
 _SHOWN = 3  # number of suggestions with images
 _ENOUGH = 0.9  # expected fraction right from which on one set-up is enough
 _COMBINED = 4  # set-ups that are combined in pairs
@@ -83,10 +76,8 @@ class _Setting:
 
 @dataclass(frozen=True, eq=False)
 class _Row:
-    # A recording that could be made, what it tells, what is expected after it, and its two
-    # simulations.
+    # A recording that could be made, what is expected after it, and its two simulations.
     possible: Possible
-    outlook: Outlook
     expected: Expected
     pair: tuple[Evidence, Evidence]
 
@@ -159,7 +150,7 @@ def suggest(
         if not any(not one.possible.repeat for one in rows):
             why = next((one for one in outcomes if isinstance(one, str)), 'none suits the truth')
             raise InputError(f'--plan: must have a recording that can be used, got none: {why}')
-        rows.sort(key=lambda row: (-row.expected.right, row.expected.wrong, -row.outlook.bits))
+        rows.sort(key=lambda row: (-row.expected.right, row.expected.wrong))
         new = [row for row in rows if not row.possible.repeat]
         best, expected = _suggestion(new, setting.known, mapped, progress)
         first = [*best, *(row for row in new if row not in best)][:_SHOWN]
@@ -254,18 +245,7 @@ def _look_out(possible: Possible, setting: _Setting) -> _Row | str:
             return one
         pair.append(one)
     first, second = pair
-    told = [c for c in columns if c.name in own]
-    true = replace(second, columns=second.columns[-len(told) :])
-    tells = outlook(
-        with_true(first, true),
-        [*columns, *true_columns(told)],
-        [name if name in own else None for name in setting.explanations],
-        setting.weights,
-        np.array(known.source.prior),
-        kind.fitted,
-        known.source.seed,
-    )
-    return _Row(possible, tells, expect(known, [(first, second)], kind.fitted), (first, second))
+    return _Row(possible, expect(known, [(first, second)], kind.fitted), (first, second))
 
 
 def _together(rows: Sequence[_Row], known: DiagnosedRecordings) -> Expected:
@@ -283,9 +263,7 @@ def _table(
             'name': row.possible.name,
             'truth': row.possible.kind.name,
             'words': row.possible.words,
-            'bits': row.outlook.bits,
             **asdict(row.expected),
-            'best_told_apart': [names[i] for i in row.outlook.told_apart],
         }
         for row in rows
         if not row.possible.repeat
@@ -309,11 +287,10 @@ def _table(
             )
             if some
         },
-        'most_bits': entropy(setting.weights),
         'version': __version__,
     }
 
 
 def _mean(rows: Sequence[_Row]) -> dict[str, float]:
-    every = [{'bits': row.outlook.bits, **asdict(row.expected)} for row in rows]
+    every = [asdict(row.expected) for row in rows]
     return {key: float(np.mean([one[key] for one in every])) for key in every[0]}
