@@ -44,3 +44,11 @@ def is_finite(value: Any) -> bool:
     """Say whether a value is a number, no bool, that a float can hold and that is not infinite."""
     number = isinstance(value, int | float) and not isinstance(value, bool)
     return number and -sys.float_info.max <= value <= sys.float_info.max  # never true of NaN
+
+
+def check_whole(field: str, value: Any, low: int, high: int = 10**9) -> None:
+    """Raise `InputError` if a value is no whole number from ``low`` to ``high``."""
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise InputError(
+            f'{field}: must be a whole number from {low} to {high}, got {shown(value)}'
+        )

@@ -25,7 +25,7 @@ from flexx2_sim_ros.gap.report.cost_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
 from flexx2_sim_ros.jobs import bind, Map, workers
-from flexx2_sim_ros.limits import CONSUMER_SECONDS
+from flexx2_sim_ros.limits import check_whole, CONSUMER_SECONDS
 import numpy as np
 
 SCHEMA = 1
@@ -363,10 +363,8 @@ def _forms(effects: Iterable[Effect]) -> dict[str, set[str]]:
 
 
 def _check(seed: int, jobs: int, limit: float, mounting: tuple[float, float] | None) -> None:
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 10**9:
-        raise InputError(f'seed: must be a whole number from 0, got {shown(seed)}')
-    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise InputError(f'jobs: must be a whole number from 1, got {shown(jobs)}')
+    check_whole('seed', seed, 0)
+    check_whole('jobs', jobs, 1)
     if not 0 < limit < math.inf:
         raise InputError(f'limit: must be seconds above 0, got {shown(limit)}')
     if mounting is not None:

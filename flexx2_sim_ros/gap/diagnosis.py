@@ -55,6 +55,7 @@ from flexx2_sim_ros.gap.work import (
     summarise_all,
 )
 from flexx2_sim_ros.jobs import Map, workers
+from flexx2_sim_ros.limits import check_whole
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
 
@@ -261,10 +262,8 @@ def _check(
     for name in without:
         if name not in registry():
             raise InputError(f'without: must be among {", ".join(registry())}, got {name}')
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 10**9:
-        raise InputError(f'seed: must be a whole number from 0, got {seed!r}')
-    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise InputError(f'jobs: must be a whole number from 1, got {jobs!r}')
+    check_whole('seed', seed, 0)
+    check_whole('jobs', jobs, 1)
     if forms not in _FORMS:
         raise InputError(f'forms: must be {", ".join(_FORMS)}, got {shown(forms)}')
     if len(pose_prior) != 2 or not all(0 < value < 1e3 for value in pose_prior):

@@ -16,6 +16,7 @@ from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import Progress, stepper
 from flexx2_sim_ros.jobs import workers
+from flexx2_sim_ros.limits import check_whole
 from flexx2_sim_ros.physics.geometry import centred
 from flexx2_sim_ros.robots.robot import DEFAULT_ROBOT, load_robot
 from flexx2_sim_ros.walking import ExactCamera, SimulatedCamera
@@ -154,15 +155,9 @@ def cameras_of(
 
 
 def _check(robot: str, walks: int, steps: Sequence[float], seed: int, jobs: int) -> None:
-    for name, value, low, high in (
-        ('walks', walks, 1, _MOST_WALKS),
-        ('seed', seed, 0, 10**9),
-        ('jobs', jobs, 1, 10**4),
-    ):
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise InputError(
-                f'{name}: must be a whole number from {low} to {high}, got {shown(value)}'
-            )
+    check_whole('walks', walks, 1, _MOST_WALKS)
+    check_whole('seed', seed, 0)
+    check_whole('jobs', jobs, 1)
     if not steps or not all(0 <= step <= _HIGHEST for step in steps):
         raise InputError(f'steps: must be metres from 0 to {_HIGHEST:g}, got {shown(steps)}')
     if load_robot(robot).legs is None:
