@@ -99,10 +99,10 @@ def test_only_loop_keeps_what_is_compiled() -> None:
 # Lines of Python in each room, in hundreds, and files below 60 lines. A commit that needs more
 # raises its number and says why; one that needs less lowers it.
 BUDGETS = {
-    'base': 22, 'batch': 65, 'camera': 11, 'characterize': 50, 'cli': 45, 'consumers': 13,
-    'effects': 64, 'export': 9, 'formulas': 8, 'gap': 221, 'messages': 6, 'nodes': 57,
+    'base': 23, 'batch': 65, 'camera': 11, 'characterize': 50, 'cli': 45, 'consumers': 13,
+    'effects': 64, 'export': 9, 'formulas': 8, 'gap': 219, 'messages': 6, 'nodes': 57,
     'physics': 17, 'processing': 7, 'profiles': 15, 'recording': 56, 'rendering': 12, 'robots': 19,
-    'truth': 86, 'view': 13, 'walking': 12,
+    'truth': 85, 'view': 13, 'walking': 12,
 }  # fmt: skip
 SMALL_FILES = 39
 
