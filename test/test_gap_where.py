@@ -23,7 +23,7 @@ import pytest
 
 
 def made_up(count: int, noise: float) -> Any:
-    """Return what `beside` and `main_covariate` ask of a model, with nothing in it."""
+    """Return what `beside` asks of a model, with nothing in it."""
     shape = (count, SIZE)
     counts = np.concatenate([np.full(axis.bins, 1e4 / axis.bins) for axis in AXES.values()])
     evidence = [

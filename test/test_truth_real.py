@@ -43,7 +43,7 @@ def truth(recording: str, *options: str) -> tuple[dict[str, Any], dict[str, np.n
         return yaml.safe_load(Path('out/truth.yaml').read_text()), dict(file)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason='no real frames')
+@pytest.mark.skipif(not DATA.is_dir(), reason=f'{DATA} is not there')
 def test_the_chessboard_of_a_kinect_is_where_its_corners_are(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
