@@ -35,6 +35,7 @@ NAMES = {
     'saturation',
     'temporal_filter',
     'spatial_filter',
+    'depth_scale',
     'excess_noise',
     'ambient_light',
     'heavy_tails',

@@ -38,6 +38,7 @@ ORDER = [
     'amplitude_bias',
     'offset',
     'warm_up_drift',
+    'depth_scale',
     'excess_noise',
     'ambient_light',
     'heavy_tails',

@@ -7,6 +7,7 @@ from typing import Any
 from bench.gap_campaigns import write_campaign
 from campaigns import change, read_all
 from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.calibration.search import SEARCH
 from flexx2_sim_ros.gap.data.clues import Clues, clues_of, light_edges
 from flexx2_sim_ros.gap.features.catalogue import catalogue
@@ -38,7 +39,7 @@ def searched(folder: Path) -> tuple[dict[str, Any], list[Clues]]:
 def test_nothing_is_found_in_a_camera_as_its_profile_says(tmp_path: Path) -> None:
     found, _ = found_in(tmp_path, {}, {})
     assert found == {}
-    assert of_registration(found) == ((), 0.0)
+    assert of_registration(found) == ((), 0.0, 0.0)
 
 
 @pytest.mark.parametrize('period', [0.35, 1.6])
@@ -76,6 +77,23 @@ def test_a_filter_over_frames_is_not_taken_for_a_latency(tmp_path: Path) -> None
     assert np.median(lags) == pytest.approx(0.022, abs=0.004)
 
 
+@pytest.mark.parametrize('strength', [0.5, 2.5])
+def test_a_depth_scale_is_found_and_named(strength: float, tmp_path: Path) -> None:
+    """Of 1 % and 5 %: a pose takes up the one, and the other is far beyond what poses are."""
+    found, _ = found_in(tmp_path, {'depth_scale': strength}, {})
+    assert abs(found['stretch'][0]) == pytest.approx(0.02 * strength, rel=0.15)
+    first, *others = diagnose(tmp_path)['effects']
+    assert first['name'] == 'depth_scale'
+    assert first['parameters']['fraction'] == pytest.approx(found['stretch'][0], rel=0.15)
+    assert not others
+
+
+@pytest.mark.parametrize('effect', ['pose_error', 'offset', 'intrinsics_error'])
+def test_other_errors_are_not_taken_for_a_depth_scale(effect: str, tmp_path: Path) -> None:
+    found, _ = found_in(tmp_path, {effect: 2.0}, {})
+    assert 'stretch' not in found
+
+
 def test_the_amplitude_below_which_pixels_are_lost_is_found(tmp_path: Path) -> None:
     found, clues = found_in(tmp_path, {'low_signal_dropout': 1.0}, {'light_scale': 8.0})
     # In this mode the camera drops pixels below 0.015 / m^2.
@@ -96,7 +114,7 @@ def test_the_light_that_saturates_a_camera_head_on_is_found(tmp_path: Path) -> N
 def test_what_is_found_becomes_variants_of_effects() -> None:
     plain = {candidate.label for candidate in catalogue()[1]}
     found = {'wave': (0.8,), 'fold': (2.49,), 'latency': (0.115,), 'darkness': (0.002, 3.0)}
-    found['glare'] = 6.0, 12.0, 2.0, 6.0
+    found |= {'glare': (6.0, 12.0, 2.0, 6.0), 'stretch': (0.05,)}
     columns, candidates = catalogue((), True, found)
     new = [one for one in candidates if one.label not in plain]
     assert {one.effect for one in new} == {
@@ -105,6 +123,7 @@ def test_what_is_found_becomes_variants_of_effects() -> None:
         'time_offset',
         'low_signal_dropout',
         'saturation',
+        'depth_scale',
     }
     names = {column.name for column in columns}
     assert all(node[1] in names for one in new for term in one.terms for node in term.nodes)

@@ -176,6 +176,8 @@ def shift_alike(f: Frame, own: Own, k: wp.int32, n: wp.int32, y: wp.int32, x: wp
     if e.warm_up_drift_strength > 0.0:
         elapsed = wp.float32(own.elapsed) * _PER_NANOSECOND
         same += _drift(elapsed, e.warm_up_drift_bias, e.warm_up_drift_tau, e.warm_up_drift_uptime)
+    if e.depth_scale_fraction != 0.0:
+        same += e.depth_scale_fraction * distance(at(f.surfaces.p, padded(f.lens, n, y, x)), 0.0)
     shift = at(f.shifts, i) + same
     if e.fixed_pattern_rms > 0.0:
         shift += e.fixed_pattern_rms * at(f.grain, place(f.lens, own.env, y, x))

@@ -12,7 +12,7 @@ from flexx2_sim_ros.effects import Effect
 import warp as wp
 
 # Effects whose kernels run only where an environment has one of them.
-_SHIFTS_ALIKE = {'offset', 'warm_up_drift', 'fixed_pattern', 'amplitude_bias'}
+_SHIFTS_ALIKE = {'offset', 'depth_scale', 'warm_up_drift', 'fixed_pattern', 'amplitude_bias'}
 _CHANGES_NOISE = {'excess_noise', 'ambient_light'}
 
 

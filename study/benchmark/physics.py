@@ -11,6 +11,7 @@ from collections.abc import Iterable
 DEPENDS_ON: dict[str, tuple[str, ...]] = {
     'ambient_light': ('amplitude', 'distance'),  # light that competes with the signal
     'amplitude_bias': ('amplitude',),
+    'depth_scale': ('distance',),
     'excess_noise': ('all',),
     'fixed_pattern': ('all', 'image region'),  # each pixel has its own error
     'flying_pixels': ('edge',),

@@ -26,6 +26,21 @@ def in_range(frame: Frame, delay: np.ndarray | float) -> np.ndarray | float:
     return delay * frame.view.ray_length if frame.optics.internals.axial else delay
 
 
+class DepthScale(Effect):
+    """The clock runs at another frequency than the camera believes: all ranges are scaled."""
+
+    name = 'depth_scale'
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Draw the sign."""
+        self._scale = 0.02 * self.strength * rng.choice((-1, 1))
+        self.parameters = {'fraction': self._scale}
+
+    def before(self, frame: Frame) -> None:
+        """Delay in proportion to the path."""
+        frame.delay = frame.delay + self._scale * frame.view.path
+
+
 class Wiggling(Effect):
     """
     The correlation has third and fifth harmonics, and the pairs of taps differ.

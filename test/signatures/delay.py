@@ -114,6 +114,14 @@ def offset() -> None:
 
 
 @signature
+def depth_scale() -> None:
+    for fraction, strength in ((0.02, 1.0), (-0.01, 2.5)):
+        clean = ramp(0.6, 2.0)
+        seen = shift('depth_scale', clean, fraction=fraction, strength=strength)
+        close(seen, fraction * strength * clean, rel=1e-3)
+
+
+@signature
 def warm_up_drift() -> None:
     seconds = np.array([0.0, 60.0, 900.0, 1800.0, 7200.0])
     small = np.ones((4, 4))

@@ -32,6 +32,8 @@ class Search:
     wave_agrees: float = constant(
         0.85, 'fraction', 'of the recordings that a wave improves', BENCH
     )
+    stretch_explains: float = constant(0.01, 'fraction', 'the same, by a depth scale')
+    least_stretch: float = constant(2e-3, 'fraction', 'a smaller depth scale is not searched for')
     latencies: tuple[float, float, float] = constant((-0.2, 0.4, 0.01), 's', 'that are tried')
     latency_gains: float = constant(
         0.02,

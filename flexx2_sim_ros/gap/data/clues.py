@@ -11,6 +11,8 @@ from flexx2_sim_ros.physics.surface import analyse
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 
+LINE = 7  # column of `Clues.own` in proportion to depth
+
 
 @dataclass(frozen=True)
 class Clues:
@@ -24,7 +26,8 @@ class Clues:
     sigma : numpy.ndarray
         (N,) metres, of the errors.
     own : numpy.ndarray
-        (N, M) metres: what a small motion of the camera, a line over range and a latency change.
+        (N, 9) metres: what a small motion of the camera, an offset of range, a depth scale and a
+        latency change.
     length : numpy.ndarray
         (N,) length of each pixel's ray, as a multiple of its depth.
     distance : numpy.ndarray
@@ -139,8 +142,10 @@ def _samples(
     # The first five fields of `Clues` of one frame.
     clean = _clean(recording, t)
     limit = REGISTRATION.outlier_sigmas * cover.sigma + SEARCH.largest_error
-    with np.errstate(invalid='ignore'):
-        good = cover.inside & (np.abs(error) < limit)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        ratio = (error / clean)[cover.inside]
+        stretch = np.nanmedian(ratio) if np.isfinite(ratio).any() else 0.0
+        good = cover.inside & (np.abs(error - stretch * clean) < limit)
     moves = pose_columns(clean, recording.K, recording.mode.sensor)
     late = np.zeros_like(clean)
     if recording.clean.ndim == 3:

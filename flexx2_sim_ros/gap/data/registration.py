@@ -156,7 +156,11 @@ def _known_from(
 
 
 def register(
-    recording: RecordingData, prior: np.ndarray, waves: Sequence[float] = (), latency: float = 0.0
+    recording: RecordingData,
+    prior: np.ndarray,
+    waves: Sequence[float] = (),
+    latency: float = 0.0,
+    stretch: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """
     Find the small motion of the camera, and of planes, that best explains a recording.
@@ -173,6 +177,8 @@ def register(
         take them up.
     latency : float
         Age of the images of a moving scene at their stamps to start from, seconds.
+    stretch : float
+        Fraction by which the recordings' depths are too long, about; a pose is not to take it up.
 
     Returns
     -------
@@ -205,10 +211,10 @@ def register(
             motion[:POSE],
         )
         if biases is None:  # Computed once: a small motion hardly changes them.
-            biases = _typical_biases(recording, clean, reflectivity, chosen)
+            biases = _typical_biases(recording, clean, reflectivity, chosen, stretch)
         late = None if still else images_by_latency(recording, chosen, lateness)
         step, amounts, sure = fit_plane_motion(
-            *_differences(recording, shown, clean, chosen, motion, biases, late),
+            *_differences(recording, shown, clean, chosen, motion, biases, late, stretch),
             recording.K,
             spread,
             shifts,
@@ -250,6 +256,7 @@ def _differences(
     motion: np.ndarray,
     biases: _Biases,
     late: tuple[np.ndarray, np.ndarray] | None,
+    stretch: float,
 ) -> tuple[list[Differences], np.ndarray]:
     # Each frame with where it differs from its clean depth, and (N, m, H, W) metres by which
     # depth changes with each bias and latency. What the given effects change is subtracted.
@@ -273,7 +280,8 @@ def _differences(
         with np.errstate(invalid='ignore'):
             error = real - image - np.nan_to_num(biases.given[i] - biases.plain[i])
             limit = REGISTRATION.outlier_sigmas * sigma + REGISTRATION.outlier
-            error = np.where(scene.inside & (np.abs(error) < limit), error, np.nan)
+            near = np.abs(error - stretch * image) < limit
+            error = np.where(scene.inside & near, error, np.nan)
         changes = [(biases.plain[i], one[i]) for one in biases.changed]
         other = [np.nan_to_num(one - plain) for plain, one in changes]
         if late is not None:
@@ -347,6 +355,7 @@ def _typical_biases(
     clean: np.ndarray,
     reflectivity: np.ndarray | None,
     chosen: Sequence[int],
+    stretch: float,
 ) -> _Biases:
     common = CommonRandomNumbers(
         base_camera(recording.mode, recording.profile, 0, recording.name),
@@ -360,6 +369,8 @@ def _typical_biases(
         for effects in ((), *_like_a_pose(bool(recording.mode.modulation_hz)))
     )
     given = common.depth(recording.given) if recording.given else plain
+    if stretch:
+        changed.append((1 + stretch) * plain)
     return _Biases(plain, changed, given)
 
 

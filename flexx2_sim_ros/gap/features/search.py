@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.calibration.search import SEARCH
-from flexx2_sim_ros.gap.data.clues import Clues, latencies, light_edges
+from flexx2_sim_ros.gap.data.clues import Clues, latencies, light_edges, LINE
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
@@ -55,7 +55,7 @@ def wave(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
         The period, metres; empty if the harmonics of the profile explain about as much.
 
     """
-    parts = [_Waves(one) for one in clues if len(one.error) >= SEARCH.fewest]
+    parts = _parts(clues, slice(None))
     if len(parts) < 2:
         return ()
     low, high, step = SEARCH.waves
@@ -73,6 +73,27 @@ def wave(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     return (1.0 / best,) if share >= enough and agree >= SEARCH.wave_agrees else ()
 
 
+def stretch(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
+    """
+    Find a bias in proportion to distance, which the fit of a pose would take for a motion.
+
+    Returns
+    -------
+    tuple of float
+        The fraction of the distance; empty if it is small, or explains little.
+
+    """
+    parts = _parts(clues, [i for i in range(clues[0].own.shape[1]) if i != LINE])
+    if len(parts) < 2:
+        return ()
+    equations = [one.equations_of(one.depth) for one in parts]
+    share, agree = _held_out(parts, equations)
+    normal, right = (float(np.sum(one)) for one in zip(*equations, strict=True))
+    scale = right / max(normal, 1e-9)
+    found = share >= SEARCH.stretch_explains and agree >= SEARCH.wave_agrees
+    return (scale,) if found and abs(scale) >= SEARCH.least_stretch else ()
+
+
 def inside_of(effects: Iterable[Effect]) -> Found:
     """Return what `search` would find in a camera with these effects, as far as they say it."""
     found = {
@@ -83,16 +104,18 @@ def inside_of(effects: Iterable[Effect]) -> Found:
     return {name: values for name, values in found.items() if values}
 
 
-def of_registration(found: Found) -> tuple[tuple[float, ...], float]:
-    """Return what the fit of a pose needs to know: periods of biases, metres; latency, seconds."""
-    period, late = found.get('wave'), found.get('latency')
-    return (period[0], period[0] / 2) if period else (), late[0] if late else 0.0
+def of_registration(found: Found) -> tuple[tuple[float, ...], float, float]:
+    """Return what `register` needs to know: periods of biases, metres; latency, s; stretch."""
+    (period,), (late,), (scale,) = (
+        found.get(name, (0.0,)) for name in ('wave', 'latency', 'stretch')
+    )
+    return (period, period / 2) if period else (), late, scale
 
 
-class _Waves:
-    # Errors of one recording and their nuisances, weighted, ready for waves of any period.
-    def __init__(self, clues: Clues) -> None:
-        own = clues.own / clues.sigma[:, None]
+class _Errors:
+    # Errors of one recording and their nuisances, weighted, ready for what all have in common.
+    def __init__(self, clues: Clues, nuisances: slice | list[int]) -> None:
+        own = clues.own[:, nuisances] / clues.sigma[:, None]
         error = clues.error / clues.sigma
         ridge = SEARCH.ridge * len(error) * np.diag(np.square(own).mean(axis=0) + 1e-12)
         spread = 1.5 * np.median(np.abs(error))  # near a standard deviation
@@ -106,6 +129,7 @@ class _Waves:
         self._project = inverse @ (own.T * weight)
         self._clues = clues
         self.power = float((weight * rest**2).sum())
+        self.depth = clues.own[:, [LINE]]
 
     def equations(self, mix: _Mix, orders: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         # Normal matrix and right side, the nuisances eliminated.
@@ -115,16 +139,31 @@ class _Waves:
             for n in orders
             for g in (np.sin, np.cos)
         ]
-        design = np.stack(columns, axis=1) / (clues.length * clues.sigma)[:, None]
+        return self.equations_of(np.stack(columns, axis=1) / clues.length[:, None])
+
+    def equations_of(self, metres: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        # The same of any (N, n) columns.
+        design = metres / self._clues.sigma[:, None]
         design = design - self._own @ (self._project @ design)
         weighted = design.T * self._weight
         return weighted @ design, weighted @ self._rest
 
 
-def _explained(parts: Sequence[_Waves], mix: _Mix, orders: tuple[int, ...]) -> tuple[float, float]:
+def _parts(clues: Sequence[Clues], nuisances: slice | list[int]) -> list[_Errors]:
+    return [_Errors(one, nuisances) for one in clues if len(one.error) >= SEARCH.fewest]
+
+
+def _explained(
+    parts: Sequence[_Errors], mix: _Mix, orders: tuple[int, ...]
+) -> tuple[float, float]:
+    return _held_out(parts, [one.equations(mix, orders) for one in parts])
+
+
+def _held_out(
+    parts: Sequence[_Errors], both: Sequence[tuple[np.ndarray, np.ndarray]]
+) -> tuple[float, float]:
     # The fraction of the squared errors that is explained in recordings left out of the fit, and
     # the fraction of the recordings in which it is above 0. Each recording counts alike.
-    both = [one.equations(mix, orders) for one in parts]
     normal, right = (np.sum(part, axis=0) for part in zip(*both, strict=True))
     ridge = SEARCH.ridge * np.trace(normal) / len(normal) * np.eye(len(normal))
     gains = []
@@ -275,6 +314,7 @@ def _threshold(
 # By the name that an effect's `Searched` gives.
 SEARCHES: dict[str, Callable[[Sequence[Clues], Mode], tuple[float, ...]]] = {
     'wave': wave,
+    'stretch': stretch,
     'fold': fold,
     'latency': latency,
     'darkness': darkness,
