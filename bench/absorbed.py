@@ -62,6 +62,7 @@ class FurnishedMesh:
                 self.views.append(camera.camera.scenes.clean(i))
                 rough = Pose(*off(camera.poses(i)[0], 0.05, 3.0, rng))
                 self.poses.append(tuple(rough.numbers()))
+        self.matrix = still.camera.scenes.optics.intrinsics.matrix
         self.uptimes = np.geomspace(UPTIME, UPTIME + _SESSION, len(self.views))
 
     def make(self, recordings: Path, kind: str, out: Path) -> None:
@@ -81,7 +82,7 @@ class Corners:
 
     def __init__(self, folder: Path) -> None:
         """Write what was measured, with the errors of a tape."""
-        self.views, self._folder = [], folder
+        self.views, self._folder, self.matrix = [], folder, K
         for turns, distances in VIEWS:
             clean, _ = seen(corner(*turns), distances)
             self.views.append((clean, np.full_like(clean, 0.6)))
@@ -106,8 +107,8 @@ def record(folder: Path, scenes: FurnishedMesh | Corners, effects: Effects) -> l
         own = tuple(registry()[name].from_mapping(values) for name, values in table.items())
         stamp = 100 + np.arange(FRAMES) / 30
         camera = Camera(MODE, effects=own, seed=i, name='real')
-        depth = camera.capture(clean, K, stamp, reflectivity).depth
-        content = {'depth': depth, 'K': K, 'stamp': stamp, 'usecase': MODE}
+        depth = camera.capture(clean, scenes.matrix, stamp, reflectivity).depth
+        content = {'depth': depth, 'K': scenes.matrix, 'stamp': stamp, 'usecase': MODE}
         np.savez(folder / f'corner{i}.npz', **content, uptime=scenes.uptimes[i] + stamp - stamp[0])
         means.append(depth if clean.ndim == 3 else np.median(depth, axis=0))
     return means

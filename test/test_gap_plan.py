@@ -18,11 +18,12 @@ from flexx2_sim_ros.gap.planning.drawing import drawing
 from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
 from flexx2_sim_ros.gap.planning.power import planned_columns, power
 from flexx2_sim_ros.gap.planning.table import compute, PowerRequest, read_table, shipped_table
-from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
+from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, TruthKind, write_campaign
 from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.paths import executable
 from flexx2_sim_ros.recording.truth import read_truth
+from flexx2_sim_ros.truth.absorbed import absorbed
 from flexx2_sim_ros.truth.plane_file import Measured, read_planes
 import numpy as np
 import pytest
@@ -120,6 +121,12 @@ def test_a_plan_beyond_the_range_of_the_mode_is_refused(two: Path, tmp_path: Pat
     request = PowerRequest(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
     with pytest.raises(InputError, match='--plan: must have recordings within the range of Mode'):
         compute(request, 'x', lambda text, share: None)
+
+
+@pytest.mark.parametrize('kind', [one for one in KINDS if one.never], ids=lambda one: one.name)
+def test_what_ground_truth_hides_is_never_planned_as_found(kind: TruthKind) -> None:
+    """Of `never` and the table that ``python -m bench.absorbed`` has measured."""
+    assert set(kind.never) == {name for name, part in absorbed(kind.name).items() if part >= 0.9}
 
 
 def test_shipped_table_says_what_made_it() -> None:

@@ -61,7 +61,7 @@ KINDS = (
         'scan',
         'flexx2 gap truth --scan, of a room known to 3 mm',
         pose=True,
-        never=('pose_error', 'time_offset'),
+        never=('pose_error', 'time_offset', 'stray_light', 'motion_artefact'),
     ),
     TruthKind(
         'tape',
@@ -73,6 +73,15 @@ KINDS = (
         'planes fitted to the recordings, nothing measured',
         plane=(_LOOSE[0], float(np.radians(_LOOSE[1]))),
         fitted=True,
+        never=(
+            'pose_error',
+            'intrinsics_error',
+            'multipath',
+            'amplitude_bias',
+            'offset',
+            'warm_up_drift',
+            'depth_scale',
+        ),
     ),
 )
 # Kinds of `flexx2 gap next` that the table of the plan does not have.
