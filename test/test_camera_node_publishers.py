@@ -99,7 +99,7 @@ def test_losses_of_a_best_effort_publisher_are_reported(fed: Fed, publish: Any) 
     assert fed.quality('clean/depth_image')[0] == 'BEST_EFFORT'
     large = publish(space(fed), '--best-effort', '--size', '1920x1080', '--count', '30')
     report = fed.report_until(lambda report: 'are lost on the way' in report.message)
-    assert report.level == DiagnosticStatus.WARN
+    assert report.level != DiagnosticStatus.OK  # an error once all were lost for three seconds
     assert 'config/fastdds.xml' in report.message
     fed.spin_until(lambda: large.poll() is not None, 'publisher')
     values = {pair.key: pair.value for pair in fed.next_diagnostics().values}
