@@ -66,6 +66,7 @@ EXTRAS['test'] = EXTRAS['all'] + [
     'sphinx',
     'twine',
     'types-PyYAML',
+    'xacro',
 ]
 
 shared_files: dict[str, list[str]] = {}

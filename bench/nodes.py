@@ -1,7 +1,9 @@
-"""Two camera nodes fed at 60 Hz each: gaps, latency, CPU and memory."""
+"""Two cameras fed at 60 Hz each, in two processes and in one: gaps, latency, CPU and memory."""
 
+from dataclasses import dataclass
 import os
 from pathlib import Path
+import re
 import signal
 import subprocess
 import sys
@@ -13,73 +15,81 @@ _CAMERAS = ('left', 'right')
 _RATE = 60
 
 
+@dataclass(frozen=True)
+class _Cost:
+    # Of all processes: CPU seconds for each frame that arrived, MB.
+    cpu: float
+    memory: float
+
+
 def run(seconds: int = 20) -> None:
-    """Print how many frames arrived, and how fast."""
+    """Print how many frames arrived, and how fast; what one process for both takes."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
-    processes = {
-        name: subprocess.Popen(
-            [
-                sys.executable,
-                '-m',
-                'flexx2_sim_ros.nodes.flexx2_camera',
-                '--ros-args',
-                '-r',
-                f'__ns:=/{name}',
-                '-p',
-                'usecase:=Mode_5_60fps',
-                '--log-level',
-                'warn',
-            ]
-        )
-        for name in _CAMERAS
-    }
+    print(
+        f'two cameras at Mode_5_60fps, fed at {_RATE} Hz each for {seconds} s, '
+        f'{len(os.sched_getaffinity(0))} cores'
+    )
+    two = _run([[name] for name in _CAMERAS], seconds)
+    one = _run([list(_CAMERAS)], seconds)
+    print('wanted: no gaps, p99 below 10 ms')
+    print(
+        f'one process instead of two: {one.memory / two.memory:.2f} times the memory, '
+        f'{one.cpu / two.cpu:.2f} times the CPU for each frame'
+    )
+
+
+def _run(groups: list[list[str]], seconds: int) -> _Cost:
+    # Each group of cameras in a process of its own.
+    node = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera']
+    options = ['--ros-args', '-p', 'usecase:=Mode_5_60fps', '--log-level', 'warn']
+    processes = [subprocess.Popen([*node, *names, *options]) for names in groups]
     try:
-        _measure(processes, seconds)
+        return _measure(processes, seconds)
     finally:
-        for process in processes.values():
+        for process in processes:
             process.send_signal(signal.SIGTERM)
-        for process in processes.values():
+        for process in processes:
             process.wait(10)
 
 
-def _measure(processes: dict[str, subprocess.Popen[bytes]], seconds: int) -> None:
+def _measure(processes: list[subprocess.Popen[bytes]], seconds: int) -> _Cost:
     # ROS is imported where it is needed: other measurements run without it.
     from bench.node_traffic import Traffic
     import rclpy
+
+    def used() -> float:
+        return sum(cpu_seconds(process.pid) for process in processes)
 
     rclpy.init(args=[])
     try:
         traffic = Traffic(_CAMERAS, _RATE)
         traffic.wait_for_nodes()
-        before = {name: cpu_seconds(process.pid) for name, process in processes.items()}
-        own, start = time.process_time(), time.perf_counter()
+        before, own, start = used(), time.process_time(), time.perf_counter()
         traffic.feed(_RATE * seconds)
         elapsed = time.perf_counter() - start
         own = time.process_time() - own
-        print(
-            f'two cameras at Mode_5_60fps, fed at {_RATE} Hz each for {seconds} s, '
-            f'{len(os.sched_getaffinity(0))} cores'
+        spent = used() - before
+        cost = _Cost(
+            spent / len(traffic.latencies), sum(megabytes(process.pid) for process in processes)
         )
-        for name, process in processes.items():
-            gaps = int((np.diff(traffic.stamps[name]) > 1.5e9 / _RATE).sum())
-            cpu = (cpu_seconds(process.pid) - before[name]) / elapsed
-            print(
-                f'{name:6s} {len(traffic.stamps[name])} of {_RATE * seconds} frames, '
-                f'{gaps} gaps, {cpu:.1%} of a core, '
-                f'peak memory {resident_megabytes(process.pid):.0f} MB'
-            )
-        latency = 1e3 * np.array(traffic.latencies)
-        print(
-            'latency from publishing to receiving, ms: '
-            + ', '.join(
-                f'{text} {np.percentile(latency, q):.2f}'
-                for text, q in (('median', 50), ('p90', 90), ('p99', 99), ('max', 100))
-            )
-        )
-        print(f'(this publisher and receiver: {own / elapsed:.1%} of a core)')
-        print('wanted: no gaps, p99 below 10 ms')
     finally:
         rclpy.shutdown()
+    print(
+        f'{len(processes)} processes: {spent / elapsed:.1%} of a core, {cost.memory:.0f} MB (this '
+        f'publisher and receiver: {own / elapsed:.1%} of a core)'
+    )
+    for name, stamps in traffic.stamps.items():
+        gaps = int((np.diff(stamps) > 1.5e9 / _RATE).sum())
+        print(f'  {name:6s} {len(stamps)} of {_RATE * seconds} frames, {gaps} gaps')
+    latency = 1e3 * np.array(traffic.latencies)
+    print(
+        '  latency from publishing to receiving, ms: '
+        + ', '.join(
+            f'{text} {np.percentile(latency, q):.2f}'
+            for text, q in (('median', 50), ('p90', 90), ('p99', 99), ('max', 100))
+        )
+    )
+    return cost
 
 
 def cpu_seconds(pid: int) -> float:
@@ -88,9 +98,7 @@ def cpu_seconds(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def resident_megabytes(pid: int) -> float:
-    """Return the largest resident memory of a process so far, MB."""
-    for line in Path(f'/proc/{pid}/status').read_text().splitlines():
-        if line.startswith('VmHWM'):
-            return int(line.split()[1]) / 1024
-    return float('nan')
+def megabytes(pid: int) -> float:
+    """Return the memory of a process, MB; what several share is divided among them."""
+    text = Path(f'/proc/{pid}/smaps_rollup').read_text()
+    return sum(map(int, re.findall(r'^Pss:\s+(\d+)', text, re.M))) / 1024

@@ -12,7 +12,8 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 ROBOT = ('robot', 'motion', 'scene', 'renderer', 'profile', 'rate')  # parameters of go1_cameras
 CAMERA = ('usecase', 'effects', 'profile', 'use_sim_time')  # of each flexx2_camera
-KINDS = {'rate': float, 'use_sim_time': bool}  # all others are text, whatever it looks like
+# All others are text, whatever it looks like.
+KINDS = {'rate': float, 'use_sim_time': bool, 'one_process': bool}
 ARGUMENTS = {
     'robot': ('go1', 'The robot: go1, go2, or the path of a YAML file.'),
     'motion': ('cmd_vel', 'What moves the robot: stand, cmd_vel or external.'),
@@ -27,12 +28,13 @@ ARGUMENTS = {
     'profile': ('', 'Profile of all cameras; empty for the Flexx2.'),
     'namespace': ('', 'Namespace of all nodes.'),
     'use_sim_time': ('true', 'Whether the cameras and RViz follow /clock.'),
+    'one_process': ('false', 'Whether all cameras share one process: true or false.'),
     'rviz': ('false', 'Whether to start RViz: true or false.'),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Start RViz on request, go1_cameras, and a flexx2_camera for each of its cameras."""
+    """Start RViz on request, go1_cameras, and flexx2_camera for its cameras."""
     # Before the others: where it is not installed, nothing else has been started.
     rviz = Node(
         package='rviz2',
@@ -84,21 +86,23 @@ def _check(context: LaunchContext) -> None:
     load_robot(LaunchConfiguration('robot').perform(context))
     for name in ('go1_cameras', 'flexx2_camera'):
         executable(name)
-    for value in _values((*ROBOT, *CAMERA)).values():
+    for value in _values((*ROBOT, *CAMERA, 'one_process')).values():
         value.evaluate(context)
 
 
 def _cameras(context: LaunchContext) -> list[Node]:
     # Which cameras there are is known when the argument `robot` is.
     robot = load_robot(LaunchConfiguration('robot').perform(context))
-    space = LaunchConfiguration('namespace').perform(context)
+    names = [mount.name for mount in robot.mounts]
+    together = _values(('one_process',))['one_process'].evaluate(context)
     return [
         Node(
             executable=str(executable('flexx2_camera')),
-            namespace=f'{space}/{mount.name}' if space else mount.name,
+            namespace=LaunchConfiguration('namespace'),
             output='screen',
+            arguments=group,
             parameters=[_values(CAMERA)],
             on_exit=_end,
         )
-        for mount in robot.mounts
+        for group in ([names] if together else [[name] for name in names])
     ]

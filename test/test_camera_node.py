@@ -321,9 +321,10 @@ def test_diagnostics_count_frames_and_losses() -> None:
         seen.show(boards(), 1)
         report = seen.next_diagnostics()
         values = {pair.key: pair.value for pair in report.values}
+        assert report.name == f'{seen.name.lstrip("/")}: camera'
         assert report.hardware_id == 'A-17'
         assert values['usecase'] == 'Mode_9_10fps'
-        assert float(values['nominal rate [Hz]']) == 10
+        assert float(values['Target frequency (Hz)']) == 10
         assert values['inputs received'] == '124'
         assert values['frames published'] == '7'
         assert values["inputs dropped (not due at the mode's rate)"] == '115'

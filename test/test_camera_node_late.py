@@ -138,7 +138,7 @@ def test_stamps_of_another_clock_are_said_and_the_image_still_waits() -> None:
         ),
     ],
 )
-def test_input_that_gives_no_frames_is_a_warning_until_it_does(
+def test_input_that_gives_no_frames_is_an_error_until_it_does(
     values: dict[str, Any], step: int, reason: str
 ) -> None:
     with stream(INFO, **values) as seen:
@@ -147,7 +147,8 @@ def test_input_that_gives_no_frames_is_a_warning_until_it_does(
         while reason not in report.message:
             feed(seen, boards(), next(stamps) if step else START)
             report = seen.next_diagnostics()
-        assert report.level == report.WARN
+        assert report.level == report.ERROR
+        assert ('Actual frequency (Hz)', '0.00') in [(v.key, v.value) for v in report.values]
         assert report.message.startswith('no frame is published: ')
         if 'use_sim_time' in values:
             clocks = seen.node.create_publisher(Clock, '/clock', 10)

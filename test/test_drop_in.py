@@ -181,10 +181,10 @@ def test_the_drivers_launch_file(launch: Any) -> None:
         _check_driver(process)
 
 
-def test_the_robots_launch_file(launch: Any) -> None:
-    with launch(
-        'go1.launch.py', 'scene:=corner', 'renderer:=ray', 'motion:=stand', 'usecase:=Mode_5_15fps'
-    ) as process:
+@pytest.mark.parametrize('together', ['true', 'false'])
+def test_the_robots_launch_file(launch: Any, together: str) -> None:
+    words = ['scene:=corner', 'renderer:=ray', 'motion:=stand', 'usecase:=Mode_5_15fps']
+    with launch('go1.launch.py', *words, f'one_process:={together}') as process:
         user = Listener()
         try:
             for camera in ('front_left', 'front_right'):
@@ -196,6 +196,8 @@ def test_the_robots_launch_file(launch: Any) -> None:
             process.send_signal(signal.SIGINT)
         output = process.communicate(timeout=PATIENCE)[0]
         assert process.returncode == 0, output
+        started = len(re.findall('flexx2_camera-.*process started', output))
+        assert started == (1 if together == 'true' else 2)
 
 
 def test_the_robots_launch_file_starts_the_cameras_of_its_robot(
@@ -255,6 +257,7 @@ def test_arguments_of_the_launch_reach_all_nodes(launch: Any) -> None:
     ('argument', 'said'),
     [
         ('use_sim_time:=maybe', 'maybe'),
+        ('one_process:=maybe', 'maybe'),
         ('rate:=fast', 'fast'),
         ('robot:=nothing', 'robot: .*nothing'),
         ('usecase:=Mode_1', 'usecase: .*Mode_1'),

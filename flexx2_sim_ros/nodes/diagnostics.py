@@ -67,6 +67,11 @@ class Statistics:
         self.latencies.append(seconds)
 
     @property
+    def is_silent(self) -> bool:
+        """Whether no input has come for a while."""
+        return time.monotonic() - self.last_input > _SILENT_SECONDS
+
+    @property
     def is_stuck(self) -> bool:
         """Whether inputs come, but for too long no frame was published."""
         return time.monotonic() - self.unanswered > _STUCK_SECONDS + self.delay
@@ -89,17 +94,24 @@ class Statistics:
         late: LateFrames,
         remarks: list[Remark],
     ) -> DiagnosticStatus:
-        """Return the status to publish, and discard the latencies."""
+        """
+        Return the status to publish, and discard the latencies.
+
+        Name, levels and the keys of the rate are those of the `FrequencyStatus` of
+        diagnostic_updater: an error if nothing comes out.
+        """
         stuck = _reason(gate, late) if self.is_stuck else ''
         warnings, notes = self._find(rate_hz, watch, remarks, stuck)
-        level = DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK
+        level, dead = DiagnosticStatus.OK, self.is_silent or self.is_stuck
+        if warnings:
+            level = DiagnosticStatus.ERROR if dead else DiagnosticStatus.WARN
         text = '; '.join(warnings + notes) if warnings else '; '.join(['streaming', *notes])
         latency = np.array(self.latencies or [np.nan]) * 1e3
         values = {
             'usecase': usecase,
-            'nominal rate [Hz]': f'{rate_hz:g}',
-            'input rate [Hz]': f'{self.input_rate.hz:.2f}',
-            'output rate [Hz]': f'{self.output_rate.hz:.2f}',
+            'Target frequency (Hz)': f'{rate_hz:g}',
+            'Actual frequency (Hz)': f'{0.0 if dead else self.output_rate.hz:.2f}',
+            'input rate [Hz]': f'{0.0 if self.is_silent else self.input_rate.hz:.2f}',
             'inputs received': str(self.received),
             'frames published': str(self.published),
             "inputs dropped (not due at the mode's rate)": str(gate.early),
@@ -129,7 +141,7 @@ class Statistics:
         # Warnings, and notes that need no action.
         warnings = [remark.text for remark in remarks if remark.warn]
         notes = [remark.text for remark in remarks if not remark.warn]
-        if time.monotonic() - self.last_input > _SILENT_SECONDS:
+        if self.is_silent:
             absent = watch.publishers('clean/depth_image') == 0
             warnings.insert(
                 0, 'no input' + (': clean/depth_image has no publisher' if absent else '')

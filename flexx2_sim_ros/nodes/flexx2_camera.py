@@ -7,7 +7,7 @@ from flexx2_sim_ros.signals import leave_on_signals
 
 
 def main() -> int:
-    """Run the camera node until it is told to stop."""
+    """Run the camera node, or one in each namespace given, until told to stop."""
     if printed(CAMERA):
         return 0
     leave_on_signals(status=lambda _number: 0)  # A node that was told to stop exits with 0.
@@ -19,7 +19,7 @@ def main() -> int:
     from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
     from flexx2_sim_ros.nodes.runtime import run_node
 
-    return run_node(Flexx2Camera)
+    return run_node(Flexx2Camera, several=True)
 
 
 if __name__ == '__main__':

@@ -1,6 +1,7 @@
 """Start and end a node the way a process manager expects it; shared memory for its images."""
 
 from collections.abc import Callable
+import gc
 import os
 import signal
 import sys
@@ -8,71 +9,109 @@ import time
 from traceback import format_exception
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError, unquoted
+from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.signals import SIGNALS
 
 _REPEAT_SECONDS = 5.0
 
 
-def run_node(make_node: Callable[[], Any], args: list[str] | None = None) -> int:
+def run_node(make_node: Callable[..., Any], several: bool = False) -> int:
     """
     Make a node and spin it until it is told to stop.
 
     Parameters
     ----------
     make_node : callable
-        Returns the node; called after ``rclpy.init``.
-    args : list of str, optional
-        Command line, ``sys.argv`` when left out.
+        Returns the node; called after ``rclpy.init``, with options of `rclpy.node.Node`.
+    several : bool
+        Whether the command line may name namespaces. Each of them gets a node; one that cannot
+        start does not stop the others.
 
     Returns
     -------
     int
-        The process's exit code: 0 after Ctrl-C, SIGTERM or a shutdown, 1 when the node could
-        not start (the reason is on stderr).
+        The process's exit code: 0 after Ctrl-C, SIGTERM or a shutdown, 1 when a node could not
+        start (the reason is on stderr).
 
     """
     import rclpy
-    from rclpy.exceptions import NameValidationException, ParameterException
     from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
     from rclpy.signals import install_signal_handlers, SignalHandlerOptions
 
-    node = None
+    nodes: list[Any] = []
+    status = 0
     make_room_for_images()
     told: list[int] = []
     try:
         # rclpy's signal handlers are installed at the end of this block, when a node exists.
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = make_node()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        status = _make(make_node, rclpy.utilities.remove_ros_args()[1:] if several else [], nodes)
+        if not nodes:
+            return status
         executor = SingleThreadedExecutor()
-        executor.add_node(node)
+        for node in nodes:
+            executor.add_node(node)
         for number in SIGNALS:
             signal.signal(number, lambda number, _frame: told.append(number))
         # From here on a signal ends spin(), so that the node can leave the ROS graph. A signal
         # that came between these lines is in `told`.
         install_signal_handlers(SignalHandlerOptions.ALL)
         if not told:
-            _spin(executor, node)
+            _spin(executor, nodes[0])
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except (InputError, NameValidationException, ParameterException) as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 1
     except Exception as error:
-        if node is None and not rclpy.ok():
+        if not nodes and not rclpy.ok():
             print(f'error: ROS arguments: {error}', file=sys.stderr)
             return 1
         # A signal inside a callback invalidates the context that the callback uses.
         if rclpy.ok():
             raise
     finally:
-        if node is not None:
+        for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
-    return 0
+    return status
+
+
+def _make(make_node: Callable[..., Any], spaces: list[str], nodes: list[Any]) -> int:
+    """Add a node, or one in each namespace; return 1 if one could not start, else 0."""
+    from rclpy.exceptions import NameValidationException, ParameterException
+
+    status = 0
+    made: set[str] = set()
+    for space in spaces or ['']:
+        try:
+            nodes.append(make_node(cli_args=_remap(space, made)) if spaces else make_node())
+        except (InputError, NameValidationException, ParameterException) as error:
+            print(f'error: {space}: {error}' if space else f'error: {error}', file=sys.stderr)
+            status = 1
+        if status:
+            gc.collect()  # A node that could not start leaves the graph.
+    return status
+
+
+def _remap(space: str, made: set[str]) -> list[str]:
+    """Return arguments of ROS that put a node in a namespace, below that of the process."""
+    from rclpy.exceptions import InvalidNamespaceException
+    from rclpy.validate_namespace import validate_namespace
+
+    base = next((word.partition('__ns:=')[2] for word in sys.argv if '__ns:=' in word), '')
+    whole = space if space.startswith('/') else f'{base.rstrip("/")}/{space}'
+    if whole in made:
+        raise InputError(f'namespace: must be given once, got {whole} again')
+    try:
+        validate_namespace(whole)
+    except InvalidNamespaceException as error:
+        raise InputError(
+            'namespace: must be a name such as front_left (parameters follow --ros-args), got '
+            f'{shown(space)}'
+        ) from error
+    made.add(whole)
+    return ['--ros-args', '-r', f'__ns:={whole}']
 
 
 def _spin(executor: Any, node: Any) -> None:

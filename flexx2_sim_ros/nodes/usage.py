@@ -3,9 +3,10 @@
 from contextlib import suppress
 import sys
 
-CAMERA = """usage: flexx2_camera [--ros-args ...]
+CAMERA = """usage: flexx2_camera [NAMESPACE ...] [--ros-args ...]
 
 A simulated Flexx2: reads clean depth, publishes what the camera would have seen.
+With namespaces: a camera in each of them, all in one process.
 
 reads      clean/depth_image, clean/camera_info, clean/reflectivity (optional)
 publishes  ~/depth_image_0, ~/camera_info, ~/point_cloud_0, ~/gray_image_0,
@@ -14,7 +15,8 @@ parameters usecase (the mode; flexx2 modes lists them), effects, effect.*,
            profile, seed, serial, frame_id, invalid_value, use_sim_time, ...
            ros2 param describe explains each
 
-example: flexx2_camera --ros-args -r __ns:=/front_left -p usecase:=Mode_5_60fps"""
+example: flexx2_camera --ros-args -r __ns:=/front_left -p usecase:=Mode_5_60fps
+         flexx2_camera front_left front_right --ros-args --params-file cameras.yaml"""
 ROBOT = """usage: go1_cameras [--ros-args ...]
 
 A Unitree Go1 or Go2 in MuJoCo that publishes the clean depth of its cameras.
