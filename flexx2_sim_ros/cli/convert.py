@@ -13,8 +13,8 @@ from flexx2_sim_ros.errors import InputError, printable, shown
 _DESCRIPTION = """\
 Convert a recording to another format, without loss. A and B are .npz recordings
 or rosbag2 bags: a folder, or a single .mcap or .db3 file. A can also be a .bag
-file of ROS 1, a folder of 16-bit PNG files or one of them, or an .npz or HDF5
-file of another program. Bags of pmd-royale-ros, pico_flexx_driver,
+file of ROS 1, a folder of 16-bit PNG or TIFF files or one of them, or an .npz
+or HDF5 file of another program. Bags of pmd-royale-ros, pico_flexx_driver,
 realsense-ros and Azure Kinect work without options. A damaged bag is read up to
 the damage. From a bag with several cameras, B.npz becomes B_<camera>.npz for
 each camera.
@@ -57,7 +57,7 @@ target B: recording to write: a name that ends in .npz, .mcap or .db3, or a new 
 --clean TOPIC: from a bag: the topic of the clean depth images, if it has another name than
     clean/depth_image
 --partial-truth: NaN in clean_depth means unknown ground truth (default: no return)
---unit METRES: for images and other .npz: metres per unit of depth (default 0.001; 1 for .npz of
+--unit METRES: for images and other .npz: metres per unit of depth (default 0.001; 1 for
     floating-point numbers)
 --rate HZ: frames per second, if A has no stamps (default: that of the mode, or 30)
 --key NAME=OTHER: for other .npz and HDF5: read the key NAME from OTHER in A; may be repeated

@@ -41,7 +41,7 @@ def convert(
     Parameters
     ----------
     source : str or pathlib.Path
-        As for `open_recording`, or a folder of 16-bit PNG files, or one of them (see
+        As for `open_recording`, or a folder of PNG or TIFF files, or one of them (see
         `ImageRecording`), or an HDF5 file (see `OtherArchive`).
     target : str or pathlib.Path
         An ``.npz`` file (replaced if it exists), a ``.mcap`` or ``.db3`` file, or a folder for a
@@ -163,7 +163,7 @@ def _open(
     if images:
         if given.keys:
             raise InputError('--key: must be left out for images, got some')
-        return tidy(ImageRecording(source, given, view), units=False), replace(
+        return tidy(ImageRecording(source, given, view), given.unit is None), replace(
             given, mask=given.mask or mask_beside(source)
         )
     if source.suffix in ARCHIVES:
