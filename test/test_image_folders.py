@@ -517,7 +517,9 @@ def test_each_view_of_a_folder_becomes_a_recording(
         np.testing.assert_array_equal(found.amplitude, gray[None])
         assert found.usecase == 'm'
     assert convert(out / 'v1.npz', tmp_path / 'again', '--views', '--usecase', 'm') == 2
-    assert '--views: must come with a folder of images, got' in capsys.readouterr().err
+    assert (
+        '--views: must come with a folder of images or a data set, got' in capsys.readouterr().err
+    )
 
 
 def test_each_folder_of_images_becomes_a_recording(tmp_path: Path) -> None:
