@@ -166,6 +166,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
 def _decoding(source: Path | BytesIO, name: str, kinds: tuple[str, ...]) -> Iterator[Image.Image]:
     try:
         with warnings.catch_warnings():
+            warnings.simplefilter('ignore', UserWarning)  # of damaged tags
             warnings.simplefilter('error', Image.DecompressionBombWarning)
             with Image.open(source, formats=kinds) as image:
                 yield image

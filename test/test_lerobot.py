@@ -290,7 +290,10 @@ def test_damaged_and_hostile_files_are_refused(
     pq.write_table(rows(0, lists(nothing)), table, compression='zstd')
     assert 'must not decompress to more than' in said()
     table.write_bytes(table.read_bytes()[:-20])
-    assert 'episode_000000.parquet: cannot be read' in said()
+    assert 'episode_000000.parquet: must be a Parquet table, got another' in said()
+    for content in (b'', bytes(9), b'\xff' * 400 + b'\x90\x01\0\0PAR1', b'\x19\x2c' + bytes(6)):
+        table.write_bytes(content)
+        assert 'episode_000000.parquet: ' in said()
     table.unlink()
     assert 'must have episodes, got none' in said()
     info_of(root, 'v2.1', image(), {'../../front_depth': image()})

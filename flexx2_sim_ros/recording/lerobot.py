@@ -1,7 +1,6 @@
 """Episodes of LeRobot data sets (v2 and v3) that have depth, as recordings."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 import json
 from pathlib import Path
@@ -10,17 +9,16 @@ from typing import Any
 
 from flexx2_sim_ros.config_file import is_regular_file, read_bytes
 from flexx2_sim_ros.errors import InputError, one_sentence, shown, shown_path, unquoted
-from flexx2_sim_ros.limits import file_limit_bytes
-from flexx2_sim_ros.npz_arrays import LIMIT, LIMIT_MB
 from flexx2_sim_ros.png import decode_gray, MOST_PIXELS, read_gray
 from flexx2_sim_ros.recording.corrections import Given, in_metres, MILLIMETRE
 from flexx2_sim_ros.recording.depth_video import Coding, coding_of, depth_frames
+from flexx2_sim_ros.recording.parquet import open_table
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader
 import numpy as np
 
 _INFO = Path('meta') / 'info.json'
 _MOST_BYTES = 4 << 20  # of that file; assumed
-_MOST_EPISODES, _MOST_ROWS = 100_000, 10_000_000  # in one table; assumed
+_MOST_EPISODES = 100_000  # in one table; assumed
 _BITS = (16, 32)
 _NUMBERS = re.compile('u?int(8|16|32|64)|float(16|32|64)')
 _UNITS = {'m': 1.0, 'mm': MILLIMETRE}
@@ -145,7 +143,7 @@ class Dataset:
         if self.depth.kind == 'video':
             columns += [*(f'{video}{end}' for end in ends), f'{video}from_timestamp']
         for path in sorted(self.root.glob('meta/episodes/chunk-*/file-*.parquet')):
-            with _opened(path, columns, _MOST_EPISODES) as file:
+            with open_table(path, columns, _MOST_EPISODES) as file:
                 for row in file.read(columns).to_pylist():
                     number, chunk, one, *of_video = (row[name] for name in columns)
                     in_video, at, start = of_video or (0, 0, 0.0)
@@ -231,7 +229,7 @@ class Episode(RecordingReader):
         # The groups of rows that have some of the episode, which rows these are, and all stamps.
         columns, stamps = ['episode_index', 'timestamp'], []
         groups = []
-        with _opened(self._place.table, columns) as file:
+        with open_table(self._place.table, columns) as file:
             for group in range(file.num_row_groups):
                 table = file.read_row_group(group, columns)
                 own = table['episode_index'].to_numpy() == self._number
@@ -264,9 +262,8 @@ class Episode(RecordingReader):
     def _cells(self) -> Iterator[Any]:
         # What the table has in the episode's rows, each as an array of one value.
         key, path = self._dataset.depth.key, self._place.table
-        with _opened(path, [key]) as file:
+        with open_table(path, [key]) as file:
             for group, own in self._groups:
-                _check_size(path, file.metadata.row_group(group), key)
                 batches = file.iter_batches(1, [group], [key])
                 for wanted, batch in zip(own, batches, strict=True):
                     if wanted:
@@ -326,38 +323,3 @@ def _numbers(cell: Any) -> np.ndarray:
     while hasattr(cell.type, 'value_type'):  # lists of lists
         cell = cell.flatten()
     return np.asarray(cell.to_numpy(zero_copy_only=False))
-
-
-@contextmanager
-def _opened(path: Path, columns: list[str], most: int = _MOST_ROWS) -> Iterator[Any]:
-    import pyarrow.parquet
-
-    if not is_regular_file(path):
-        raise InputError(f'{shown_path(path)}: must be a table of the data set, got no file')
-    with (
-        one_sentence(f'{shown_path(path)}: cannot be read'),
-        pyarrow.parquet.ParquetFile(path, buffer_size=1 << 20) as file,
-    ):
-        for name in columns:
-            if name not in file.schema_arrow.names:
-                raise InputError(f'{shown_path(path)}: {unquoted(name)}: must be a column')
-        rows = file.metadata.num_rows
-        if rows > most:
-            raise InputError(f'{shown_path(path)}: must have at most {most} rows, got {rows}')
-        yield file
-
-
-def _check_size(path: Path, group: Any, key: str) -> None:
-    # A row can have all values of its group.
-    most = file_limit_bytes(LIMIT, LIMIT_MB, path.stat().st_size)
-    parts = [group.column(number) for number in range(group.num_columns)]
-    size = sum(
-        max(part.total_uncompressed_size, 4 * part.num_values)
-        for part in parts
-        if f'{part.path_in_schema}.'.startswith(f'{key}.')
-    )
-    if size > most:
-        raise InputError(
-            f'{shown_path(path)}: {unquoted(key)}: must not decompress to more than {most >> 20} '
-            f'MB, got {size >> 20} MB; the environment variable {LIMIT} raises the limit'
-        )
