@@ -11,6 +11,7 @@ from flexx2_sim_ros.limits import is_finite
 import numpy as np
 
 _CODES = 4096
+_FARTHEST = 1000.0  # metres
 _FORMAT = 'gray12le'  # another one would be converted, which changes the codes
 _TOLERANCE = 1e-3  # seconds; float32 stamps of two hours are exact to half of it
 _MARGIN = 64  # pixels that a codec may add to either side
@@ -77,10 +78,10 @@ def coding_of(where: str, info: Mapping[str, Any]) -> Coding:
     found: dict[str, Any] = {}
     for name in ('depth_min', 'depth_max', 'shift'):
         found[name] = info.get(f'video.{name}')
-        if not is_finite(found[name]):
+        if not is_finite(found[name]) or abs(found[name]) > _FARTHEST:
             raise InputError(
-                f'{where}: video.{name}: must be metres, without which the depth of the video is '
-                f'not known, got {shown(found[name])}'
+                f'{where}: video.{name}: must be metres, at most {_FARTHEST:g}, without which the '
+                f'depth of the video is not known, got {shown(found[name])}'
             )
     use_log = info.get('video.use_log')
     if not isinstance(use_log, bool):
