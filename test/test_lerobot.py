@@ -1,8 +1,9 @@
-"""Episodes of LeRobot data sets with depth as recordings; the files are as LeRobot writes them."""
+"""Episodes of LeRobot data sets with depth as recordings: one of LeRobot's own, and made ones."""
 
 import io
 import json
 from pathlib import Path
+import tarfile
 from typing import Any
 
 from flexx2_sim_ros import npz_arrays
@@ -146,6 +147,35 @@ def check(path: Path, episode: int) -> None:
     np.testing.assert_allclose(found.stamp, np.arange(COUNT) / RATE, atol=1e-7)
     np.testing.assert_array_equal(found.K, [[20, 0, 15.5], [0, 20, 11.5], [0, 0, 1]])
     assert found.extra['camera'] == 'front_depth'
+
+
+@pytest.mark.parametrize(
+    ('kind', 'camera', 'step'),
+    [
+        ('image', 'cam_depth', 0),
+        ('image', 'arr_depth', 0),
+        ('video', 'cam_depth', 0.0021),  # at 2.9 m
+        ('video', 'arr_depth', 0),
+    ],
+)
+def test_what_lerobot_has_written_is_read(
+    kind: str, camera: str, step: float, tmp_path: Path
+) -> None:
+    # By LeRobotDataset.create, add_frame and save_episode of version 0.6.1: two features of the
+    # same uint16 millimetres, the first of them as images, or as a video in the usual coding.
+    with tarfile.open(Path(__file__).with_name('lerobot_0_6_1.tar.xz')) as packed:
+        packed.extractall(tmp_path, filter='data')
+    out = tmp_path / 'out'
+    words = ['--views', '--camera', camera, *LENS]
+    assert main(['convert', str(tmp_path / kind), str(out), *words]) == 0
+    for episode in (0, 1):
+        found = load_recording(out / f'episode_{episode:06d}.npz')
+        frame, row, column = np.ogrid[:4, :24, :32]
+        depth = (400 + 1000 * episode + 100 * frame + 40 * row + 7 * column).astype(np.uint16)
+        wanted = depth * np.float32(0.001)
+        wanted[:, 3, 4] = np.nan
+        np.testing.assert_allclose(found.depth, wanted, rtol=0, atol=step / 2)
+        np.testing.assert_allclose(found.stamp, np.arange(4) / RATE, atol=1e-7)
 
 
 @pytest.mark.parametrize('written', [v2, v3])
