@@ -25,6 +25,7 @@ EXTRAS = {
     'figures': ['matplotlib>=3.7'],
     'gap': ['matplotlib>=3.7', 'rosbags>=0.11', 'scikit-learn>=1.4', 'threadpoolctl>=3.1'],
     'hdf5': ['h5py>=3.8'],
+    'lerobot': ['av>=15.0', 'pyarrow>=15.0'],
     'menagerie': ['mujoco-menagerie'],
     'mujoco': ['mujoco>=3.5'],
     'truth': [f'embreex>=2.17{HAS_WHEEL}', 'opencv-python-headless>=4.7', 'trimesh>=4.5'],

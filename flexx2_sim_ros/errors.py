@@ -9,12 +9,14 @@ from typing import Any
 _LONGEST_NAME = 100  # that is compared with others
 # Import name: what pip installs. Not every command and node needs these.
 _OPTIONAL = {
+    'av': 'av',
     'cv2': 'opencv-python-headless',
     'embreex': 'embreex',
     'h5py': 'h5py',
     'matplotlib': 'matplotlib',
     'mujoco': '"mujoco>=3.5"',
     'PIL': 'pillow',
+    'pyarrow': 'pyarrow',
     'rosbags': '"rosbags>=0.11"',
     'scipy': 'scipy',
     'sklearn': 'scikit-learn',

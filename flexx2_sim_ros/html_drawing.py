@@ -19,7 +19,13 @@ _BAR_WIDTH = 160
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 440, 230, 68, 38
 
 
-def picture(image: np.ndarray, limit: float, enlarged: int = 4, steps: int = 127) -> str:
+def picture(
+    image: np.ndarray,
+    limit: float,
+    enlarged: int = 4,
+    steps: int = 126,
+    mark: np.ndarray | None = None,
+) -> str:
     """
     Return an image as a data URL: blue to red within +-limit, gray for NaN.
 
@@ -32,19 +38,24 @@ def picture(image: np.ndarray, limit: float, enlarged: int = 4, steps: int = 127
     enlarged : int
         Width and height of a pixel of the image in the picture.
     steps : int
-        Colours on either side of white, at most 127. Fewer make the picture smaller.
+        Colours on either side of white, at most 126. Fewer make the picture smaller.
+    mark : numpy.ndarray, optional
+        (H, W) bool, pixels that are green instead.
 
     """
     part = np.clip(np.nan_to_num(image / limit), -1, 1)
     index = np.where(np.isfinite(image), np.rint(part * steps) + steps, 2 * steps + 1)
-    return data_url(index.repeat(enlarged, axis=0).repeat(enlarged, axis=1), _blue_to_red(steps))
+    if mark is not None:
+        index[mark] = 2 * steps + 2
+    palette = _blue_to_red(steps)
+    return data_url(index.repeat(enlarged, axis=0).repeat(enlarged, axis=1), palette)
 
 
 def _blue_to_red(steps: int) -> np.ndarray:
-    # (2 steps + 2, 3): blue, white, red, and gray for nothing.
+    # (2 steps + 3, 3): blue, white, red, gray for nothing, and green for what is marked.
     amount = np.linspace(0, 1, steps + 1)[:, None]
     red, blue = (255 + amount * (np.array(end) - 255) for end in (_RED, _BLUE))
-    return np.concatenate([blue[::-1], red[1:], [_NOTHING]])
+    return np.concatenate([blue[::-1], red[1:], [_NOTHING], MARKS[1:2]])
 
 
 def depth_picture(

@@ -1,7 +1,7 @@
-"""Read PNG files (gray images and masks, within a limit of size), and encode small pictures."""
+"""Read PNG and TIFF files (gray images, masks) within a limit of size; encode small pictures."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 import warnings
@@ -12,19 +12,20 @@ import numpy as np
 from PIL import Image
 
 MOST_PIXELS = 1 << 25
-_BITS = {'1': 1, 'L': 8, 'I;16': 16, 'I;16B': 16, 'I': 16}  # of Pillow's modes for PNG
+TIFFS = ('.tif', '.tiff')
+_BITS = {'1': 1, 'L': 8, 'I;16': 16, 'I;16B': 16, 'I': 16, 'F': 32}  # of Pillow's modes
 
 
-def check_png(path: Path, bits: tuple[int, ...]) -> tuple[int, int]:
+def check_gray(path: Path, bits: tuple[int, ...]) -> tuple[int, int]:
     """
-    Return the size of a gray PNG without reading its pixels.
+    Return the size of a gray PNG or TIFF without reading its pixels.
 
     Parameters
     ----------
     path : pathlib.Path
         The file.
     bits : tuple of int
-        Which of 1, 8 and 16 bits a pixel may have.
+        Which of 1, 8, 16 and 32 bits a pixel may have; 32 are only in a TIFF.
 
     Returns
     -------
@@ -34,42 +35,43 @@ def check_png(path: Path, bits: tuple[int, ...]) -> tuple[int, int]:
     Raises
     ------
     InputError
-        When it is no PNG, too large, not gray, or has other bits.
+        When it is no such file, too large, not gray, or has other bits or several images.
 
     """
     with _opened(path) as image:
         return _checked(shown_path(path), image, bits)
 
 
-def read_png(path: Path, bits: tuple[int, ...]) -> np.ndarray:
+def read_gray(path: Path, bits: tuple[int, ...]) -> np.ndarray:
     """
-    Read a gray PNG; parameters and errors as `check_png`.
+    Read a gray PNG or TIFF; parameters and errors as `check_gray`.
 
     Returns
     -------
     numpy.ndarray
-        (H, W) bool, uint8 or uint16.
+        (H, W) bool, uint8, uint16, or of a TIFF also int32 or float32.
 
     """
     with _opened(path) as image:
         return _pixels(shown_path(path), image, bits)
 
 
-def decode_png(content: bytes, name: str, bits: tuple[int, ...]) -> np.ndarray:
+def decode_gray(content: bytes, name: str, bits: tuple[int, ...]) -> np.ndarray:
     """
-    Return the pixels of a gray PNG that is not in a file of its own.
+    Return the pixels of a gray PNG, or TIFF, that is not in a file of its own.
 
     Parameters
     ----------
     content : bytes
-        The PNG.
+        The image; a TIFF only where pixels may have 32 bits.
     name : str
         What to call it in errors.
     bits : tuple of int
-        As for `check_png`.
+        As for `check_gray`.
 
     """
-    with _decoding(BytesIO(content), name) as image:
+    kinds = ('PNG', 'TIFF') if 32 in bits else ('PNG',)
+    with _decoding(BytesIO(content), name, kinds) as image:
         return _pixels(name, image, bits)
 
 
@@ -120,19 +122,30 @@ def encode_png(index: np.ndarray, palette: np.ndarray) -> bytes:
 
 def _pixels(name: str, image: Image.Image, bits: tuple[int, ...]) -> np.ndarray:
     _checked(name, image, bits)
-    dtype = {1: bool, 8: np.uint8, 16: np.uint16}[_BITS[image.mode]]
-    return np.array(image).astype(dtype)
+    dtype = {1: bool, 8: np.uint8, 16: np.uint16}.get(_bits(image))
+    return np.array(image, dtype)
 
 
 def _checked(name: str, image: Image.Image, bits: tuple[int, ...]) -> tuple[int, int]:
     _check_size(name, image)
-    if _BITS.get(image.mode) not in bits:
+    if _bits(image) not in bits:
         kinds = {'RGB': 'colours', 'RGBA': 'colours', 'P': 'a palette', 'LA': 'transparency'}
-        got = kinds.get(image.mode, f'{_BITS.get(image.mode, "unknown")} bits')
+        got = kinds.get(image.mode, f'{_bits(image) or "unknown"} bits')
+        can = [str(one) for one in bits if one < 32 or image.format == 'TIFF']
         raise InputError(
-            f'{name}: must be a gray PNG of {" or ".join(map(str, bits))} bits a pixel, got {got}'
+            f'{name}: must be a gray {image.format} of {" or ".join(can)} bits a pixel, got {got}'
         )
+    if image.format == 'TIFF':
+        with suppress(EOFError):
+            image.seek(1)
+            raise InputError(f'{name}: must have one image, got several')
     return image.height, image.width
+
+
+def _bits(image: Image.Image) -> int:
+    # A PNG of 16 bits and a TIFF of 32 can have the same mode.
+    of_tiff = image.format == 'TIFF' and image.mode == 'I'
+    return 32 if of_tiff else _BITS.get(image.mode, 0)
 
 
 def _check_size(name: str, image: Image.Image) -> None:
@@ -142,18 +155,20 @@ def _check_size(name: str, image: Image.Image) -> None:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Image.Image]:
+    kind = 'TIFF' if path.suffix.lower() in TIFFS else 'PNG'
     if not is_regular_file(path):
-        raise InputError(f'{shown_path(path)}: must be a PNG file, got none')
-    with _decoding(path, shown_path(path)) as image:
+        raise InputError(f'{shown_path(path)}: must be a {kind} file, got none')
+    with _decoding(path, shown_path(path), (kind,)) as image:
         yield image
 
 
 @contextmanager
-def _decoding(source: Path | BytesIO, name: str) -> Iterator[Image.Image]:
+def _decoding(source: Path | BytesIO, name: str, kinds: tuple[str, ...]) -> Iterator[Image.Image]:
     try:
         with warnings.catch_warnings():
+            warnings.simplefilter('ignore', UserWarning)  # of damaged tags
             warnings.simplefilter('error', Image.DecompressionBombWarning)
-            with Image.open(source, formats=['PNG']) as image:
+            with Image.open(source, formats=kinds) as image:
                 yield image
     except InputError:
         raise
@@ -161,7 +176,7 @@ def _decoding(source: Path | BytesIO, name: str) -> Iterator[Image.Image]:
         raise _too_large(name, 'more') from error
     except Exception as error:  # Pillow lets errors of all kinds out.
         raise InputError(
-            f'{name}: must be a PNG, got a file that is none or is damaged '
+            f'{name}: must be a {" or ".join(kinds)}, got a file that is none or is damaged '
             f'({shown(type(error).__name__)})'
         ) from error
 

@@ -111,6 +111,24 @@ def test_the_pixels_of_the_first_rows_are_marked() -> None:
     assert (rest == 255).all()
 
 
+def test_a_difference_says_how_large_it_is_and_marks_the_worst_pixels() -> None:
+    real = CLEAN.copy()
+    real[:, :8] = np.nan
+    real[:, 8:12] += 0.1
+    table: dict[str, Any] = {'where': [], 'effects': [{'name': 'offset'}]}
+    some = outcomes(1, real)
+    some[0].frame.depth[1:] = CLEAN
+    some[0].frame.depth[2, 0, 20] -= 0.4  # one of 4320 pixels
+    page = frames(table, some, axes_of(flexx2()))
+    assert 'real, 10.0 % invalid' in page
+    assert 'simulated, 0.0 % invalid' in page
+    size = 0.1 * 4 / 72 * 1000
+    assert f'real minus simulated: median +0.0, size {size:.1f}, worst 1 % from 100 mm' in page
+    *_, before, _, after = pictures(page)
+    assert not marked(before, 1).any()  # none is worse than the others
+    assert np.argwhere(marked(after, 1)).tolist() == [[0, 20]]
+
+
 def test_a_recording_without_any_depth_is_drawn() -> None:
     table: dict[str, Any] = {'where': [], 'effects': []}
     lost = np.full_like(CLEAN, np.nan)

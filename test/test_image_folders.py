@@ -14,6 +14,7 @@ from flexx2_sim_ros.recording.calibration import read_calibration
 from made_bags import driver_bag
 from made_images import counts, EIGHT, folder_of, K, metres, ost, save, SIZE
 import numpy as np
+from PIL import Image
 import pytest
 from rosbags.rosbag2 import CompressionMode
 
@@ -439,7 +440,56 @@ def test_bad_archives_are_refused_in_one_sentence(
     assert not out.exists()
 
 
-@pytest.mark.parametrize('name', ['0.tiff', 'depth/0.TIF', 'depth/0.exr', '0.npy'])
+@pytest.mark.parametrize('compression', ['raw', 'tiff_adobe_deflate'])
+def test_a_folder_of_tiff_becomes_a_recording(compression: str, tmp_path: Path) -> None:
+    # Whole numbers are millimetres, others metres.
+    for name, images in (('u16', counts()), ('i32', counts().astype(np.int32)), ('f32', metres())):
+        folder = tmp_path / name / 'depth'
+        folder.mkdir(parents=True)
+        (folder.parent / 'ost.yaml').write_text(ost())
+        for number, image in enumerate(images):
+            picture = Image.fromarray(image)
+            picture.save(folder / f'{number}.tiff', compression=compression)
+        out = tmp_path / 'out.npz'
+        assert convert(folder.parent, out) == 0
+        np.testing.assert_array_equal(load_recording(out).depth, metres())
+        assert convert(folder / '1.tiff', out, '--calibration', folder.parent / 'ost.yaml') == 0
+        np.testing.assert_array_equal(load_recording(out).depth, metres()[1:2])
+
+
+@pytest.mark.parametrize(
+    ('pixels', 'said'),
+    [
+        (np.ones(SIZE, np.uint8), '1.tif: must be a gray TIFF of 16 or 32 bits a pixel, got 8'),
+        (np.ones((*SIZE, 3), np.uint8), '16 or 32 bits a pixel, got colours'),
+        (None, '1.tif: must be a TIFF, got a file that is none or is damaged'),
+    ],
+)
+def test_a_tiff_that_is_no_depth_is_refused(
+    pixels: np.ndarray | None, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / '1.tif'
+    if pixels is None:
+        save(path.with_suffix('.png'), counts()[0])
+        path.with_suffix('.png').rename(path)  # Another file under this name.
+    else:
+        Image.fromarray(pixels).save(path)
+    (tmp_path / 'ost.yaml').write_text(ost())
+    assert convert(path, tmp_path / 'out.npz') == 2
+    assert said in ' '.join(capsys.readouterr().err.split())
+
+
+def test_a_tiff_of_several_images_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first, *others = (Image.fromarray(image) for image in counts())
+    first.save(tmp_path / '1.tif', save_all=True, append_images=others)
+    (tmp_path / 'ost.yaml').write_text(ost())
+    assert convert(tmp_path / '1.tif', tmp_path / 'out.npz') == 2
+    assert '1.tif: must have one image, got several' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('name', ['0.pgm', 'depth/0.EXR', '0.npy'])
 @pytest.mark.parametrize('single', [False, True])
 def test_other_images_are_refused_with_a_way_out(
     name: str, single: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -449,7 +499,7 @@ def test_other_images_are_refused_with_a_way_out(
     file.write_bytes(b'')
     assert convert(file if single else tmp_path / 'in', tmp_path / 'out.npz') == 2
     said = ' '.join(capsys.readouterr().err.split())
-    assert f'{name}: must be a gray PNG of 16 bits, or an .npz file' in said
+    assert f'{name}: must be a gray PNG or TIFF of 16 bits, or an .npz file' in said
 
 
 def test_each_view_of_a_folder_becomes_a_recording(
@@ -467,7 +517,9 @@ def test_each_view_of_a_folder_becomes_a_recording(
         np.testing.assert_array_equal(found.amplitude, gray[None])
         assert found.usecase == 'm'
     assert convert(out / 'v1.npz', tmp_path / 'again', '--views', '--usecase', 'm') == 2
-    assert '--views: must come with a folder of images, got' in capsys.readouterr().err
+    assert (
+        '--views: must come with a folder of images or a data set, got' in capsys.readouterr().err
+    )
 
 
 def test_each_folder_of_images_becomes_a_recording(tmp_path: Path) -> None:

@@ -45,11 +45,13 @@ LIBRARIES = {
 }
 # Extras of pip's, with no key in rosdep: import name, name on the Python package index.
 EXTRAS = {
+    'av': 'av',
     'cv2': 'opencv-python-headless',
     'distributed': 'distributed',
     'embreex': 'embreex',
     'h5py': 'h5py',
     'mujoco_menagerie': 'mujoco-menagerie',
+    'pyarrow': 'pyarrow',
     'pyoctomap': 'pyoctomap',
     'trimesh': 'trimesh',
     'warp': 'warp-lang',

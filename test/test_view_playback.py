@@ -183,6 +183,20 @@ def test_a_recording_is_played_beside_both_simulations(
         assert page.evaluate("document.getElementById('play').dataset.action") == 'play'
         for kind in ('without', 'clean'):
             np.testing.assert_array_equal(colours(page, kind), recorded)
+        # The line can uncover a simulation, too: here in the whole width of both other images.
+        uncovered = "document.querySelector('[data-part=uncovered]')"
+        page.evaluate(
+            f'{uncovered}.value = "without"; {uncovered}.dispatchEvent(new Event("change"));'
+            'new Promise(requestAnimationFrame)'
+        )
+        simulated = colours(page, 'without')
+        assert (simulated != recorded).any(axis=2).mean() > 0.02
+        for kind in ('simulated', 'clean'):
+            np.testing.assert_array_equal(colours(page, kind), simulated)
+        # The shade of invalid pixels in the wiped images agrees with the number under them.
+        gray = (simulated == (62, 66, 74)).all(axis=2).mean()
+        text = page.evaluate("document.querySelector('[data-part=gap-numbers]').textContent")
+        assert text.endswith(f'; {100 * gray:.1f} % invalid')
 
 
 def choose_recording(page: Browser, at: int) -> None:

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.cli.common import messages, progress_bar
-from flexx2_sim_ros.cli.options import add_table, number
+from flexx2_sim_ros.cli.options import add_table, number, whole_number
 from flexx2_sim_ros.errors import InputError, printable, shown
 
 _DESCRIPTION = """\
 Convert a recording to another format, without loss. A and B are .npz recordings
 or rosbag2 bags: a folder, or a single .mcap or .db3 file. A can also be a .bag
-file of ROS 1, a folder of 16-bit PNG files or one of them, or an .npz or HDF5
-file of another program. Bags of pmd-royale-ros, pico_flexx_driver,
+file of ROS 1, a folder of 16-bit PNG or TIFF files or one of them, or an .npz
+or HDF5 file of another program, or a LeRobot data set. Bags of pmd-royale-ros, pico_flexx_driver,
 realsense-ros and Azure Kinect work without options. A damaged bag is read up to
 the damage. From a bag with several cameras, B.npz becomes B_<camera>.npz for
 each camera.
@@ -28,14 +28,16 @@ _EXAMPLES = """examples:
   flexx2 convert no_camera_info wall.npz --intrinsics 210.6 212.9 111.5 85.5
   flexx2 convert frame.png frame.npz --unit 0.0002 --mask known.png
   flexx2 convert demos.hdf5 a.npz --key depth=data/demo_0/obs/front_depth
+  flexx2 convert my_set a.npz --episode 3 --intrinsics 380 380 320 240
   flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
 
 
 _OPTIONS = """
 source A: recording to read
 target B: recording to write: a name that ends in .npz, .mcap or .db3, or a new folder
---camera CAMERA: from a bag: which camera, by its name or by the topic of its depth image; to a
-    bag: name of the camera
+--camera CAMERA: from a bag: which camera, by its name or by the topic of its depth image; from a
+    LeRobot data set: which feature; else to a bag: name of the camera
+--episode N: from a LeRobot data set: which episode (--views: all)
 --storage mcap|sqlite3: format of a bag in a folder (default %(default)s)
 --process FILE: process the depth: a YAML file of stages (docs/recordings.md)
 --usecase MODE: the camera's mode, if A does not say
@@ -50,14 +52,14 @@ target B: recording to write: a name that ends in .npz, .mcap or .db3, or a new 
 --infrared TOPIC: from a bag: the topic of the infrared image of the camera, if A does not say
 --radial: depth of A is measured along the ray of each pixel: convert it to depth along the optical
     axis
---views: A is a folder of images, or of such folders, and each a recording of its own: B is a
-    folder, which gets an .npz for each
+--views: A is a folder of images, or of such folders, or a LeRobot data set, and each image, folder
+    or episode a recording of its own: B is a folder, which gets an .npz for each
 --mask FILE: PNG of the size of the images: the ground truth of its black pixels is unknown
     (default: mask.png in a folder of images)
 --clean TOPIC: from a bag: the topic of the clean depth images, if it has another name than
     clean/depth_image
 --partial-truth: NaN in clean_depth means unknown ground truth (default: no return)
---unit METRES: for images and other .npz: metres per unit of depth (default 0.001; 1 for .npz of
+--unit METRES: for images and other .npz: metres per unit of depth (default 0.001; 1 for
     floating-point numbers)
 --rate HZ: frames per second, if A has no stamps (default: that of the mode, or 30)
 --key NAME=OTHER: for other .npz and HDF5: read the key NAME from OTHER in A; may be repeated
@@ -81,6 +83,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         unit=number(0, 1000, above=True),
         rate=number(0, 1e6, above=True),
         key={'action': 'append', 'default': []},
+        episode=whole_number(0, 10**9),
     )
 
 
@@ -118,6 +121,7 @@ def run(arguments: argparse.Namespace) -> int:
         None if arguments.intrinsics is None else tuple(arguments.intrinsics),
         arguments.rectified,
         None if arguments.profile is None else find_profile(arguments.profile),
+        arguments.episode,
     )
     chain = Chain(()) if arguments.process is None else load_chain(arguments.process)
     console = messages(soft_wrap=True)
@@ -127,7 +131,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         if arguments.views:
             paths = Path(arguments.source), Path(arguments.target)
-            written = convert_views(*paths, given, progress, processed)
+            written = convert_views(*paths, given, progress, processed, arguments.camera)
         else:
             written = convert(
                 arguments.source,
@@ -138,9 +142,9 @@ def run(arguments: argparse.Namespace) -> int:
                 progress,
                 processed,
             )
+    for note in dict.fromkeys(note for reader, _ in written for note in reader.notes):
+        console.print(printable(note), style='yellow')
     for reader, path in written:
-        for note in dict.fromkeys(reader.notes):
-            console.print(printable(note), style='yellow')
         count, height, width = reader.shape
         camera = f' of {reader.camera}' if reader.camera else ''
         console.print(

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.png import decode_png, MOST_PIXELS
+from flexx2_sim_ros.png import decode_gray, MOST_PIXELS
 import numpy as np
 
 SUFFIX = '/compressedDepth'
@@ -44,7 +44,7 @@ def decompress(message: Any, field: str) -> Any:
             f'{shown(str(message.format))}'
         )
     content = bytes(message.data[_HEADER_BYTES:])
-    pixels = decode_rvl(content, field) if 'rvl' in form else decode_png(content, field, (16,))
+    pixels = decode_rvl(content, field) if 'rvl' in form else decode_gray(content, field, (16,))
     height, width = pixels.shape
     data = pixels.astype('<u2').view(np.uint8).reshape(-1)
     return SimpleNamespace(

@@ -13,6 +13,7 @@ from flexx2_sim_ros.recording.bag_writer import check_bag_name, SUFFIXES, write_
 from flexx2_sim_ros.recording.calibration import WAY_OUT
 from flexx2_sim_ros.recording.corrections import complete, Given
 from flexx2_sim_ros.recording.image_folders import has_images, ImageRecording, mask_beside, views
+from flexx2_sim_ros.recording.lerobot import Dataset, Episode, is_dataset
 from flexx2_sim_ros.recording.npz import RecordingWriter
 from flexx2_sim_ros.recording.opening import open_recording, recording_cameras
 from flexx2_sim_ros.recording.other_archive import ARCHIVES, OtherArchive
@@ -41,14 +42,15 @@ def convert(
     Parameters
     ----------
     source : str or pathlib.Path
-        As for `open_recording`, or a folder of 16-bit PNG files, or one of them (see
-        `ImageRecording`), or an HDF5 file (see `OtherArchive`).
+        As for `open_recording`, or a folder of PNG or TIFF files, or one of them (see
+        `ImageRecording`), or an HDF5 file (see `OtherArchive`), or a LeRobot data set (see
+        `Dataset`).
     target : str or pathlib.Path
         An ``.npz`` file (replaced if it exists), a ``.mcap`` or ``.db3`` file, or a folder for a
         bag. From a bag with several cameras, if none is chosen, ``out.npz`` becomes
         ``out_<camera>.npz`` for each.
     camera : str, optional
-        Which camera of the bag; for a source that is none, its name in the bag.
+        Which camera of the bag or data set; for another source, its name in the bag.
     storage : str
         ``mcap`` or ``sqlite3``, where the target is a folder.
     given : Given
@@ -73,11 +75,14 @@ def convert(
     check_distinct(source, target)
     if target.suffix not in ('.npz', *SUFFIXES):
         check_bag_name(target, 'an .npz, .mcap or .db3 file, or ')
-    images = has_images(source)
-    lens = None if images else given.lens
+    dataset = is_dataset(source)
+    images = not dataset and has_images(source)
+    lens = None if images or dataset else given.lens
     archive = source.suffix in ARCHIVES
     cameras = (
-        [] if images or archive else recording_cameras(source, given.infrared, lens is not None)
+        []
+        if images or archive or dataset
+        else recording_cameras(source, given.infrared, lens is not None)
     )
     if camera is not None and target.suffix == '.npz' and (images or archive):
         raise InputError(
@@ -106,6 +111,7 @@ def convert(
         # In a bag it selects a camera, also by a topic; a name has no slash at its start.
         from_bag = not images and not archive
         name = camera.strip('/') if camera and from_bag else camera
+        name = None if dataset else name
         write_bag(reader, target, storage, name, written)
     return [(reader, target)]
 
@@ -116,17 +122,18 @@ def convert_views(
     given: Given,
     progress: Progress,
     processed: Callable[[RecordingReader], RecordingReader],
+    camera: str | None = None,
 ) -> list[tuple[RecordingReader, Path]]:
     """
-    Write each view in a folder as a recording of its own.
+    Write each view in a folder, or episode of a data set, as a recording of its own.
 
     Parameters
     ----------
     source : pathlib.Path
-        A folder of images, or of such folders; see `views`.
+        A folder of images, or of such folders (see `views`), or a LeRobot data set.
     target : pathlib.Path
-        A folder, which gets an ``.npz`` file of the name of each view.
-    given, progress, processed
+        A folder, which gets an ``.npz`` file of the name of each view or episode.
+    given, progress, processed, camera
         As for `convert`.
 
     Returns
@@ -140,12 +147,28 @@ def convert_views(
         As `convert`.
 
     """
-    if not (found := views(source)):
-        raise InputError(f'--views: must come with a folder of images, got {shown_path(source)}')
+    found: dict[str, Callable[[], tuple[RecordingReader, Given]]]
+    if is_dataset(source):
+        if given.episode is not None:
+            raise InputError(f'--episode: must be left out with --views, got {given.episode}')
+        dataset = Dataset(source, camera)
+        found = {
+            f'episode_{one:06d}': partial(_episode, dataset, replace(given, episode=one))
+            for one in dataset.episodes
+        }
+    else:
+        found = {
+            name: partial(_open, folder, None, given, images=True, view=file)
+            for name, (folder, file) in views(source).items()
+        }
+    if not found:
+        raise InputError(
+            f'--views: must come with a folder of images or a data set, got {shown_path(source)}'
+        )
     out = []
-    for number, (name, (folder, file)) in enumerate(found.items()):
+    for number, (name, opened) in enumerate(found.items()):
         progress(f'writing {name}.npz', number / len(found))
-        reader = complete(*_open(folder, None, given, images=True, view=file))
+        reader = complete(*opened())
         _check_lens(reader)
         path = output_folder(target) / f'{name}.npz'
         write_npz(processed(reader), path)
@@ -156,14 +179,19 @@ def convert_views(
 def _open(
     source: Path, camera: str | None, given: Given, images: bool, view: Path | None = None
 ) -> tuple[RecordingReader, Given]:
+    dataset = is_dataset(source)
     for option in ('clean', 'infrared'):
         value = getattr(given, option)
-        if value is not None and (images or source.suffix in ARCHIVES):
+        if value is not None and (images or dataset or source.suffix in ARCHIVES):
             raise InputError(f'--{option}: must be left out where A is no bag, got {shown(value)}')
+    if dataset:
+        return _episode(Dataset(source, camera), given)
+    if given.episode is not None:
+        raise InputError(f'--episode: must come with a LeRobot data set, got {shown_path(source)}')
     if images:
         if given.keys:
             raise InputError('--key: must be left out for images, got some')
-        return tidy(ImageRecording(source, given, view), units=False), replace(
+        return tidy(ImageRecording(source, given, view), given.unit is None), replace(
             given, mask=given.mask or mask_beside(source)
         )
     if source.suffix in ARCHIVES:
@@ -182,6 +210,13 @@ def _open(
         lens=given.lens,
         rectified=given.rectified,
     ), given
+
+
+def _episode(dataset: Dataset, given: Given) -> tuple[RecordingReader, Given]:
+    if given.keys:
+        raise InputError('--key: must be left out for a LeRobot data set, got some')
+    reader = Episode(dataset, given)
+    return tidy(reader, given.unit is None and dataset.depth.kind != 'video'), given
 
 
 def _check_lens(reader: RecordingReader) -> None:

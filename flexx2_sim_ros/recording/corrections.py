@@ -54,6 +54,8 @@ class Given:
         and no distortion. None: the name of a bag's topic says it.
     profile : Profile or None
         The camera: it has the mode. None: the mode may be that of any camera.
+    episode : int or None
+        Which one of a LeRobot data set.
 
     """
 
@@ -70,6 +72,7 @@ class Given:
     intrinsics: tuple[float, ...] | None = None
     rectified: bool | None = None
     profile: Profile | None = None
+    episode: int | None = None
 
     @property
     def of_files(self) -> list[str]:

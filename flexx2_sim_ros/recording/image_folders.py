@@ -1,4 +1,4 @@
-"""Recordings in PNG files: one image a frame, with a calibration file."""
+"""Recordings in PNG or TIFF files: one image a frame, with a calibration file."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -7,7 +7,7 @@ from pathlib import Path
 import re
 
 from flexx2_sim_ros.errors import InputError, shown, shown_path
-from flexx2_sim_ros.png import check_png, read_png
+from flexx2_sim_ros.png import check_gray, read_gray, TIFFS
 from flexx2_sim_ros.recording.calibration import read_calibration
 from flexx2_sim_ros.recording.corrections import Given, in_metres
 from flexx2_sim_ros.recording.folders import has_bag_files
@@ -16,8 +16,10 @@ import numpy as np
 
 MASK = 'mask.png'
 _DEPTH = 'depth'
+_DEPTH_BITS = (16, 32)
 _GRAYS = ('gray', 'ir', 'infra', 'amplitude')
-_OTHERS = ('.tif', '.tiff', '.exr', '.npy', '.pgm', '.raw', '.jpg', '.jpeg', '.pcd', '.ply')
+_OTHERS = ('.exr', '.npy', '.pgm', '.raw', '.jpg', '.jpeg', '.pcd', '.ply')
+_SUFFIXES = ('.png', *TIFFS)
 _YAML = ('.yaml', '.yml')
 _STAMP = re.compile(r'(\d+)(?:\.(\d{1,9}))?$')
 # 2026-11-27_10-20-30.250: the fraction after a point, or of whole milli- to nanoseconds.
@@ -31,7 +33,7 @@ _NANOSECONDS = {19: 1, 16: 1_000, 13: 1_000_000}  # of a unit, by the digits sin
 
 class ImageRecording(RecordingReader):
     """
-    A folder of 16-bit PNG files, or a single one.
+    A folder of 16-bit PNG files, or of TIFF files of 16 or 32 bits, or a single one.
 
     Depth is in the folder or in its folder ``depth``, gray images of the same names in ``gray``,
     ``ir``, ``infra`` or ``amplitude``. Stamps come from the names: seconds with a decimal point,
@@ -43,7 +45,8 @@ class ImageRecording(RecordingReader):
     path : pathlib.Path
         The folder or file.
     given : Given
-        Its calibration (else the folder's only YAML file) and unit (else millimetres) are used.
+        Its calibration (else the folder's only YAML file) and unit (else
+        millimetres, and metres of floating-point numbers) are used.
     view : pathlib.Path, optional
         The only depth image of the folder to read.
 
@@ -63,9 +66,9 @@ class ImageRecording(RecordingReader):
         files, stamps = _in_order(_depth_files(path) if one is None else [one])
         if not files:
             raise InputError(
-                f'{shown_path(path)}: must be a PNG image or a folder of them, got none'
+                f'{shown_path(path)}: must be a PNG or TIFF image or a folder of them, got none'
             )
-        size = _common_size(files, (16,))
+        size = _common_size(files, _DEPTH_BITS)
         lens = given.lens or read_calibration(_only_yaml(root))
         notes: list[str] = []
         camera = lens.intrinsics(size, bool(given.rectified), notes)
@@ -93,14 +96,16 @@ class ImageRecording(RecordingReader):
             return
         size = _common_size([self._files['depth'][0], *files], (8, 16))
         self._files['amplitude'] = files
-        bits = read_png(files[0], (8, 16)).dtype
+        bits = read_gray(files[0], (8, 16)).dtype
         content.layouts['amplitude'] = Layout(bits, size)
 
     def frames(self, key: str) -> Iterator[np.ndarray]:
         """Iterate over the images of a stack; see `RecordingReader.frames`."""
         layout = self.layouts[key]
         for file in self._files[key]:
-            image = read_png(file, (16,) if key == 'depth' else (8 * layout.dtype.itemsize,))
+            image = read_gray(
+                file, _DEPTH_BITS if key == 'depth' else (8 * layout.dtype.itemsize,)
+            )
             if image.shape != layout.shape:
                 raise InputError(f'{shown_path(file)}: has changed since it was opened')
             if key == 'depth':
@@ -109,8 +114,8 @@ class ImageRecording(RecordingReader):
 
 
 def has_images(path: Path) -> bool:
-    """Say whether a path is a PNG file or a folder of them, and no bag beside which one lies."""
-    if path.suffix.lower() == '.png':
+    """Say whether a path is an image or a folder of them, and no bag beside which one lies."""
+    if path.suffix.lower() in _SUFFIXES:
         return True
     if path.is_dir() and has_bag_files(path):
         return False
@@ -126,8 +131,9 @@ def _refuse_others(path: Path) -> None:
     other = next((file for file in files if file.suffix.lower() in _OTHERS), None)
     if other is not None:
         raise InputError(
-            f'{shown_path(other)}: must be a gray PNG of 16 bits, or an .npz file with depth '
-            f'(T, H, W) and K, got a {other.suffix} file: save the images in one of these forms'
+            f'{shown_path(other)}: must be a gray PNG or TIFF of 16 bits, or an .npz file with '
+            f'depth (T, H, W) and K, got a {other.suffix} file: save the images '
+            'in one of these forms'
         )
 
 
@@ -137,14 +143,15 @@ def mask_beside(path: Path) -> Path | None:
     return mask if path.is_dir() and mask.is_file() else None
 
 
-def _pngs(folder: Path) -> list[Path]:
-    if not folder.is_dir():
-        return []
-    return [
+def _images(folder: Path) -> list[Path]:
+    # Of one kind, PNG where there are both.
+    found = [
         file
-        for file in folder.iterdir()
-        if file.suffix.lower() == '.png' and file.name != MASK and not file.name.startswith('.')
+        for file in (folder.iterdir() if folder.is_dir() else ())
+        if file.suffix.lower() in _SUFFIXES
+        if file.name != MASK and not file.name.startswith('.')
     ]
+    return [file for file in found if file.suffix.lower() == '.png'] or found
 
 
 def views(folder: Path) -> dict[str, tuple[Path, Path | None]]:
@@ -160,7 +167,7 @@ def views(folder: Path) -> dict[str, tuple[Path, Path | None]]:
 
 
 def _depth_files(folder: Path) -> list[Path]:
-    return _pngs(folder) or _pngs(folder / _DEPTH)
+    return _images(folder) or _images(folder / _DEPTH)
 
 
 def _in_order(files: list[Path]) -> tuple[list[Path], list[int] | None]:
@@ -200,9 +207,9 @@ def _natural(file: Path) -> list[tuple[str, int]]:
 
 
 def _common_size(files: list[Path], bits: tuple[int, ...]) -> tuple[int, int]:
-    size = check_png(files[0], bits if files[0].parent == files[-1].parent else (8, 16))
+    size = check_gray(files[0], bits if files[0].parent == files[-1].parent else (8, 16))
     for file in files[1:]:
-        other = check_png(file, bits)
+        other = check_gray(file, bits)
         if other != size:
             raise InputError(
                 f'{shown_path(file)}: must be {size[1]} x {size[0]} pixels as {files[0].name}, '

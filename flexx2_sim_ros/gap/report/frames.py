@@ -16,6 +16,7 @@ import numpy as np
 MOST_FRAMES = 16  # recordings that have a frame on the page; bounds its size
 _OPEN = 2  # of these, not folded
 _STEPS = 15  # colours on either side of white: noise in more of them makes a picture large
+_WORST = 0.01  # share of the pixels that differ most
 _MOST_MARKED = 0.85  # fraction of the surfaces; a condition with more of them is everywhere
 
 FRAMES_STYLE = """
@@ -62,9 +63,10 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> h
         html.note(
             'The middle frame of each recording, and the same frame as simulated at the fitted '
             'pose: differences of single frames contain the noise of both. Gray: no depth. In the '
-            'differences, blue is nearer than simulated, red is farther, white is equal. Marked '
-            'are the pixels of the first rows of "Where the gap lies", unless these are the whole '
-            f'frame.{others}'
+            'differences, blue is nearer than simulated, red is farther, white is equal, and the '
+            f'worst {100 * _WORST:g} % are green; size is the mean without sign. Marked in gray '
+            'depth are the pixels of the first rows of "Where the gap lies", unless these are the '
+            f'whole frame.{others}'
         ),
     )
 
@@ -77,20 +79,20 @@ def _recording(
     limit = max(_quantile(np.abs(real - before), 0.95), 0.001)
     marks = _marks(table['where'], frame, index, axes)
     pictures = [
-        ('real', depth_picture(real, low, high)),
+        (f'real, {_invalid(real)}', depth_picture(real, low, high)),
         (
             'marked pixels' if marks else 'no pixels are singled out',
             depth_picture(real, low, high, [mask for _, mask in marks]),
         ),
-        ('simulated', depth_picture(before, low, high)),
-        ('real minus simulated', picture(real - before, limit, 1, _STEPS)),
+        (f'simulated, {_invalid(before)}', depth_picture(before, low, high)),
+        _difference('real minus simulated', real - before, limit),
     ]
     first, last, _ = one.apart.physical['wasserstein_mm']
     errors = f'depth errors {short(first)} mm'
     if camera_effects(table):
         pictures += [
-            ('simulated with the effects', depth_picture(after, low, high)),
-            ('real minus simulated with the effects', picture(real - after, limit, 1, _STEPS)),
+            (f'simulated with the effects, {_invalid(after)}', depth_picture(after, low, high)),
+            _difference('real minus simulated with the effects', real - after, limit),
         ]
         errors += f', with the effects {short(last)} mm'
     figures = (html.figure(url, text) for text, url in pictures)
@@ -106,6 +108,26 @@ def _recording(
             f'{short(1000 * limit)} mm.',
             *legend,
         ),
+    )
+
+
+def _invalid(depth: np.ndarray) -> str:
+    return f'{100 * np.mean(~np.isfinite(depth)):.1f} % invalid'
+
+
+def _difference(name: str, apart: np.ndarray, limit: float) -> tuple[str, str]:
+    # Text and picture, with the worst pixels marked.
+    size = np.abs(apart)
+    worst = _quantile(size, 1 - _WORST)
+    marked = picture(apart, limit, 1, _STEPS, size > worst)
+    finite = size[np.isfinite(size)]
+    if not finite.size:
+        return name, marked
+    middle, mean = 1000 * _quantile(apart, 0.5), 1000 * finite.mean()
+    return (
+        f'{name}: median {middle:+.1f}, size {mean:.1f}, worst {100 * _WORST:g} % from '
+        f'{1000 * worst:.0f} mm',
+        marked,
     )
 
 

@@ -40,6 +40,7 @@ export class Panel {
       canvas.addEventListener('pointermove', (event) => { this.pointer = { kind, x: event.offsetX, y: event.offsetY }; this.readOut(); });
       canvas.addEventListener('pointerleave', () => { this.pointer = null; this.readOut(); });
     }
+    this.part.uncovered.addEventListener('change', () => { this.dirty = true; drawSoon(); });
     panels.add(this);
   }
 
@@ -64,17 +65,16 @@ export class Panel {
     if (!this.dirty || !this.frame) return;
     this.dirty = false;
     const { depthMost, differenceMost, wiped, marked } = scale;
-    const { worst = {}, without } = this.frame;
-    const { clean, simulated } = this.frame;
-    // The line moves over both simulations where there are two.
-    drawDepth(this.part.clean, this.frame, clean, depthMost, without && simulated, wiped);
-    drawDepth(this.part.simulated, this.frame, simulated, depthMost, without ? null : clean, wiped);
+    const { worst = {}, clean, without } = this.frame;
+    // The line moves over all images but the one that it uncovers.
+    const uncovered = without ? this.part.uncovered.value : 'clean';
+    for (const kind of without ? ['simulated', 'without', 'clean'] : ['simulated', 'clean']) {
+      drawDepth(this.part[kind], this.frame, this.frame[kind], depthMost, kind === uncovered ? null : this.frame[uncovered], wiped);
+    }
     drawDifference(this.part.difference, this.frame, clean, differenceMost, marked ? worst.difference : Infinity);
     this.section.classList.toggle('paired', Boolean(without));
-    if (without) {
-      drawDepth(this.part.without, this.frame, without, depthMost, simulated, wiped);
-      drawDifference(this.part.gap, this.frame, without, differenceMost, marked ? worst.gap : Infinity);
-    }
+    if (without) drawDifference(this.part.gap, this.frame, without, differenceMost, marked ? worst.gap : Infinity);
+    this.part['uncovered-label'].hidden = !without;
     this.cloud.draw(this.frame, depthMost);
     this.readOut();
     this.drawn();

@@ -61,7 +61,7 @@ class Recorded extends Panel {
     this.part['cloud-name'].textContent = 'recorded points';
     this.part.number.textContent = `${number + 1} / ${this.stamps.length}`;
     this.part.time.textContent = `${this.stamps[number].toFixed(3)} s`;
-    this.part['recorded-invalid'].textContent = `${(PERCENT * invalid(frame)).toFixed(1)} %`;
+    this.part['recorded-invalid'].textContent = `${(PERCENT * invalid(frame.simulated)).toFixed(1)} %`;
     if (this.differences.length < frame.simulated.length) this.differences = new Int32Array(frame.simulated.length);
     frame.worst = {};
     for (const [kind, other] of [['difference', frame.clean], ['gap', frame.without]]) {
@@ -103,10 +103,10 @@ function after(stamps, time) {
   return low;
 }
 
-function invalid({ simulated }) {
+function invalid(image) {
   let count = 0;
-  for (const steps of simulated) count += !steps;
-  return count / simulated.length;
+  for (const steps of image) count += !steps;
+  return count / image.length;
 }
 
 // Of the pixels that both images have: numbers in words, and how many steps the worst are apart.
@@ -123,7 +123,7 @@ function differ({ simulated, unit }, other, room) {
   const worst = Math.max(1, steps.sort()[Math.floor((1 - WORST) * count)]);
   return {
     text: `median ${signed(median)}, size ${(millimetres * sum / count).toFixed(1)}, `
-      + `worst ${PERCENT * WORST} % from ${(millimetres * worst).toFixed(0)} mm`,
+      + `worst ${PERCENT * WORST} % from ${(millimetres * worst).toFixed(0)} mm; ${(PERCENT * invalid(other)).toFixed(1)} % invalid`,
     worst,
   };
 }
