@@ -29,7 +29,7 @@ from flexx2_sim_ros.gap.inference.disagreement import disagreement
 from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
-from flexx2_sim_ros.gap.named import Named, simulate_named
+from flexx2_sim_ros.gap.named import Named, processed_table, simulate_named
 from flexx2_sim_ros.gap.report.reading import diagnosed
 from flexx2_sim_ros.gap.report.table import makes_larger, patch_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
@@ -47,6 +47,7 @@ from flexx2_sim_ros.gap.work import (
 from flexx2_sim_ros.jobs import Map, workers
 from flexx2_sim_ros.limits import check_whole
 from flexx2_sim_ros.physics.frame_state import why_no_phases
+from flexx2_sim_ros.processing import Chain
 import numpy as np
 
 _FORMS = 'catalogue', 'quick', 'all'
@@ -67,6 +68,7 @@ def diagnose(
     known: Table | None = None,
     cost: bool = False,
     forms: str = 'quick',
+    process: Chain | None = None,
 ) -> dict[str, Any]:
     """
     Diagnose the gap between recordings and the simulation of their scenes.
@@ -101,6 +103,8 @@ def diagnose(
     forms : str
         Which curves, tables, maps and numbers of the named effects are fitted: ``catalogue``,
         none; ``quick``, those that need few simulations; ``all``.
+    process : Chain, optional
+        What the robot's program does to depth: what is left of the gap after it is measured.
 
     Returns
     -------
@@ -164,6 +168,9 @@ def diagnose(
         if decision.verdict == 'unknown' and ResidualPatch.name not in known:
             step = stepper(progress, 'simulating the correction', 0.96, 0.02, len(used))
             effects, table['patch'] = _correction(model, named, step)
+        if process is not None:
+            step = stepper(progress, 'processing both sides', 0.96, 0.02, len(used))
+            table['processed'] = processed_table(process, model, named, step)
         if request is not None:
             later = portion(whole, _BEFORE_COST, 0.98 - _BEFORE_COST)
             table['cost'] = _cost(request, table, effects, campaign_dir, used, mapped, later)

@@ -1,5 +1,6 @@
 """What a diagnosis names, and what simulating it gives."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -8,14 +9,19 @@ from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.elsewhere import Elsewhere
 from flexx2_sim_ros.gap.explained import FoundSet
 from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.features.processed import Processed
 from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, rounds_of_named, Simulator
+from flexx2_sim_ros.gap.forms.work import Settings
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
+from flexx2_sim_ros.gap.inference.improvement import all_measured, taken_off
 from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, verdict_of
-from flexx2_sim_ros.gap.work import noisier, Progress, simulate_set, stepper
+from flexx2_sim_ros.gap.work import measure_processed, noisier, Progress, simulate_set, stepper
+from flexx2_sim_ros.processing import Chain
+from flexx2_sim_ros.recording.reader import PROCESSED
 import numpy as np
 
 
@@ -46,6 +52,10 @@ class Named:
         Of these.
     rises : dict of str to numpy.ndarray
         By how much recordings are farther apart without each effect; see `rounds.Explained`.
+    own : list of dict
+        Of each recording, the effects of the camera in `confirmed`: parameters by name.
+    bare : list of numpy.ndarray or None
+        Where each one is without effects, as for `confirm.confirm`.
 
     """
 
@@ -60,6 +70,8 @@ class Named:
     used: list[Found]
     simulator: Simulator
     rises: dict[str, np.ndarray]
+    own: list[Settings]
+    bare: list[np.ndarray | None]
 
     def table(
         self, model: Model, used: list[Found], left_out: list[tuple[str, str]]
@@ -119,8 +131,8 @@ def simulate_named(
     jobs = list(zip(used, map(tuple, motions), without, here, show, bare, strict=True))
     first = simulator.run(simulate_set, jobs, step)
     first = elsewhere.measured(first, motions, wrong, step)
-    rises, own = found.rises, (decision, used, simulator)
-    plain_ones = Named(fitted, fitted, held_out, first, None, first, motions, *own, rises)
+    rest = decision, used, simulator, found.rises, without, bare
+    plain_ones = Named(fitted, fitted, held_out, first, None, first, motions, *rest)
     if which == 'catalogue':
         return plain_ones
     quick = which == 'quick'
@@ -137,7 +149,50 @@ def simulate_named(
     confirmed, motions = forms.confirmed(simulator, wrong, show, bare, step)
     elsewhere = replace(elsewhere, effects=effects)
     confirmed = elsewhere.measured(confirmed, motions, wrong, step)
-    return replace(named, confirmed=confirmed, motions=motions)
+    now = list(forms.explained.now)
+    return replace(named, confirmed=confirmed, motions=motions, own=now)
+
+
+def processed_table(
+    chain: Chain, model: Model, named: Named, step: Callable[[], None]
+) -> dict[str, Any]:
+    """
+    Process recordings and their simulations, and measure what is left of the gap.
+
+    Parameters
+    ----------
+    chain : Chain
+        What the robot's program does to depth. Only stages in metres are measured.
+    model : Model
+        The recordings.
+    named : Named
+        What the diagnosis names.
+    step : callable
+        Called after each recording.
+
+    Returns
+    -------
+    dict
+        ``processed`` of ``docs/diagnosis.md``.
+
+    """
+    stages = chain.in_metres()
+    if any(PROCESSED in note for file in named.used for note in file.notes):
+        return {'reason': 'the recordings are processed already, and diagnosed as they are'}
+    jobs = list(zip(named.used, map(tuple, named.motions), named.own, named.bare, strict=True))
+    found = named.simulator.run(measure_processed, jobs, step, stages=stages)
+    good = [one for one in found if isinstance(one, Processed)]
+    if len(good) < len(found):
+        return {'reason': next(one for one in found if isinstance(one, str))}
+    names = [one.name for one in named.effects if one.name in good[0].rises]
+    return {
+        'stages': [one.name for one in stages],
+        'not_measured': [one.name for one in chain.stages[len(stages) :]],
+        **all_measured(model, [one.apart for one in good]),
+        'effects': {
+            name: taken_off(np.array([one.rises[name] for one in good])) for name in names
+        },
+    }
 
 
 def _shown(decision: Decision) -> list[bool]:

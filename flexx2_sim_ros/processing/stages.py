@@ -185,6 +185,7 @@ class Normalise(Stage):
     """Map ``low`` to 0 and ``high`` to 1, metres; invalid pixels become ``invalid``."""
 
     name: ClassVar[str] = 'normalise'
+    in_metres: ClassVar[bool] = False
     low: float = option(0.0, 0.0, 1000.0)
     high: float = option(1.0, 0.0, 1000.0)
     invalid: float = option(0.0, -1000.0, 1000.0)
