@@ -3,8 +3,8 @@ Print all measurements, or the named ones: ``python -m bench [--short] [NAME ...
 
 ``--short`` runs them for a moment, to see that they work. The measurements of `_LONG` run only
 when they are named; ``torture`` means all of them. These have options of their own:
-``python -m bench.versions``, ``.absorbed``, ``.calibrate_decisions``, ``.benchmark_answers`` and
-``.benchmark_cases``.
+``python -m bench.versions``, ``.absorbed``, ``.calibrate_decisions``, ``.benchmark_answers``,
+``.benchmark_cases`` and ``.copied_noise``.
 """
 
 from importlib import import_module

@@ -210,6 +210,8 @@ def test_arrays_need_not_be_contiguous(library: str, device: str) -> None:
     if library == 'numpy':
         clean.flags.writeable = False
         np.testing.assert_array_equal(BatchCamera(3, device=device)(clean), wanted)
+        alone = BatchCamera(1, device=device)(clean[0].copy()[np.newaxis])
+        np.testing.assert_array_equal(alone, wanted[:1])
     if library == 'torch':  # One scene for all, as torch expands it.
         one = arrays_of('torch', clean, device)[:1].expand(3, -1, -1).requires_grad_()
         assert as_numpy(BatchCamera(3, device=device)(one).detach()).shape == clean.shape

@@ -47,6 +47,18 @@ def test_the_answers_of_the_published_benchmark_are_listed(
     assert 'slowest: ' in done.stdout
 
 
+def test_copied_noise_is_drawn_beside_that_of_the_camera(
+    child_env: dict[str, str], tmp_path: Path
+) -> None:
+    for library in ('warp', 'matplotlib'):
+        pytest.importorskip(library)
+    done = run(['bench.copied_noise', 'copied.png'], tmp_path, child_env)
+    assert done.returncode == 0, done.stderr
+    page = Path(__file__).resolve().parents[1] / 'docs' / 'batch.md'
+    assert done.stdout[done.stdout.index('| |') :] in page.read_text()
+    assert (tmp_path / 'copied.png').read_bytes().startswith(b'\x89PNG')
+
+
 def test_an_unknown_measurement_is_refused(child_env: dict[str, str], tmp_path: Path) -> None:
     done = run(['bench', 'modle'], tmp_path, child_env)
     assert done.returncode == 2

@@ -400,6 +400,7 @@ def test_depth_is_processed_as_a_file_says(tmp_path: Path) -> None:
     path = tmp_path / 'chain.yaml'
     path.write_text(
         'schema: 1\nprocess: [{crop: {left: 24}}, {decimate: {factor: 4}}, '
+        '{spatial: {radius: 4}}, {smooth: {persistency: 3}}, {fill: {method: inpaint}}, '
         '{fill: {method: temporal}}, {normalise: {high: 2.0}}]\n'
     )
     with stream(DEPTH, SMALL, SMALL_INFO, usecase='Mode_9_30fps', process=str(path)) as seen:

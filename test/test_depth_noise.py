@@ -159,6 +159,7 @@ def test_images_are_processed_as_your_program_does(library: str) -> None:
         {'fill': {'method': 'temporal'}},
         {'rate': {'hz': 25.0}},
     ]
+    stages += [{'spatial': {}}, {'smooth': {'persistency': 3}}, {'fill': {'method': 'inpaint'}}]
     stages += [{'normalise': {'high': 2.0, 'invalid': -1.0}}]
     options: dict[str, Any] = {'mode': 'Mode_9_30fps', 'step_s': 0.02, 'device': 'cpu'}
     noise = depth_noise(process=stages, **options)

@@ -72,7 +72,7 @@ for block in blocks('bash'):
     if block.startswith('mkdir recordings'):
         ELSEWHERE |= dict.fromkeys(block.splitlines(), 'test_gap_diagnosis.py')
     if 'chain.yaml' in block:
-        ELSEWHERE |= dict.fromkeys(block.splitlines(), 'test_processing.py')
+        ELSEWHERE |= dict.fromkeys(block.splitlines(), 'test_gap_processed.py')
 COMMANDS = dict.fromkeys(
     line.split('  #')[0].strip()
     for block in blocks('bash')
@@ -152,7 +152,7 @@ def test_command(command: str, tmp_path: Path) -> None:
 
 
 # test_processing.py runs what needs a chain.
-PROGRAMS = [one for one in blocks('python') if 'chain.yaml' not in one and 'policy_' not in one]
+PROGRAMS = [one for one in blocks('python') if 'chain.yaml' not in one]
 TESTS = [program for program in PROGRAMS if 'def test_' in program]
 
 

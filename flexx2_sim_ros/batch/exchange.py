@@ -173,7 +173,8 @@ def flat(kind: str, value: Any, staging: Callable[[], wp.array]) -> wp.array:
     """
     if is_contiguous(kind, value):
         if kind == 'numpy':
-            value = wp.array(value, device='cpu', copy=False)
+            # numpy.newaxis makes an axis of stride 0, which Warp takes for a gap.
+            value = wp.array(value.reshape(-1), device='cpu', copy=False)
         elif kind == 'torch':
             value = wp.from_torch(value.detach())
         elif kind == 'jax':

@@ -1,6 +1,7 @@
 """`flexx2 gap diagnose`: find out why recordings differ from the simulation."""
 
 import argparse
+from pathlib import Path
 
 from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.options import number
@@ -32,6 +33,8 @@ campaign CAMPAIGN: folder of recordings
     none, those that need few simulations (default), or all, which takes minutes for each effect
 --cost: measure what the gap costs a robot as well, as flexx2 gap cost does; the report gets a
     section about it
+--process CHAIN.yaml: measure as well how much of the gap is left after the robot's own processing
+    of depth, on both sides (docs/recordings.md); the recordings are unprocessed
 
 example: flexx2 gap diagnose recordings --out diagnosis
 """
@@ -39,6 +42,7 @@ VALUES = {
     'without': {'action': 'append', 'default': []},
     'pose_prior': number(0, 1e3, above=True),
     'forms': 'quick',
+    'process': Path,
 }
 
 
@@ -49,7 +53,9 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.gap.report.age import age_words
     from flexx2_sim_ros.gap.report.attribution import attribution, disagreeing, HEADS, shown_by_one
     from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
+    from flexx2_sim_ros.gap.report.sizes import processed_in_short
     from flexx2_sim_ros.gap.report.words import headline, MOST_SENTENCES, remarks, sentences
+    from flexx2_sim_ros.processing import load_chain
 
     console = common.messages()
     said = compiling_said(lambda: console.print(_COMPILING))
@@ -63,6 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             known=common.read_known(arguments.known),
             cost=arguments.cost,
             forms=arguments.forms,
+            process=arguments.process and load_chain(arguments.process),
             progress=progress,
         )
     console.print(headline(table), style='bold')
@@ -75,6 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
     first = [*disagreeing(table), *sentences(table)][:MOST_SENTENCES]
     age = age_words(table['age'])
     common.print_lines(console, dict.fromkeys([*first, *age, *remarks(table)]))
+    if arguments.process:
+        common.print_lines(console, [processed_in_short(table)])
     if arguments.cost:
         common.print_lines(console, [cost_in_short(table['cost'])])
     console.print(

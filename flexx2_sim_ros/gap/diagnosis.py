@@ -1,7 +1,7 @@
 """Diagnose a campaign: where the gap lies, what causes it, and how far the effects reduce it."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 import resource
 import time
@@ -20,32 +20,22 @@ from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
 from flexx2_sim_ros.gap.data.prior import USUAL
-from flexx2_sim_ros.gap.elsewhere import Elsewhere
-from flexx2_sim_ros.gap.explained import explained, found_set, FoundSet
+from flexx2_sim_ros.gap.explained import explained, found_set
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
-from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, rounds_of_named, Simulator
+from flexx2_sim_ros.gap.forms.named import Simulator
 from flexx2_sim_ros.gap.inference.decidable import decidable_candidates
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
 from flexx2_sim_ros.gap.inference.disagreement import disagreement
 from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
-from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
-from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
+from flexx2_sim_ros.gap.named import Named, processed_table, simulate_named
 from flexx2_sim_ros.gap.report.reading import diagnosed
-from flexx2_sim_ros.gap.report.table import (
-    calibrated_table,
-    diagnosis_table,
-    makes_larger,
-    patch_table,
-    verdict_of,
-)
+from flexx2_sim_ros.gap.report.table import makes_larger, patch_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.rounds import Campaign
 from flexx2_sim_ros.gap.work import (
     find,
-    noisier,
     portion,
     Progress,
     search_inside,
@@ -57,68 +47,11 @@ from flexx2_sim_ros.gap.work import (
 from flexx2_sim_ros.jobs import Map, workers
 from flexx2_sim_ros.limits import check_whole
 from flexx2_sim_ros.physics.frame_state import why_no_phases
+from flexx2_sim_ros.processing import Chain
 import numpy as np
 
 _FORMS = 'catalogue', 'quick', 'all'
 _BEFORE_COST, _ROUNDS = 0.6, 6  # on the progress bar: part of the work, jobs of a recording
-
-
-@dataclass(frozen=True)
-class _Named:
-    """
-    What is named, and what simulating it gives.
-
-    Attributes
-    ----------
-    fitted, effects : list of Effect
-        As found by the decision, and with curves, tables and maps where those were fitted.
-    held_out : list of list of Effect
-        As `fitted`, for each recording from the others.
-    first : list of Outcome
-        Of each recording, with `held_out`.
-    forms : Calibrated or None
-        The curves, tables and maps.
-    confirmed : list of Outcome
-        Of each recording, with `forms` where those are taken.
-    motions : list of numpy.ndarray
-        Where the camera of each recording was in `confirmed`.
-    decision : Decision
-        What was decided.
-    used : list of Found
-        The recordings, at the noise level of the decision.
-    simulator : Simulator
-        Of these.
-    rises : dict of str to numpy.ndarray
-        By how much recordings are farther apart without each effect; see `rounds.Explained`.
-
-    """
-
-    fitted: list[Effect]
-    effects: list[Effect]
-    held_out: list[list[Effect]]
-    first: list[Outcome]
-    forms: Calibrated | None
-    confirmed: list[Outcome]
-    motions: list[np.ndarray]
-    decision: Decision
-    used: list[Found]
-    simulator: Simulator
-    rises: dict[str, np.ndarray]
-
-    def table(
-        self, model: Model, used: list[Found], left_out: list[tuple[str, str]]
-    ) -> dict[str, Any]:
-        """Return the table of the diagnosis, as far as it is about the named effects."""
-        decision = self.decision
-        out = diagnosis_table(model, decision, self.fitted, self.first, used, left_out, self.rises)
-        if self.forms is not None:
-            out = calibrated_table(out, model, decision, self.forms, self.confirmed, self.motions)
-        out['verdict'] = verdict_of(out)
-        for i, own in enumerate(self.held_out):  # Used recordings are first.
-            row = out['recordings'][i]
-            row['effects_without'] = table_of(own)
-            row['takes_off_here'] = {name: float(rise[i, 0]) for name, rise in self.rises.items()}
-        return out
 
 
 def diagnose(
@@ -135,6 +68,7 @@ def diagnose(
     known: Table | None = None,
     cost: bool = False,
     forms: str = 'quick',
+    process: Chain | None = None,
 ) -> dict[str, Any]:
     """
     Diagnose the gap between recordings and the simulation of their scenes.
@@ -169,6 +103,8 @@ def diagnose(
     forms : str
         Which curves, tables, maps and numbers of the named effects are fitted: ``catalogue``,
         none; ``quick``, those that need few simulations; ``all``.
+    process : Chain, optional
+        What the robot's program does to depth: what is left of the gap after it is measured.
 
     Returns
     -------
@@ -218,12 +154,12 @@ def diagnose(
         campaign = Campaign(*recorded, simulations, mapped, step, held=model.held)
         chosen = explained(decision, model, campaign)
         simulator = Simulator(mapped, profile, known, seed, tuple(prior))
-        named = _simulate_named(model, chosen, used, simulator, forms, progress)
+        named = simulate_named(model, chosen, used, simulator, forms, progress)
         table = named.table(model, used, left_out)
         if makes_larger(table):
             refused, still = named.decision.refused(), portion(progress, 0.98, 0.0)
             chosen = found_set(refused, model)
-            named = _simulate_named(model, chosen, used, simulator, forms, still)
+            named = simulate_named(model, chosen, used, simulator, forms, still)
             table = named.table(model, used, left_out)
         effects, decision = named.effects, named.decision
         table['settings'] = _settings(found[0], seed, usual, model.held, told)
@@ -232,6 +168,9 @@ def diagnose(
         if decision.verdict == 'unknown' and ResidualPatch.name not in known:
             step = stepper(progress, 'simulating the correction', 0.96, 0.02, len(used))
             effects, table['patch'] = _correction(model, named, step)
+        if process is not None:
+            step = stepper(progress, 'processing both sides', 0.96, 0.02, len(used))
+            table['processed'] = processed_table(process, model, named, step)
         if request is not None:
             later = portion(whole, _BEFORE_COST, 0.98 - _BEFORE_COST)
             table['cost'] = _cost(request, table, effects, campaign_dir, used, mapped, later)
@@ -281,52 +220,8 @@ def _decide(
     return replace(decision, unlike=disagreement(model, decision.accepted, candidates))
 
 
-def _simulate_named(
-    model: Model,
-    found: FoundSet,
-    used: list[Found],
-    simulator: Simulator,
-    which: str,
-    progress: Progress,
-) -> _Named:
-    decision, motions = found.decision, found.motions
-    fitted, held_out = found.fitted, found.held_out
-    used, noisy = noisier(used, simulator.profile, 1 + found.sigma)
-    simulator = replace(simulator, profile=noisy)
-    step = stepper(progress, 'simulating the outcome', 0.8, 0.06, 2 * len(used))
-    show = _shown(decision)
-    without = [of_camera(one) for one in held_out]
-    wrong = as_wrong_as_fitted(of_camera(fitted), without)
-    bare = model.own.free_planes_at(decision.base.nuisances)
-    elsewhere = Elsewhere(model, used, fitted, simulator, bare)
-    # At other poses, `measured` simulates the wrong effects, and not this.
-    here = wrong if elsewhere.other_poses(motions) is None else without
-    jobs = list(zip(used, map(tuple, motions), without, here, show, bare, strict=True))
-    first = simulator.run(simulate_set, jobs, step)
-    first = elsewhere.measured(first, motions, wrong, step)
-    rises, own = found.rises, (decision, used, simulator)
-    plain_ones = _Named(fitted, fitted, held_out, first, None, first, motions, *own, rises)
-    if which == 'catalogue':
-        return plain_ones
-    quick = which == 'quick'
-    total = rounds_of_named(fitted, quick) * len(used)
-    step = stepper(progress, 'fitting curves and maps', 0.86, 0.1, total)
-    forms = calibrate_named(used, motions, fitted, held_out, simulator, step, quick)
-    if forms is None:
-        return plain_ones
-    effects = forms.effects(fitted)
-    named = replace(plain_ones, effects=effects, forms=forms)
-    if not forms.taken:
-        return named
-    wrong = as_wrong_as_fitted(forms.explained.effects, forms.explained.now)
-    confirmed, motions = forms.confirmed(simulator, wrong, show, bare, step)
-    elsewhere = replace(elsewhere, effects=effects)
-    confirmed = elsewhere.measured(confirmed, motions, wrong, step)
-    return replace(named, confirmed=confirmed, motions=motions)
-
-
 def _correction(
-    model: Model, named: _Named, step: Callable[[], None]
+    model: Model, named: Named, step: Callable[[], None]
 ) -> tuple[list[Effect], dict[str, Any]]:
     # The correction without a cause, or nothing if it does not help; and what it does.
     used = named.used
@@ -340,13 +235,6 @@ def _correction(
     patched = named.simulator.run(simulate_set, jobs, step)
     table = patch_table(patch, model, patched)
     return [patch.effect] if table['offered'] else [], table
-
-
-def _shown(decision: Decision) -> list[bool]:
-    # Frames are shown of the recordings with the largest gap.
-    loss = decision.base.loss
-    largest = set(np.argsort(-loss, kind='stable')[:MOST_FRAMES].tolist())
-    return [i in largest for i in range(len(loss))]
 
 
 def _cost(

@@ -14,10 +14,12 @@ from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.catalogue import Column
 from flexx2_sim_ros.gap.features.confirm import Apart, apart, confirm, Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence, gather
+from flexx2_sim_ros.gap.features.processed import process_both, Processed
 from flexx2_sim_ros.gap.features.search import Found as Inside
 from flexx2_sim_ros.gap.features.search import search
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.jobs import bind, Map
+from flexx2_sim_ros.processing import Stage
 from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 
@@ -255,6 +257,22 @@ def simulate_set(
     found, motion, effects, wrong, show, bare = job
     scene = PlacedScene.at(read(found, profile, known), np.array(motion))
     return confirm(scene, effects, wrong, seed, show, bare)
+
+
+def measure_processed(
+    job: tuple[Found, tuple[float, ...], dict[str, Any], np.ndarray | None],
+    profile: Profile | None,
+    seed: int,
+    known: Table | None = None,
+    stages: Sequence[Stage] = (),
+) -> Processed | str:
+    """Compare a recording with its simulation after processing, or say why not."""
+    found, motion, effects, bare = job
+    scene = PlacedScene.at(read(found, profile, known), np.array(motion))
+    try:
+        return process_both(scene, effects, stages, seed, bare)
+    except InputError as error:
+        return str(error)
 
 
 def measure_apart(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from itertools import takewhile
 import logging
 from pathlib import Path
 from typing import Any
@@ -135,6 +136,10 @@ class Chain:
         for stage in self.stages:
             camera = stage.lens(camera)
         return camera
+
+    def in_metres(self) -> tuple[Stage, ...]:
+        """Return the stages before the first that makes other numbers of depth."""
+        return tuple(takewhile(lambda stage: stage.in_metres, self.stages))
 
     def picked(self, images: np.ndarray) -> np.ndarray:
         """Return other images of the camera, (..., H, W), at the pixels of the processed ones."""

@@ -40,7 +40,8 @@ class ProcessedRecording(RecordingReader):
             key: Layout(one.dtype, (lens.height, lens.width))
             for key, one in reader.layouts.items()
         }
-        arrays = {**reader.arrays, 'K': lens.matrix}
+        stages = ', '.join(one.name for one in chain.stages)
+        arrays = {**reader.arrays, 'K': lens.matrix, 'processed': np.array(stages)}
         for key in set(arrays) & set(ONE_EACH):
             if arrays[key].shape[-2:] == (height, width):
                 arrays[key] = chain.picked(arrays[key])

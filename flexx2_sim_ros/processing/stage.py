@@ -26,11 +26,14 @@ class Stage:
         As in files.
     leaves_out : bool
         Whether it leaves moments out, by their stamps alone.
+    in_metres : bool
+        Whether it gives metres, NaN where invalid.
 
     """
 
     name: ClassVar[str]
     leaves_out: ClassVar[bool] = False
+    in_metres: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         """Refuse options that cannot be used."""

@@ -5,7 +5,7 @@ from functools import lru_cache
 from typing import Any, ClassVar
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.nearest import nearest_pixels
+from flexx2_sim_ros.processing.filters import Fill, Smooth, Spatial
 from flexx2_sim_ros.processing.stage import option, Stage
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
@@ -185,6 +185,7 @@ class Normalise(Stage):
     """Map ``low`` to 0 and ``high`` to 1, metres; invalid pixels become ``invalid``."""
 
     name: ClassVar[str] = 'normalise'
+    in_metres: ClassVar[bool] = False
     low: float = option(0.0, 0.0, 1000.0)
     high: float = option(1.0, 0.0, 1000.0)
     invalid: float = option(0.0, -1000.0, 1000.0)
@@ -199,56 +200,6 @@ class Normalise(Stage):
         """Return numbers without NaN."""
         scaled = (images - np.float32(self.low)) / np.float32(self.high - self.low)
         return np.where(np.isfinite(scaled), scaled, np.float32(self.invalid))
-
-
-@dataclass(frozen=True)
-class Fill(Stage):
-    """
-    Fill invalid pixels.
-
-    ``nearest``: with the nearest valid pixel of the image. ``temporal``: with the last valid value
-    of the pixel, for up to ``seconds``.
-    """
-
-    name: ClassVar[str] = 'fill'
-    method: str = option('nearest', choices=('nearest', 'temporal'))
-    seconds: float = option(0.5, 0.0, 60.0)  # assumed
-
-    def apply(self, images: np.ndarray, stamp: int, memory: dict[str, Any]) -> np.ndarray:
-        """Return images with fewer holes."""
-        valid = np.isfinite(images)
-        if self.method == 'temporal':
-            if 'last' not in memory:
-                memory['last'] = np.full_like(images, _NAN)
-                memory['seen'] = np.zeros(images.shape, np.int64)
-            last, seen = memory['last'], memory['seen']
-            last[valid], seen[valid] = images[valid], stamp
-            return np.where(stamp - seen <= round(self.seconds * 1e9), last, _NAN)
-        out = images.copy()
-        for index in np.ndindex(images.shape[:-2]):
-            known = valid[index]
-            if known.any() and not known.all():
-                out[index] = images[index][nearest_pixels(known)]
-        return out
-
-
-@dataclass(frozen=True)
-class Smooth(Stage):
-    """Average over time: ``alpha`` of the new image, where it is within ``delta`` of the old."""
-
-    name: ClassVar[str] = 'smooth'
-    alpha: float = option(0.4, 0.0, 1.0)  # librealsense's default, as is
-    delta: float = option(0.02, 0.0, 10.0)  # metres; librealsense's default of 20 steps of 1 mm
-
-    def apply(self, images: np.ndarray, stamp: int, memory: dict[str, Any]) -> np.ndarray:
-        """Return the averages; invalid pixels stay invalid and are forgotten."""
-        last = memory.get('last', images)
-        with np.errstate(invalid='ignore'):
-            near = np.abs(images - last) <= np.float32(self.delta)
-        alpha = np.float32(self.alpha)
-        out = np.where(near, alpha * images + (1 - alpha) * last, images)
-        memory['last'] = out.copy()
-        return out
 
 
 @dataclass(frozen=True)
@@ -293,5 +244,5 @@ class Delay(Stage):
 
 
 STAGES: tuple[type[Stage], ...] = (
-    Crop, Resize, Decimate, Median, Clip, Normalise, Fill, Smooth, Rate, Delay,
+    Crop, Resize, Decimate, Median, Spatial, Smooth, Fill, Clip, Normalise, Rate, Delay,
 )  # fmt: skip

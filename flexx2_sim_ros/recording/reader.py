@@ -20,6 +20,7 @@ ONE_EACH = (*TIMES, *STACKS, 'known', 'clean_sigma', 'incidence', 'reflectivity_
 _KNOWN = {*STACKS, 'K', 'stamp', 'stamp_ns', 'usecase'}
 _USUAL_RATE = 30.0  # Hz
 ASSUMED = 'stamp: not in the file'  # part of a note
+PROCESSED = 'depth: processed by'  # part of a note
 
 
 @dataclass(frozen=True)

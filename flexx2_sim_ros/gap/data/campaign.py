@@ -17,6 +17,7 @@ from flexx2_sim_ros.gap.data.truth_frames import first_known, known_in, of_frame
 from flexx2_sim_ros.gap.data.units import guessed_scale, largest, reflectivity_from
 from flexx2_sim_ros.gap.data.unknown import fill, nearest
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
+from flexx2_sim_ros.recording.reader import PROCESSED
 from flexx2_sim_ros.recording.truth import read_truth, Truth
 from flexx2_sim_ros.recording.uptime import uptime_of
 import numpy as np
@@ -138,6 +139,12 @@ def _found(reader: RecordingReader, profile: Profile | None) -> Found:
         raise InputError(f'{path}: {error}') from error
     read_truth(path, reader.arrays, reader.shape)
     notes += reader.notes
+    if 'processed' in reader.arrays:
+        stages = unquoted(str(reader.arrays['processed']))
+        notes.append(
+            f'{path}: {PROCESSED} {stages} (flexx2 convert): what is named is of the camera and '
+            'this processing together; do not process its simulation again'
+        )
     arrival = find_arrival(reader, notes)
     return Found(path, mode, tuple(notes), _brightest(reader), arrival=arrival)
 

@@ -1,6 +1,6 @@
 """A set of effects, really simulated: what is left of the gap then."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -87,15 +87,16 @@ class Outcome:
     frame: SingleFrame | None
 
 
-class _Seen(NamedTuple):
-    # A recording or a simulation of it. Measures: at jumps only if the effects change these.
+class Seen(NamedTuple):
+    """A recording or a simulation of it; ``measures`` at jumps only if effects change these."""
+
     sums: Sums
     measures: Measures
     everywhere: Measures
 
 
 class _Look(NamedTuple):
-    seen: _Seen
+    seen: Seen
     groups: np.ndarray
     depth: np.ndarray
 
@@ -133,20 +134,20 @@ def confirm(
     middle = len(recording.depth) // 2
 
     def look(depth: np.ndarray) -> _Look:
-        return _Look(_seen(scene, depth, effects), grouped.add(depth), depth)
+        return _Look(seen_in(scene, depth, effects), grouped.add(depth), depth)
 
     real = look(recording.depth)
-    before = [look(depth) for depth in _simulated(_without(scene, bare), {}, seed)]
-    after = [look(depth) for depth in _simulated(scene, effects, seed)] if effects else before
+    before = [look(depth) for depth in simulated(placed_without(scene, bare), {}, seed)]
+    after = [look(depth) for depth in simulated(scene, effects, seed)] if effects else before
     spectrum = np.mean([lattice_spectrum(one.seen.sums) for one in before], axis=0)
     own, _ = features(real.seen.sums, spectrum)
     found = [[features(one.seen.sums, spectrum)[0] for one in some] for some in (before, after)]
     # A recording and the mean of n simulations differ by less than two simulations.
     noise = (found[1][1] - found[1][0]) * np.sqrt((1 + 1 / len(after)) / 2)
-    far = near = _apart(real.seen, [one.seen for one in before], [one.seen for one in after])
+    far = near = apart_in(real.seen, [one.seen for one in before], [one.seen for one in after])
     if wrong != effects:
-        others = [_seen(scene, depth, effects) for depth in _simulated(scene, wrong, seed)]
-        far = _apart(real.seen, [one.seen for one in before], others)
+        others = [seen_in(scene, depth, effects) for depth in simulated(scene, wrong, seed)]
+        far = apart_in(real.seen, [one.seen for one in before], others)
     return Outcome(
         recording.name,
         near,
@@ -185,10 +186,10 @@ def apart(
     """
     scene = PlacedScene.at(recording, motion)
     before, after = (
-        [_seen(scene, depth, effects) for depth in _simulated(where, table, seed)]
-        for where, table in ((_without(scene, bare), {}), (scene, effects))
+        [seen_in(scene, depth, effects) for depth in simulated(where, table, seed)]
+        for where, table in ((placed_without(scene, bare), {}), (scene, effects))
     )
-    return _apart(_seen(scene, recording.depth, effects), before, after)
+    return apart_in(seen_in(scene, recording.depth, effects), before, after)
 
 
 def how_far(scene: PlacedScene, effects: dict[str, Any], seed: int) -> list[float]:
@@ -213,47 +214,53 @@ def how_far(scene: PlacedScene, effects: dict[str, Any], seed: int) -> list[floa
         This sum; of it, depth in millimetres; and lost pixels in percent.
 
     """
-    depth = next(_simulated(scene, effects, seed))
+    depth = next(simulated(scene, effects, seed))
     real, other = (
         histogram(one, scene.covariates, scene.sums(one)) for one in (scene.recording.depth, depth)
     )
-    gaps = distances(real, other)
+    return in_tolerances(distances(real, other))
+
+
+def in_tolerances(gaps: Mapping[str, float]) -> list[float]:
+    """Return what `how_far` does, of `physical.distances`."""
     whole = sum(gaps[unit] / tolerance for unit, tolerance in FAR.items())
     return [whole, gaps['wasserstein_mm'], 100 * gaps['invalid_rate']]
 
 
-def _without(scene: PlacedScene, bare: np.ndarray | None) -> PlacedScene:
+def placed_without(scene: PlacedScene, bare: np.ndarray | None) -> PlacedScene:
+    """Return the scene where it is without effects, as for `confirm`."""
     return scene if bare is None else PlacedScene.at(scene.recording, bare)
 
 
-def _simulated(scene: PlacedScene, table: dict[str, Any], seed: int) -> Iterator[np.ndarray]:
+def simulated(scene: PlacedScene, table: dict[str, Any], seed: int) -> Iterator[np.ndarray]:
+    """Yield the depth that the simulator sees with effects, with a few seeds."""
     own = with_uptime(table, scene.recording.uptime)
     for k in range(SIMULATION.confirm_seeds):
         yield scene.simulate(own, seed * 1000 + 500 + k)
 
 
-def _seen(scene: PlacedScene, depth: np.ndarray, effects: dict[str, Any]) -> _Seen:
+def seen_in(scene: PlacedScene, depth: np.ndarray, effects: dict[str, Any]) -> Seen:
+    """Return the measures of depth that may have these effects."""
     at_edges = counts_edges(effects)
     sums = scene.sums(depth)
     measures = histogram(depth, scene.covariates, sums, at_edges=at_edges)
     everywhere = measures if at_edges else histogram(depth, scene.covariates, sums)
-    return _Seen(sums, measures, everywhere)
+    return Seen(sums, measures, everywhere)
 
 
-def _apart(real: _Seen, before: Sequence[_Seen], after: Sequence[_Seen]) -> Apart:
+def apart_in(real: Seen, before: Sequence[Seen], after: Sequence[Seen]) -> Apart:
+    """Return how far a recording is from simulations without and with effects."""
     return Apart(_physical(real, before, after), _gap(real, before, after))
 
 
-def _physical(
-    real: _Seen, before: Sequence[_Seen], after: Sequence[_Seen]
-) -> dict[str, list[float]]:
+def _physical(real: Seen, before: Sequence[Seen], after: Sequence[Seen]) -> dict[str, list[float]]:
     gaps = [[distances(real.measures, one.measures) for one in some] for some in (before, after)]
     # Simulated with the effects: effects that add noise put two simulations farther apart, too.
     gaps.append([distances(after[1].measures, after[0].measures)])
     return {unit: [float(np.mean([one[unit] for one in some])) for some in gaps] for unit in UNITS}
 
 
-def _gap(real: _Seen, before: Sequence[_Seen], after: Sequence[_Seen]) -> float:
+def _gap(real: Seen, before: Sequence[Seen], after: Sequence[Seen]) -> float:
     gap = np.mean([distance(distances(real.everywhere, one.everywhere)) for one in before])
     return float(gap) - distance(distances(after[1].everywhere, after[0].everywhere))
 

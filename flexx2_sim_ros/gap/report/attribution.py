@@ -88,10 +88,11 @@ def shown_by_one(table: dict[str, Any]) -> list[str]:
 def _taken(off: dict[str, Any] | None) -> list[str]:
     if off is None:
         return ['', '']
-    return [_with_ends(off[key], unit) for key, unit in (('mm', 'mm'), ('invalid_percent', '%'))]
+    return [with_ends(off[key], unit) for key, unit in (('mm', 'mm'), ('invalid_percent', '%'))]
 
 
-def _with_ends(one: dict[str, Any], unit: str) -> str:
+def with_ends(one: dict[str, Any], unit: str) -> str:
+    """Return a mean with its interval as text."""
     shown = f'{_rounded(one["mean"])} {unit}'
     if one['interval'] is None:
         return shown

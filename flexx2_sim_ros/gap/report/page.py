@@ -20,14 +20,13 @@ from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.form_figures import figures
 from flexx2_sim_ros.gap.report.frames import frames, FRAMES_STYLE
 from flexx2_sim_ros.gap.report.places import difference, group
-from flexx2_sim_ros.gap.report.text import percent, short, spaced
+from flexx2_sim_ros.gap.report.sizes import processed_section, sizes_section
+from flexx2_sim_ros.gap.report.text import percent, spaced
 from flexx2_sim_ros.gap.report.words import (
     accuracy,
     calibrations,
     camera_effects,
     headline,
-    MEANINGS,
-    MEASURES,
     MOST_SENTENCES,
     not_considered,
     refusals,
@@ -73,7 +72,8 @@ def page(
         _effects(table),
         _said([*disagreeing(table), *sentences(table)]),
         _forms(calibrated),
-        _shrinkage(table),
+        sizes_section(table),
+        processed_section(table) if 'processed' in table else '',
         section(table['cost']) if 'cost' in table else '',
         _where(table),
         frames(table, confirmed, model.evidence[0].axes),
@@ -142,37 +142,6 @@ def _forms(calibrated: Calibrated | None) -> html.Html:
             'What was fitted to the recordings. Bands: 90 % intervals over recordings '
             '(jackknife). Dashed: in the form of the catalogue.'
         ),
-    )
-
-
-def _shrinkage(table: dict[str, Any]) -> html.Html:
-    added = bool(camera_effects(table))
-    heads = [
-        'difference in',
-        html.key('gray', 'as simulated'),
-        html.key('line', 'two simulations'),
-        '',
-    ]
-    rows, fitted = [], ''
-    if added:
-        heads.insert(2, html.key('blue', 'with the effects'))
-        data = 'the other recordings' if table['gap']['held_out'] else 'the same recording'
-        fitted = f' The effects were fitted to {data}.'
-    for unit, (name, symbol, factor) in MEASURES.items():
-        gap = table['gap'][unit]
-        before, after, null = (gap[k] * factor for k in ('before', 'after', 'null'))
-        shown = [before, after, null] if added else [before, null]
-        drawn = bar(before, after if added else None, null)
-        rows.append([name, *(f'{short(one, 3)} {symbol}' for one in shown), drawn])
-    return html.join(
-        html.heading('How large the gap is'),
-        html.table(heads, rows, 'sizes'),
-        html.note(
-            'How much recordings and simulation differ, mean over recordings: smaller is better.'
-            f'{fitted} Two simulations: two runs of the simulator with other noise, as an exact '
-            'simulation would differ, too. Each row of bars has its own scale.'
-        ),
-        html.definitions('What the rows mean', MEANINGS),
     )
 
 

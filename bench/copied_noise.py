@@ -1,0 +1,138 @@
+"""
+Draw the depth noise that training programs copy beside that of a Flexx2, on one clean image.
+
+``python -m bench.copied_noise [PICTURE]`` writes docs/copied_noise.png and prints the errors of
+both. The stages and constants are those of ``utils/noise`` in
+https://github.com/project-instinct/InstinctLab (commit ef1e920), written anew from what they do.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+import sys
+from typing import Any
+
+from flexx2_sim_ros.atomic import whole
+from flexx2_sim_ros.batch import depth_noise
+from flexx2_sim_ros.camera import flexx2
+from flexx2_sim_ros.cli.effects_view import room
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+_MODE = 'Mode_9_30fps'
+_FRAMES = 60
+# Contours: a pixel is 0 where a weighted difference to a neighbour is larger, metres.
+_CONTOUR = 2.0
+_WEIGHTS = {(0, 1): 1.2, (1, 0): 0.1, (1, 1): 0.5, (1, -1): 0.5}  # the opposite ones likewise
+# Stereo: up to so much is added to each pixel, below and beyond a distance, metres.
+_NEAR, _FAR, _BEYOND = 0.02, 0.08, 2.0
+_PATCHES, _SIDE, _SPREAD = 1e-4, 2.0, 0.5  # probability in a pixel; pixels
+_BLUR = 1.0  # pixels, in a kernel of 3 x 3
+
+
+def copied(clean: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """
+    Return an image as the copied pipeline makes it: contours, patches, stereo noise, blur.
+
+    Parameters
+    ----------
+    clean : numpy.ndarray
+        (H, W) metres.
+    rng : numpy.random.Generator
+        Draws patches and noise.
+
+    Returns
+    -------
+    numpy.ndarray
+        (H, W) float32 metres; too small where depth was removed: the blur mixes it with 0.
+
+    """
+    lost = np.zeros(clean.shape, bool)
+    framed = np.pad(clean, 1)  # The copied convolution sees 0 beyond the image.
+    for (down, right), weight in _WEIGHTS.items():
+        for sign in (1, -1):
+            beside = np.roll(framed, (sign * down, sign * right), (0, 1))[1:-1, 1:-1]
+            lost |= weight * np.abs(clean - beside) > _CONTOUR
+    depth = np.where(lost, 0.0, clean)
+    for y, x in np.argwhere((rng.random(depth.shape) < _PATCHES) & (depth > 0)):
+        half = np.maximum(rng.normal(_SIDE, _SPREAD, 2), 0) / 2
+        (top, left), (end, right) = np.rint([(y, x) - half, (y, x) + half]).astype(int).clip(0)
+        depth[top:end, left:right] = 0
+    depth += rng.random(depth.shape) * np.where(depth > _BEYOND, _FAR, _NEAR)
+    blurred: np.ndarray = gaussian_filter(depth, _BLUR, radius=1).astype(np.float32)
+    return blurred
+
+
+def table(clean: np.ndarray, seen: dict[str, np.ndarray]) -> Iterator[str]:
+    """Yield lines of a table of the errors of (T, H, W) depths, NaN or 0 where invalid."""
+    yield '| | below 2 m: mean error, sigma | beyond 2 m | invalid | wrong by more than 0.1 m |'
+    yield '|---|---|---|---|---|'
+    for name, depth in seen.items():
+        error = 1000 * (np.where(depth > 0, depth, np.nan) - clean)
+        parts = []
+        for where in (clean <= _BEYOND, clean > _BEYOND):
+            mean = np.nanmedian(np.nanmean(error[:, where], axis=0))
+            sigma = np.nanmedian(np.nanstd(error[:, where], axis=0))
+            parts.append(f'{mean:+.1f} mm, {sigma:.1f} mm')
+        parts += [
+            f'{100 * share:.1f} %'
+            for share in (np.isnan(error).mean(), (np.abs(error) > 100).mean())
+        ]
+        yield f'| {" | ".join([name, *parts])} |'
+
+
+def draw(path: Path, clean: np.ndarray, seen: dict[str, np.ndarray]) -> None:
+    """Write a picture of the clean image, and of one image and its error for each way."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(2, 3, figsize=(12, 6.4), layout='constrained')
+    dark = '#3a3a3a'
+    depths = pyplot.get_cmap('turbo_r').with_extremes(bad=dark)
+    errors = pyplot.get_cmap('RdBu').with_extremes(bad=dark)
+    images: dict[str, Any] = {'clean': clean}
+    images |= {name: depth[0] for name, depth in seen.items()}
+    for axis, (name, image) in zip(axes[0], images.items(), strict=True):
+        valid = np.where(image > 0.1, image, np.nan)
+        shown = axis.imshow(valid, cmap=depths, vmin=0.5, vmax=7, interpolation='nearest')
+        axis.set_title(f'{name}, m', fontsize=10)
+    figure.colorbar(shown, ax=axes[0], shrink=0.8)
+    for axis, (name, depth) in zip(axes[1, 1:], seen.items(), strict=True):
+        error = 1000 * (np.where(depth[0] > 0.1, depth[0], np.nan) - clean)
+        shown = axis.imshow(error, cmap=errors, vmin=-100, vmax=100, interpolation='nearest')
+        axis.set_title(f'{name} minus clean, mm', fontsize=10)
+    figure.colorbar(shown, ax=axes[1], shrink=0.8)
+    row = clean.shape[0] // 2
+    for name, depth in seen.items():
+        axes[1, 0].plot(1000 * np.nanstd(np.where(depth > 0, depth, np.nan)[:, row], axis=0))
+        axes[1, 0].lines[-1].set_label(name)
+    axes[1, 0].set(title='sigma over time, middle row, mm', ylim=(0, 80), xlabel='column')
+    axes[1, 0].title.set_fontsize(10)
+    axes[1, 0].legend(frameon=False, fontsize=9)
+    for axis in [*axes[0], *axes[1, 1:]]:
+        axis.set(xticks=[], yticks=[])
+    try:
+        with whole(path) as part:
+            figure.savefig(part, dpi=80, format='png')
+    finally:
+        pyplot.close(figure)
+
+
+def main(words: list[str]) -> None:
+    """Draw and print."""
+    scene, rng = room(), np.random.default_rng(0)
+    clean, light = (image.astype(np.float32) for image in (scene.depth, scene.reflectivity))
+    seen = {'copied': np.stack([copied(clean, rng) for _ in range(_FRAMES)])}
+    for name, effects in {'noise model': (), 'typical effects': 'typical'}.items():
+        noise = depth_noise(mode=_MODE, effects=effects, K=flexx2().intrinsics.matrix)
+        seen[f'Flexx2, {name}'] = np.stack(
+            [noise(clean[np.newaxis], light[np.newaxis])[0] for _ in range(_FRAMES)]
+        )
+    print('\n'.join(table(clean, seen)))
+    del seen['Flexx2, noise model']
+    draw(Path(words[0]) if words else Path('docs/copied_noise.png'), clean, seen)
+
+
+if __name__ == '__main__':
+    main(sys.argv[1:])

@@ -1,0 +1,173 @@
+"""How far recordings and simulation are apart after a robot's own processing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+import math
+from typing import Any, NamedTuple
+
+from flexx2_sim_ros.camera import Intrinsics
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.gap.calibration.features import MEASURES
+from flexx2_sim_ros.gap.data.registration import Placed
+from flexx2_sim_ros.gap.features.confirm import (
+    Apart,
+    apart_in,
+    in_tolerances,
+    placed_without,
+    Seen,
+    seen_in,
+    simulated,
+)
+from flexx2_sim_ros.gap.features.simulation import PlacedScene, Scenes, warm_of
+from flexx2_sim_ros.processing import Chain, Stage
+import numpy as np
+
+
+class Processed(NamedTuple):
+    """
+    A recording against its simulations, all of them processed.
+
+    Attributes
+    ----------
+    apart : Apart
+        Without and with the effects.
+    rises : dict of str to numpy.ndarray
+        (3,) by how much it is farther from the simulation without each effect; see
+        `confirm.how_far`.
+
+    """
+
+    apart: Apart
+    rises: dict[str, np.ndarray]
+
+
+def process_both(
+    scene: PlacedScene,
+    effects: dict[str, Any],
+    stages: Sequence[Stage],
+    seed: int,
+    bare: np.ndarray | None = None,
+) -> Processed:
+    """
+    Process a recording and its simulations, and compare them.
+
+    The random numbers are those of `confirm.confirm`.
+
+    Parameters
+    ----------
+    scene : PlacedScene
+        The recording's, from where its camera and its planes were.
+    effects : dict
+        Parameters by effect.
+    stages : sequence of Stage
+        What the robot's program does to depth; metres throughout.
+    seed : int
+        Of the simulations.
+    bare : numpy.ndarray, optional
+        As for `confirm.confirm`.
+
+    Raises
+    ------
+    InputError
+        When the images are too small for the stages, or too few depths are left.
+
+    """
+    side = ProcessedScene.of(scene, stages)
+
+    def look(depth: np.ndarray) -> Seen:
+        return seen_in(side.scene, side.depth(depth), effects)
+
+    def look_at(where: PlacedScene, table: dict[str, Any]) -> list[Seen]:
+        return [look(depth) for depth in simulated(where, table, seed)]
+
+    real = look(scene.recording.depth)
+    if not (real.measures.normal.sum(axis=1) > MEASURES.fewest).any():
+        raise InputError(
+            f'{scene.recording.name}: process: must leave more than {MEASURES.fewest} depths in a '
+            'part of the image, got fewer'
+        )
+    before = look_at(placed_without(scene, bare), {})
+    after = look_at(scene, effects) if effects else before
+    apart, rises = apart_in(real, before, after), {}
+    with_all = in_tolerances({unit: values[1] for unit, values in apart.physical.items()})
+    for name in effects:
+        rest = look_at(scene, {key: own for key, own in effects.items() if key != name})
+        left = apart_in(real, before, rest).physical
+        farther = in_tolerances({unit: values[1] for unit, values in left.items()})
+        rises[name] = np.array(farther) - with_all
+    return Processed(apart, rises)
+
+
+@dataclass(frozen=True)
+class ProcessedScene:
+    """
+    The scene of a recording as the processed images show it.
+
+    Attributes
+    ----------
+    scene : PlacedScene
+        With the lens, the frames and the clean depth of the processed images. Clean depth is
+        processed as depth is.
+    stages : tuple of Stage
+    unprocessed : PlacedScene
+        The recording's.
+
+    """
+
+    scene: PlacedScene
+    stages: tuple[Stage, ...]
+    unprocessed: PlacedScene
+
+    @classmethod
+    def of(cls, scene: PlacedScene, stages: Sequence[Stage]) -> 'ProcessedScene':
+        """Return the processed scene of a recording."""
+        recording, placed, chain = scene.recording, scene.placed, Chain(stages)
+        height, width = recording.depth.shape[1:]
+        lens = chain.lens(Intrinsics.from_matrix(recording.K, width, height))
+        depth, frames, fresh = _run(stages, scene, recording.depth)
+        if scene.moving:
+            clean = _run(stages, scene, placed.clean)[0]
+        else:
+            clean = chain.run(placed.clean[np.newaxis], [0])[0][0]
+        light, known = (
+            _picked(chain, image, frames) for image in (placed.reflectivity, placed.known)
+        )
+        border = math.ceil(placed.border * clean.shape[-1] / width)
+        shown = Placed(clean, light, known, border)
+        small = replace(
+            recording,
+            depth=depth,
+            clean=clean,
+            K=lens.matrix,
+            stamp=recording.stamp[frames],
+            fresh=fresh,
+        )
+        made = PlacedScene(small, shown, Scenes(small, shown), warm_of(fresh))
+        return cls(made, tuple(stages), scene)
+
+    def depth(self, images: np.ndarray) -> np.ndarray:
+        """Return processed images, (t, h, w), of those of the recording, (T, H, W)."""
+        return _run(self.stages, self.unprocessed, images)[0]
+
+
+def _picked(chain: Chain, image: Any, frames: np.ndarray) -> Any:
+    # Images beside depth, at its pixels and of its frames.
+    if image is None:
+        return None
+    return chain.picked(image if image.ndim == 2 else image[frames])
+
+
+def _run(
+    stages: Sequence[Stage], scene: PlacedScene, images: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    # Processed images, which frames they are of, and whether each is the first after a gap. After
+    # a gap the program begins anew.
+    recording, parts, stamps, fresh = scene.recording, [], [], []
+    starts = np.union1d(0, np.flatnonzero(recording.fresh))
+    for start, end in zip(starts, [*starts[1:], len(images)], strict=True):
+        part, kept = Chain(stages).run(images[start:end], recording.stamp[start:end])
+        parts.append(part)
+        stamps.append(kept)
+        fresh += [True] + [False] * (len(kept) - 1)
+    frames = np.searchsorted(recording.stamp, np.concatenate(stamps))
+    return np.concatenate(parts), frames, np.array(fresh)

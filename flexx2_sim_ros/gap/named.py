@@ -1,0 +1,202 @@
+"""What a diagnosis names, and what simulating it gives."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.gap.data.campaign import Found
+from flexx2_sim_ros.gap.elsewhere import Elsewhere
+from flexx2_sim_ros.gap.explained import FoundSet
+from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.features.processed import Processed
+from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, rounds_of_named, Simulator
+from flexx2_sim_ros.gap.forms.work import Settings
+from flexx2_sim_ros.gap.inference.decide import Decision
+from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
+from flexx2_sim_ros.gap.inference.improvement import all_measured, taken_off
+from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
+from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, verdict_of
+from flexx2_sim_ros.gap.work import measure_processed, noisier, Progress, simulate_set, stepper
+from flexx2_sim_ros.processing import Chain
+from flexx2_sim_ros.recording.reader import PROCESSED
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Named:
+    """
+    What is named, and what simulating it gives.
+
+    Attributes
+    ----------
+    fitted, effects : list of Effect
+        As found by the decision, and with curves, tables and maps where those were fitted.
+    held_out : list of list of Effect
+        As `fitted`, for each recording from the others.
+    first : list of Outcome
+        Of each recording, with `held_out`.
+    forms : Calibrated or None
+        The curves, tables and maps.
+    confirmed : list of Outcome
+        Of each recording, with `forms` where those are taken.
+    motions : list of numpy.ndarray
+        Where the camera of each recording was in `confirmed`.
+    decision : Decision
+        What was decided.
+    used : list of Found
+        The recordings, at the noise level of the decision.
+    simulator : Simulator
+        Of these.
+    rises : dict of str to numpy.ndarray
+        By how much recordings are farther apart without each effect; see `rounds.Explained`.
+    own : list of dict
+        Of each recording, the effects of the camera in `confirmed`: parameters by name.
+    bare : list of numpy.ndarray or None
+        Where each one is without effects, as for `confirm.confirm`.
+
+    """
+
+    fitted: list[Effect]
+    effects: list[Effect]
+    held_out: list[list[Effect]]
+    first: list[Outcome]
+    forms: Calibrated | None
+    confirmed: list[Outcome]
+    motions: list[np.ndarray]
+    decision: Decision
+    used: list[Found]
+    simulator: Simulator
+    rises: dict[str, np.ndarray]
+    own: list[Settings]
+    bare: list[np.ndarray | None]
+
+    def table(
+        self, model: Model, used: list[Found], left_out: list[tuple[str, str]]
+    ) -> dict[str, Any]:
+        """Return the table of the diagnosis, as far as it is about the named effects."""
+        decision = self.decision
+        out = diagnosis_table(model, decision, self.fitted, self.first, used, left_out, self.rises)
+        if self.forms is not None:
+            out = calibrated_table(out, model, decision, self.forms, self.confirmed, self.motions)
+        out['verdict'] = verdict_of(out)
+        for i, own in enumerate(self.held_out):  # Used recordings are first.
+            row = out['recordings'][i]
+            row['effects_without'] = table_of(own)
+            row['takes_off_here'] = {name: float(rise[i, 0]) for name, rise in self.rises.items()}
+        return out
+
+
+def simulate_named(
+    model: Model,
+    found: FoundSet,
+    used: list[Found],
+    simulator: Simulator,
+    which: str,
+    progress: Progress,
+) -> Named:
+    """
+    Simulate the recordings with the effects that were found, and fit their forms.
+
+    Parameters
+    ----------
+    model : Model
+        The recordings.
+    found : FoundSet
+        The effects.
+    used : list of Found
+        The files.
+    simulator : Simulator
+        How they are simulated.
+    which : str
+        The forms to fit, as for `diagnose`.
+    progress : callable
+        As for `diagnose`.
+
+    """
+    decision, motions = found.decision, found.motions
+    fitted, held_out = found.fitted, found.held_out
+    used, noisy = noisier(used, simulator.profile, 1 + found.sigma)
+    simulator = replace(simulator, profile=noisy)
+    step = stepper(progress, 'simulating the outcome', 0.8, 0.06, 2 * len(used))
+    show = _shown(decision)
+    without = [of_camera(one) for one in held_out]
+    wrong = as_wrong_as_fitted(of_camera(fitted), without)
+    bare = model.own.free_planes_at(decision.base.nuisances)
+    elsewhere = Elsewhere(model, used, fitted, simulator, bare)
+    # At other poses, `measured` simulates the wrong effects, and not this.
+    here = wrong if elsewhere.other_poses(motions) is None else without
+    jobs = list(zip(used, map(tuple, motions), without, here, show, bare, strict=True))
+    first = simulator.run(simulate_set, jobs, step)
+    first = elsewhere.measured(first, motions, wrong, step)
+    rest = decision, used, simulator, found.rises, without, bare
+    plain_ones = Named(fitted, fitted, held_out, first, None, first, motions, *rest)
+    if which == 'catalogue':
+        return plain_ones
+    quick = which == 'quick'
+    total = rounds_of_named(fitted, quick) * len(used)
+    step = stepper(progress, 'fitting curves and maps', 0.86, 0.1, total)
+    forms = calibrate_named(used, motions, fitted, held_out, simulator, step, quick)
+    if forms is None:
+        return plain_ones
+    effects = forms.effects(fitted)
+    named = replace(plain_ones, effects=effects, forms=forms)
+    if not forms.taken:
+        return named
+    wrong = as_wrong_as_fitted(forms.explained.effects, forms.explained.now)
+    confirmed, motions = forms.confirmed(simulator, wrong, show, bare, step)
+    elsewhere = replace(elsewhere, effects=effects)
+    confirmed = elsewhere.measured(confirmed, motions, wrong, step)
+    now = list(forms.explained.now)
+    return replace(named, confirmed=confirmed, motions=motions, own=now)
+
+
+def processed_table(
+    chain: Chain, model: Model, named: Named, step: Callable[[], None]
+) -> dict[str, Any]:
+    """
+    Process recordings and their simulations, and measure what is left of the gap.
+
+    Parameters
+    ----------
+    chain : Chain
+        What the robot's program does to depth. Only stages in metres are measured.
+    model : Model
+        The recordings.
+    named : Named
+        What the diagnosis names.
+    step : callable
+        Called after each recording.
+
+    Returns
+    -------
+    dict
+        ``processed`` of ``docs/diagnosis.md``.
+
+    """
+    stages = chain.in_metres()
+    if any(PROCESSED in note for file in named.used for note in file.notes):
+        return {'reason': 'the recordings are processed already, and diagnosed as they are'}
+    jobs = list(zip(named.used, map(tuple, named.motions), named.own, named.bare, strict=True))
+    found = named.simulator.run(measure_processed, jobs, step, stages=stages)
+    good = [one for one in found if isinstance(one, Processed)]
+    if len(good) < len(found):
+        return {'reason': next(one for one in found if isinstance(one, str))}
+    names = [one.name for one in named.effects if one.name in good[0].rises]
+    return {
+        'stages': [one.name for one in stages],
+        'not_measured': [one.name for one in chain.stages[len(stages) :]],
+        **all_measured(model, [one.apart for one in good]),
+        'effects': {
+            name: taken_off(np.array([one.rises[name] for one in good])) for name in names
+        },
+    }
+
+
+def _shown(decision: Decision) -> list[bool]:
+    # Frames are shown of the recordings with the largest gap.
+    loss = decision.base.loss
+    largest = set(np.argsort(-loss, kind='stable')[:MOST_FRAMES].tolist())
+    return [i in largest for i in range(len(loss))]
