@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+import tarfile
 
 from flexx2_sim_ros.recording import load_recording
 from made_bags import write
@@ -92,6 +93,9 @@ def write_files_of_other_cameras(folder: Path) -> None:
     save(folder / 'frame.png', counts()[0])
     save(folder / 'known.png', np.eye(*SIZE, dtype=bool))
     (folder / 'ost.yaml').write_text(ost())
+    with tarfile.open(Path(__file__).with_name('lerobot_0_6_1.tar.xz')) as packed:
+        packed.extractall(folder, filter='data')
+    (folder / 'image').rename(folder / 'lerobot_set')
     np.savez(folder / 'sdk.npz', depth_mm=counts(), ir16=counts() // 2)
 
 

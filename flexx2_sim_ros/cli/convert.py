@@ -14,10 +14,10 @@ _DESCRIPTION = """\
 Convert a recording to another format, without loss. A and B are .npz recordings
 or rosbag2 bags: a folder, or a single .mcap or .db3 file. A can also be a .bag
 file of ROS 1, a folder of 16-bit PNG or TIFF files or one of them, or an .npz
-or HDF5 file of another program, or a LeRobot data set. Bags of pmd-royale-ros, pico_flexx_driver,
-realsense-ros and Azure Kinect work without options. A damaged bag is read up to
-the damage. From a bag with several cameras, B.npz becomes B_<camera>.npz for
-each camera.
+or HDF5 file of another program, or a LeRobot data set. Bags of pmd-royale-ros,
+pico_flexx_driver, realsense-ros and Azure Kinect work without options. A
+damaged bag is read up to the damage. From a bag with several cameras, B.npz
+becomes B_<camera>.npz for each camera.
 """
 _EXAMPLES = """examples:
   flexx2 convert walk walk.npz --camera front_left
