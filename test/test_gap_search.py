@@ -5,7 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from bench.gap_campaigns import write_campaign
+from bench.wall_campaigns import wall
+from boards import K
 from campaigns import change, read_all
+from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.calibration.search import SEARCH
@@ -86,6 +89,23 @@ def test_a_depth_scale_is_found_and_named(strength: float, tmp_path: Path) -> No
     assert first['name'] == 'depth_scale'
     assert first['parameters']['fraction'] == pytest.approx(found['stretch'][0], rel=0.15)
     assert not others
+
+
+@pytest.mark.parametrize(
+    ('effect', 'found'),
+    [({'depth_scale': {'fraction': 0.03}}, 0.03), ({'offset': {'bias': 0.06}}, 0)],
+)
+def test_a_depth_scale_is_found_at_bare_walls(
+    effect: dict[str, Any], found: float, tmp_path: Path
+) -> None:
+    """A pose could take it up, but would be wrong by more than poses are, as distances say."""
+    for i, distance in enumerate((0.8, 1.2, 1.8, 2.5, 3.2)):
+        clean = wall(distance, 10.0 * i, K, (172, 224))
+        seen = Camera(MODE, effects=effect, seed=i).capture(clean, K, np.arange(4) / 30)
+        content = {'clean_depth': clean, 'depth': seen.depth, 'K': K, 'usecase': MODE}
+        np.savez(tmp_path / f'{i}.npz', **content, stamp=np.arange(4) / 30)
+    stretch = searched(tmp_path)[0].get('stretch', (0.0,))
+    assert stretch[0] == pytest.approx(found, rel=0.1)
 
 
 @pytest.mark.parametrize('effect', ['pose_error', 'offset', 'intrinsics_error'])

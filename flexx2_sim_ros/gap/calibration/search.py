@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from flexx2_sim_ros.gap.calibration.about import constant, DEFINITION
+from flexx2_sim_ros.gap.calibration.about import ASSUMED, constant, DEFINITION
 
 BENCH = 'python -m bench.gap_internals of aac5156 --seeds 700, and --plain; by hand'
 
@@ -33,6 +33,12 @@ class Search:
         0.85, 'fraction', 'of the recordings that a wave improves', BENCH
     )
     stretch_explains: float = constant(0.01, 'fraction', 'the same, by a depth scale')
+    stretch_beyond: float = constant(
+        25.0,
+        'squares of the usual pose error',
+        'that a depth scale takes off the median errors of recordings: five standard deviations',
+        ASSUMED,
+    )
     least_stretch: float = constant(2e-3, 'fraction', 'a smaller depth scale is not searched for')
     latencies: tuple[float, float, float] = constant((-0.2, 0.4, 0.01), 's', 'that are tried')
     latency_gains: float = constant(

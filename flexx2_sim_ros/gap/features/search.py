@@ -8,6 +8,7 @@ found becomes variants of that effect, which the catalogue adds to its own.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.calibration.search import SEARCH
 from flexx2_sim_ros.gap.data.clues import Clues, latencies, light_edges, LINE
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
@@ -89,9 +90,26 @@ def stretch(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     equations = [one.equations_of(one.depth) for one in parts]
     share, agree = _held_out(parts, equations)
     normal, right = (float(np.sum(one)) for one in zip(*equations, strict=True))
+    if agree < SEARCH.wave_agrees:
+        return ()
+    if share < SEARCH.stretch_explains:
+        return _beyond_poses([one for one in clues if len(one.error) >= SEARCH.fewest])
     scale = right / max(normal, 1e-9)
-    found = share >= SEARCH.stretch_explains and agree >= SEARCH.wave_agrees
-    return (scale,) if found and abs(scale) >= SEARCH.least_stretch else ()
+    return (scale,) if abs(scale) >= SEARCH.least_stretch else ()
+
+
+def _beyond_poses(clues: Sequence[Clues]) -> tuple[float, ...]:
+    # Of few planes a motion looks like a scale. But motions as large as usual differ between
+    # recordings; a scale of the depths is the same, and explains them better than an offset does.
+    depth, error = np.array(
+        [(np.median(one.own[:, LINE]), np.median(one.error / one.own[:, LINE])) for one in clues]
+    ).T
+    error *= depth
+    scale = float(depth @ error / (depth @ depth))
+    rest, offset = np.sum((error - scale * depth) ** 2), np.sum((error - error.mean()) ** 2)
+    gain = (np.sum(error**2) - rest) / GROUND_TRUTH.usual[0] ** 2
+    found = gain >= SEARCH.stretch_beyond and rest < offset
+    return (scale,) if found else ()
 
 
 def inside_of(effects: Iterable[Effect]) -> Found:
