@@ -24,22 +24,21 @@ class Search:
         (0.24, 3.4, 0.02), '1/m', 'reciprocal periods over the range: lowest, highest, step'
     )
     wave_explains: float = constant(
-        0.01, 'fraction', 'of the squared errors of left-out recordings, by a wave', BENCH
+        0.01,
+        'fraction',
+        'of the squared errors of left-out recordings, by a wave or a depth scale',
+        BENCH,
     )
     wave_adds: float = constant(
         1.15, 'factor', 'on what harmonics of the profile explain of them', BENCH
     )
-    wave_agrees: float = constant(
-        0.85, 'fraction', 'of the recordings that a wave improves', BENCH
-    )
-    stretch_explains: float = constant(0.01, 'fraction', 'the same, by a depth scale')
+    wave_agrees: float = constant(0.85, 'fraction', 'of the recordings that these improve', BENCH)
     stretch_beyond: float = constant(
         25.0,
         'squares of the usual pose error',
         'that a depth scale takes off the median errors of recordings: five standard deviations',
         ASSUMED,
     )
-    least_stretch: float = constant(2e-3, 'fraction', 'a smaller depth scale is not searched for')
     latencies: tuple[float, float, float] = constant((-0.2, 0.4, 0.01), 's', 'that are tried')
     latency_gains: float = constant(
         0.02,

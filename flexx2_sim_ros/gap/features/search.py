@@ -89,13 +89,12 @@ def stretch(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
         return ()
     equations = [one.equations_of(one.depth) for one in parts]
     share, agree = _held_out(parts, equations)
-    normal, right = (float(np.sum(one)) for one in zip(*equations, strict=True))
     if agree < SEARCH.wave_agrees:
         return ()
-    if share < SEARCH.stretch_explains:
+    if share < SEARCH.wave_explains:
         return _beyond_poses([one for one in clues if len(one.error) >= SEARCH.fewest])
-    scale = right / max(normal, 1e-9)
-    return (scale,) if abs(scale) >= SEARCH.least_stretch else ()
+    normal, right = (float(np.sum(one)) for one in zip(*equations, strict=True))
+    return (right / max(normal, 1e-9),)
 
 
 def _beyond_poses(clues: Sequence[Clues]) -> tuple[float, ...]:
