@@ -15,6 +15,8 @@ from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
 
+_SPAN = 6.0  # logit per factor e of distance, where that of the tangent of the incidence is as large
+
 
 def survives_grazing(
     incidence: float, z: float, half: float, width: float, distance: float, strength: float
@@ -50,8 +52,13 @@ class GrazingDropout(Effect):
     changes: ClassVar[tuple[str, ...]] = ('validity',)
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'pico driver: noise threshold 0.07 m; the shape is assumed'
-    hypotheses: ClassVar[tuple[Hypothesis, ...]] = tuple(
-        lost_by(f'half {half:g}', half_deg=half) for half in (64.0, 70.0, 76.0, 82.0)
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        *(lost_by(f'half {half:g}', half_deg=half) for half in (64.0, 70.0, 76.0, 82.0)),
+        # About as the depth that a pixel spans, which filters of flying pixels look at.
+        *(
+            lost_by(f'span, half {half:g}', half_deg=half, distance=_SPAN)
+            for half in (76.0, 82.0, 86.0)
+        ),
     )
     smooth: ClassVar[bool] = True
     nuisances: ClassVar[tuple[str, ...]] = ('pose',)

@@ -73,7 +73,13 @@ class SpatialFilter(Effect):
     covariate: ClassVar[str] = 'none'
     changes: ClassVar[tuple[str, ...]] = ('noise', 'neighbours')
     source: ClassVar[str] = 'Kinect v2: correlation of neighbours 0.6 to 0.7'
-    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (grid('mix', (0.25, 0.5, 0.8, 1.0), 0.0, 1.0),)
+    hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
+        grid('mix', (0.25, 0.5, 0.8, 1.0), 0.0, 1.0),
+        *(
+            grid('mix', (0.5, 1.0), 0.0, 1.0, f'over {width:g} px', width=width, gate=20.0)
+            for width in (1.0, 2.5)
+        ),
+    )
     shapes: ClassVar[tuple[Shape, ...]] = (
         Shape('3 x 3 mean', (Free('mix', 0.0, 1.0), _GATE), quick=True),
         Shape('Gaussian mean', (Free('width', 0.2, 3.0, log=True), _GATE), {'mix': 1.0}),

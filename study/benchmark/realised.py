@@ -181,13 +181,13 @@ def _apart(
     one: list[tuple[np.ndarray, np.ndarray, float]],
     other: list[tuple[np.ndarray, np.ndarray, float]],
 ) -> tuple[float, float]:
-    # The Wasserstein-1 distance is the mean difference of quantiles.
-    normal, metres, lost = (
-        np.nanmean(
-            [np.abs(np.subtract(a[k], b[k])).mean() for a, b in zip(one, other, strict=True)]
-        )
-        for k in range(3)
-    )
+    # The Wasserstein-1 distance is the mean difference of quantiles. Where no tile has enough valid
+    # pixels in both, only lost pixels differ.
+    differences = [
+        [np.abs(np.subtract(a[k], b[k])).mean() for k in range(3)]
+        for a, b in zip(one, other, strict=True)
+    ]
+    normal, metres, lost = np.ma.masked_invalid(differences).mean(axis=0).filled(0.0)
     return float(normal / _SIGMAS + lost / _INVALID), float(1e3 * metres)
 
 
