@@ -15,7 +15,7 @@ from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
 
-_SPAN = 6.0  # logit per factor e of distance, where that of the tangent of the incidence is as large
+_SPAN = 6.0  # logit per factor e of distance; about 70 degrees, that of the tangent is as large
 
 
 def survives_grazing(

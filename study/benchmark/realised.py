@@ -181,8 +181,8 @@ def _apart(
     one: list[tuple[np.ndarray, np.ndarray, float]],
     other: list[tuple[np.ndarray, np.ndarray, float]],
 ) -> tuple[float, float]:
-    # The Wasserstein-1 distance is the mean difference of quantiles. Where no tile has enough valid
-    # pixels in both, only lost pixels differ.
+    # The Wasserstein-1 distance is the mean difference of quantiles. Where no tile has enough
+    # valid pixels in both, only lost pixels differ.
     differences = [
         [np.abs(np.subtract(a[k], b[k])).mean() for k in range(3)]
         for a, b in zip(one, other, strict=True)
