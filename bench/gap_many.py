@@ -22,6 +22,7 @@ from flexx2_sim_ros.atomic import scratch_folder, whole
 from flexx2_sim_ros.gap import diagnose, measure
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
+from scipy.stats import spearmanr
 from study.benchmark import DEVELOPMENT
 from study.benchmark.design import MODES, Planned
 from study.benchmark.realised import apart_of, FRESH, realised_gap
@@ -141,12 +142,22 @@ def _row(arguments: argparse.Namespace, count: int, seed: int, cache: Path) -> d
         'named': [[one['name'], one['confidence'], one['takes_off']] for one in table['effects']],
         'recall': sum(value for name, value in true.items() if name in named) / total,
         'wrong': [name for name in named if name not in true],
+        'order': _order(table['effects'], true),
         'disagree': table['disagree'] and table['disagree']['name'],
         'predicted': table['gap']['shrink'] if named else 0.0,
         'interval': table['gap']['interval'],
         'realised': realised,
         'seconds': round(seconds, 1),
     }
+
+
+def _order(effects: list[dict[str, Any]], true: dict[str, float]) -> float | None:
+    # Rank correlation of what named effects take off with what they contribute.
+    rows = [one for one in effects if one['name'] in true and one['takes_off']]
+    if len(rows) < 3:
+        return None
+    taken = [one['takes_off']['distance']['mean'] for one in rows]
+    return float(spearmanr(taken, [true[one['name']] for one in rows]).statistic)
 
 
 def _contributions(case: Planned, cache: Path) -> dict[str, float]:
@@ -191,12 +202,14 @@ def _summary(rows: list[dict[str, Any]]) -> str:
     gaps = [one['realised'] for one in rows]
     shrink = [0.0 if one is None else one['shrink'] or 0.0 for one in gaps]
     off = [row['predicted'] - value for row, value in zip(rows, shrink, strict=True)]
+    orders = [row['order'] for row in rows if row['order'] is not None]
     worse = sum(one is not None and one['after_mm'] > one['before_mm'] for one in gaps)
     return (
         f'{len(rows)} cameras: recall {np.mean([one["recall"] for one in rows]):.3f}, wrong names '
         f'{np.mean([len(one["wrong"]) for one in rows]):.2f}, realised mean {np.mean(shrink):.3f} '
         f'median {np.median(shrink):.3f}, |predicted - realised| {np.mean(np.abs(off)):.3f}, '
-        f'worse in mm {worse}, {np.mean([one["seconds"] for one in rows]):.0f} s'
+        f'order {np.mean(orders or [np.nan]):.2f}, worse in mm {worse}, '
+        f'{np.mean([one["seconds"] for one in rows]):.0f} s'
     )
 
 
