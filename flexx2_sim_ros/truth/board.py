@@ -1,14 +1,18 @@
-"""Find a printed target in a gray image."""
+"""Printed boards: which one it is, and where a gray image shows it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import cv2
+from flexx2_sim_ros.config_file import read_mapping
+from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.printed import Printed
-from flexx2_sim_ros.truth.target import Target
+from flexx2_sim_ros.truth.printed import AprilGrid, Charuco, Chessboard, Printed
+from flexx2_sim_ros.truth.target import read_target
 import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
@@ -23,9 +27,11 @@ _FIRST_BLUR = 0.5  # pixels
 _ROUGH_STEPS, _STEPS = 10, 25
 _TILT, _SAME = np.radians(15), np.radians(3)
 _SMALL_TAG = 16  # pixels
+_MOST_SQUARES, _LEAST, _LARGEST = 50, 0.002, 1.0  # metres. ASSUMED
+_FORMS = 'chessboard:9x6:0.03 (inner corners, metres) or charuco:5x7:0.04:0.03:DICT_5X5_100'
 
 
-def _find_tags(target: Target | Printed, image: np.ndarray) -> dict[int, np.ndarray]:
+def _find_tags(target: Printed, image: np.ndarray) -> dict[int, np.ndarray]:
     # The (C, 2) points of tags, or of the corners of a chessboard, in pixels, by their place in
     # `corners` of the board.
     best: dict[int, np.ndarray] = {}
@@ -56,9 +62,7 @@ def _pictures(image: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
         yield cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), factor
 
 
-def _poses_from(
-    target: Target | Printed, tags: dict[int, np.ndarray], rays: np.ndarray
-) -> list[Pose]:
+def _poses_from(target: Printed, tags: dict[int, np.ndarray], rays: np.ndarray) -> list[Pose]:
     # The camera's poses in the target's frame that explain these points, the better one first: a
     # distant plane can be mistaken for its mirror image.
     places = sorted(tags)
@@ -88,14 +92,14 @@ def _poses_from(
 
 
 def find_board(
-    target: Target | Printed, gray: Gray, scale_error: float, before: GrayFit | None = None
+    target: Printed, gray: Gray, scale_error: float, before: GrayFit | None = None
 ) -> GrayFit | str:
     """
     Find a board in a gray image, and align it.
 
     Parameters
     ----------
-    target : Target or Printed
+    target : Printed
         The board.
     gray : Gray
         The image, NaN where it is saturated.
@@ -130,9 +134,7 @@ def find_board(
     return _refined(target, gray, min(rough, key=lambda fit: fit.cost), scale_error)
 
 
-def _refined(
-    target: Target | Printed, gray: Gray, rough: GrayFit, scale_error: float
-) -> GrayFit | str:
+def _refined(target: Printed, gray: Gray, rough: GrayFit, scale_error: float) -> GrayFit | str:
     # Second round, with pixels and sheet for the pose that was found.
     fit = align_gray(target, gray, rough.pose, rough.power, rough.blur, _STEPS)
     if fit is None or fit.pose.t[2] > 0:
@@ -187,3 +189,85 @@ def plane_covariance(pose: Pose, covariance: np.ndarray, middle: np.ndarray) -> 
     change[0] = -np.concatenate([normal, np.cross(middle, normal)])
     change[1, 3:], change[2, 3:] = -first, -second
     return np.asarray(change @ covariance @ change.T)
+
+
+def read_board(given: str | Path) -> Printed:
+    """
+    Return the board that a text or a file describes.
+
+    Parameters
+    ----------
+    given : str or pathlib.Path
+        ``chessboard:9x6:0.03`` as OpenCV counts inner corners, ``charuco:5x7:0.04:0.03:DICT`` as
+        OpenCV counts squares, or a file: ``target.yaml``, or that of a target of Kalibr.
+
+    Raises
+    ------
+    InputError
+        When it is none of these, or impossible.
+
+    """
+    kind, *words = str(given).split(':')
+    if kind in ('chessboard', 'charuco'):
+        try:
+            return (_chessboard if kind == 'chessboard' else _charuco)(*words)
+        except (TypeError, ValueError, AttributeError, cv2.error):
+            raise InputError(f'--board: must be {_FORMS}, got {shown(str(given))}') from None
+    path = Path(given)
+    content = read_mapping(path) if path.suffix == '.yaml' else {}
+    if 'target_type' not in content:
+        return read_target(path)
+    makers: dict[str, Callable[[dict[str, Any]], Printed]] = {
+        'aprilgrid': _april_grid, 'checkerboard': _kalibr_chessboard,
+    }  # fmt: skip
+    kind = content['target_type']
+    if kind not in makers:
+        raise InputError(
+            f'{shown_path(path)}: target_type: must be one of {", ".join(makers)}, got '
+            f'{shown(kind)}'
+        )
+    try:
+        return makers[kind](content)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f'{shown_path(path)}: must be a target of Kalibr, got {error}') from None
+
+
+def _count(value: Any, least: int = 1) -> int:
+    count = int(value)
+    if not least <= count <= _MOST_SQUARES:
+        raise ValueError(f'{shown(value)} squares or tags')
+    return count
+
+
+def _metres(value: Any) -> float:
+    metres = float(value)
+    if not _LEAST <= metres <= _LARGEST:
+        raise ValueError(f'{shown(value)} metres')
+    return metres
+
+
+def _chessboard(size: str, square: str) -> Printed:
+    columns, rows = (_count(word, 3) + 1 for word in size.split('x'))
+    return Chessboard(columns, rows, _metres(square))
+
+
+def _charuco(size: str, square: str, marker: str, dictionary: str) -> Printed:
+    columns, rows = (_count(word, 2) for word in size.split('x'))
+    board = Charuco(columns, rows, _metres(square), marker=_metres(marker), dictionary=dictionary)
+    board.corners()
+    return board
+
+
+def _april_grid(content: dict[str, Any]) -> Printed:
+    tag = _metres(content['tagSize'])
+    columns, rows = _count(content['tagCols']), _count(content['tagRows'])
+    return AprilGrid(columns, rows, tag, gap=_metres(tag * float(content['tagSpacing'])))
+
+
+def _kalibr_chessboard(content: dict[str, Any]) -> Printed:
+    # Kalibr counts inner corners.
+    columns, rows = _count(content['targetCols'], 3) + 1, _count(content['targetRows'], 3) + 1
+    across, down = (_metres(content[f'{name}SpacingMeters']) for name in ('col', 'row'))
+    if across != down:
+        raise ValueError(f'squares of {across:g} x {down:g} m')
+    return Chessboard(columns, rows, across)

@@ -8,7 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import never_decided
-from flexx2_sim_ros.truth.board import find_board, plane_covariance
+from flexx2_sim_ros.truth.board import find_board, plane_covariance, read_board
 from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, REFUSED, render_plane, unknown
 from flexx2_sim_ros.truth.files import reason_of, TruthSource
 from flexx2_sim_ros.truth.gray import Gray, GrayFit, inside, white_fraction
@@ -16,11 +16,10 @@ from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray
 from flexx2_sim_ros.truth.observation import Footage, grow, Observation
 from flexx2_sim_ros.truth.plane_finding import surface_around
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.printed import Printed, read_board
+from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.requests import BoardRequest
 from flexx2_sim_ros.truth.run import Run
 from flexx2_sim_ros.truth.shared import MOST_BIAS
-from flexx2_sim_ros.truth.target import Target
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, without_hidden, Written
 import numpy as np
 
@@ -42,7 +41,7 @@ class BoardJob:
 
     request: BoardRequest
     path: Path
-    target: Target | Printed
+    target: Printed
 
 
 @dataclass(frozen=True)
@@ -209,7 +208,7 @@ class BoardCampaign:
     def __init__(self, request: BoardRequest) -> None:
         """Read the description of the board."""
         self.request = request
-        self.kinds: Sequence[Target | Printed] = read_board(request.board).kinds
+        self.kinds: Sequence[Printed] = read_board(request.board).kinds
         self.files: Sequence[Path] = (Path(request.board),)
 
     def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
@@ -226,20 +225,20 @@ class BoardCampaign:
             raise InputError(f'{shown_path(sources[0].path)}: {self.placed[0].reason}')
         return found
 
-    def _count(self, run: Run, target: Target | Printed) -> int:
+    def _count(self, run: Run, target: Printed) -> int:
         # In how many of the first recordings it is found; these are not searched again.
         if len(self.kinds) == 1:
             return 0
         return sum(not one.reason for one in self._placed(run, target, self.sources[:_TRIED]))
 
     def _placed(
-        self, run: Run, target: Target | Printed, sources: Sequence[TruthSource]
+        self, run: Run, target: Printed, sources: Sequence[TruthSource]
     ) -> list[BoardPoses]:
         jobs, inputs = [self._job(one, target) for one in sources], [[one.path] for one in sources]
         text = 'finding the board'
         return run.each_once(text, (0.0, 0.7), place_board, jobs, inputs, (BoardPoses,))
 
-    def _job(self, source: TruthSource, target: Target | Printed) -> BoardJob:
+    def _job(self, source: TruthSource, target: Printed) -> BoardJob:
         return BoardJob(self.request.settings(), source.path, target)
 
     def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
