@@ -1,6 +1,7 @@
 """Printed boards: which one it is, and where a gray image shows it."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,9 @@ import cv2
 from flexx2_sim_ros.config_file import read_mapping
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.recording.truth import plane_axes
-from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS
+from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS, white_fraction
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.printed import AprilGrid, Charuco, Chessboard, Printed
+from flexx2_sim_ros.truth.printed import AprilGrid, Charuco, Chessboard, CircleGrid, Printed
 from flexx2_sim_ros.truth.target import read_target
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -28,7 +29,10 @@ _ROUGH_STEPS, _STEPS = 10, 25
 _TILT, _SAME = np.radians(15), np.radians(3)
 _SMALL_TAG = 16  # pixels
 _MOST_SQUARES, _LEAST, _LARGEST = 50, 0.002, 1.0  # metres. ASSUMED
-_FORMS = 'chessboard:9x6:0.03 (inner corners, metres) or charuco:5x7:0.04:0.03:DICT_5X5_100'
+_FORMS = (
+    'chessboard:9x6:0.03 (inner corners, metres), charuco:5x7:0.04:0.03:DICT_5X5_100, '
+    'circles:7x6:0.03:0.015 or acircles:4x11:0.02:0.015 (circles, distance, diameter)'
+)
 
 
 def _find_tags(target: Printed, image: np.ndarray) -> dict[int, np.ndarray]:
@@ -91,6 +95,35 @@ def _poses_from(target: Printed, tags: dict[int, np.ndarray], rays: np.ndarray) 
     return out
 
 
+def likeness(kinds: Sequence[Printed], gray: Gray) -> tuple[float, ...]:
+    """
+    Return how much an image looks like each of several boards.
+
+    Parameters
+    ----------
+    kinds : sequence of Printed
+        Boards with the same `corners`.
+    gray : Gray
+        The image.
+
+    Returns
+    -------
+    tuple of float
+        The correlation of image and board; empty where none is found.
+
+    """
+    tags = _find_tags(kinds[0], gray.image)
+    starts = _poses_from(kinds[0], tags, gray.rays) if tags else []
+    if not starts:
+        return ()
+    out = []
+    for kind in kinds:
+        white = white_fraction(kind, gray, starts[0], _FIRST_BLUR)
+        both = np.isfinite(white) & np.isfinite(gray.image)
+        out.append(float(np.corrcoef(white[both], gray.image[both])[0, 1]) if both.any() else 0.0)
+    return tuple(out)
+
+
 def find_board(
     target: Printed, gray: Gray, scale_error: float, before: GrayFit | None = None
 ) -> GrayFit | str:
@@ -145,11 +178,9 @@ def _refined(target: Printed, gray: Gray, rough: GrayFit, scale_error: float) ->
 
 
 def _starts(starts: list[Pose], tags: dict[int, np.ndarray], turns: int) -> list[Pose]:
-    # Corners hardly determine the tilt of a small board.
+    # Corners hardly determine the tilt of what is small: a tag, or a whole grid.
     first, *others = starts
-    side = np.median(
-        [np.linalg.norm(quad - np.roll(quad, 1, axis=0), axis=1) for quad in tags.values()]
-    )
+    side = np.median([np.ptp(points, axis=0).max() for points in tags.values()])
     out = [first, *(o for o in others if np.abs(first.motion_to(o)[3:]).max() > _SAME)]
     if side < _SMALL_TAG:
         out += [_tilted(first, axis, angle) for axis in (0, 1) for angle in (-_TILT, _TILT)]
@@ -199,7 +230,8 @@ def read_board(given: str | Path) -> Printed:
     ----------
     given : str or pathlib.Path
         ``chessboard:9x6:0.03`` as OpenCV counts inner corners, ``charuco:5x7:0.04:0.03:DICT`` as
-        OpenCV counts squares, or a file: ``target.yaml``, or that of a target of Kalibr.
+        OpenCV counts squares, ``circles:7x6:0.03`` or ``acircles:4x11:0.02`` as it counts circles,
+        or a file: ``target.yaml``, or that of a target of Kalibr.
 
     Raises
     ------
@@ -208,9 +240,9 @@ def read_board(given: str | Path) -> Printed:
 
     """
     kind, *words = str(given).split(':')
-    if kind in ('chessboard', 'charuco'):
+    if kind in _MAKERS:
         try:
-            return (_chessboard if kind == 'chessboard' else _charuco)(*words)
+            return _MAKERS[kind](*words)
         except (TypeError, ValueError, AttributeError, cv2.error):
             raise InputError(f'--board: must be {_FORMS}, got {shown(str(given))}') from None
     path = Path(given)
@@ -218,8 +250,10 @@ def read_board(given: str | Path) -> Printed:
     if 'target_type' not in content:
         return read_target(path)
     makers: dict[str, Callable[[dict[str, Any]], Printed]] = {
-        'aprilgrid': _april_grid, 'checkerboard': _kalibr_chessboard,
-    }  # fmt: skip
+        'aprilgrid': _april_grid,
+        'checkerboard': _kalibr_chessboard,
+        'circlegrid': _kalibr_circles,
+    }
     kind = content['target_type']
     if kind not in makers:
         raise InputError(
@@ -271,3 +305,27 @@ def _kalibr_chessboard(content: dict[str, Any]) -> Printed:
     if across != down:
         raise ValueError(f'squares of {across:g} x {down:g} m')
     return Chessboard(columns, rows, across)
+
+
+def _circles(size: str, square: str, diameter: str = '', asymmetric: bool = False) -> Printed:
+    columns, rows = (_count(word, 2) for word in size.split('x'))
+    wide = _metres(diameter) if diameter else 0.0
+    board = CircleGrid(columns, rows, _metres(square), asymmetric=asymmetric, diameter=wide)
+    if wide >= board.pitch:
+        raise ValueError(f'circles of {wide:g} m')
+    return board
+
+
+def _kalibr_circles(content: dict[str, Any]) -> Printed:
+    columns, rows = _count(content['targetCols'], 2), _count(content['targetRows'], 2)
+    # Kalibr does not say how large its circles are.
+    spacing, asymmetric = _metres(content['spacingMeters']), bool(content['asymmetricGrid'])
+    return CircleGrid(columns, rows, spacing, asymmetric=asymmetric)
+
+
+_MAKERS: dict[str, Callable[..., Printed]] = {
+    'chessboard': _chessboard,
+    'charuco': _charuco,
+    'circles': _circles,
+    'acircles': partial(_circles, asymmetric=True),
+}

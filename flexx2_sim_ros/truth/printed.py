@@ -1,4 +1,4 @@
-"""Boards that people own: chessboards, ChArUco boards and Kalibr's grids of AprilTags."""
+"""Boards that people own: chessboards, ChArUco boards, grids of circles and of AprilTags."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -12,6 +12,9 @@ _FINER = 4  # pixels of a drawing in one of the picture that is asked for. ASSUM
 # The bits of the first tag of AprilTag 36h11, its first row. DEFINITION
 _FIRST_ROW = [1, 1, 0, 1, 0, 1]
 _EDGE_OF_MODULE = 0.3
+# Diameters of circles, as parts of the distance between two, where they are not given. ASSUMED
+_DIAMETERS = np.arange(0.25, 0.9, 0.05)
+_MOST_SPOTS = 2  # dark spots in a picture, times the circles. ASSUMED
 
 
 class Printed:
@@ -255,6 +258,100 @@ class AprilGrid(Cells):
             tag = cv2.aruco.generateImageMarker(_tags(), number, side, borderBits=2)
             image[y : y + side, x : x + side] = np.rot90(tag, 2 * _turned())
         return image
+
+
+@dataclass(frozen=True)
+class CircleGrid(Cells):
+    """
+    OpenCV's grid of dark circles; the paper is white for half a distance around their centres.
+
+    Attributes
+    ----------
+    asymmetric : bool
+        Whether every second row is shifted by a square, and a row has every second column only.
+    diameter : float
+        Of a circle, metres; 0 if it is not known.
+
+    """
+
+    asymmetric: bool = False
+    diameter: float = 0.0
+
+    @property
+    def kinds(self) -> 'tuple[Printed, ...]':
+        """Return this board, or those of usual diameters."""
+        if self.diameter:
+            return (self,)
+        usual = (_DIAMETERS * self.pitch).tolist()
+        return tuple(replace(self, diameter=one) for one in usual)
+
+    @property
+    def turns(self) -> int:  # type: ignore[override]
+        """Return how often it looks the same in a turn."""
+        if self.asymmetric:
+            return 2 - self.rows % 2
+        return 4 if self.columns == self.rows else 2
+
+    @property
+    def pitch(self) -> float:
+        """Return the distance between a circle and the nearest one, metres."""
+        return self.square * (math.sqrt(2) if self.asymmetric else 1)
+
+    @property
+    def width(self) -> float:  # type: ignore[override]
+        """Return the size across, metres."""
+        steps = 2 * self.columns - 1 if self.asymmetric else self.columns - 1
+        return steps * self.square + self.pitch
+
+    @property
+    def height(self) -> float:  # type: ignore[override]
+        """Return the size down, metres."""
+        return (self.rows - 1) * self.square + self.pitch
+
+    def corners(self) -> np.ndarray:
+        """Return (1, N, 3): the centres of the circles, row by row."""
+        row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
+        across = 2 * column + row % 2 if self.asymmetric else column
+        points = np.stack([across, row, np.zeros(len(row))], axis=1) * self.square
+        return np.asarray(points - points.max(axis=0) / 2)[None]
+
+    def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
+        """Return the centres of the circles, all or none."""
+        count = self.columns * self.rows
+        spots = np.array([spot.pt for spot in _spots(picture).detect(picture)], np.float32)
+        # The search in many others takes minutes.
+        if not count <= len(spots) <= _MOST_SPOTS * count:
+            return {}
+        kind = cv2.CALIB_CB_ASYMMETRIC_GRID if self.asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
+        grid: Any = cv2.findCirclesGrid
+        size, settings = (self.columns, self.rows), cv2.CirclesGridFinderParameters()
+        for way in (kind, kind | cv2.CALIB_CB_CLUSTERING):
+            found, points = grid(spots[:, None], size, way, None, settings)
+            if found:
+                return {0: points.reshape(-1, 2)}
+        return {}
+
+    def draw(self, pixels: int) -> np.ndarray:
+        """Draw its circles."""
+        scale = pixels / self.square
+        image = np.full([round(side * scale) for side in (self.height, self.width)], 255, np.uint8)
+        places = self.corners()[0, :, :2] + np.array([self.width, self.height]) / 2
+        # In 1/16 of a pixel, whose centre is a whole number.
+        for place in np.rint((places * scale - 0.5) * 16).astype(int).tolist():
+            cv2.circle(
+                image, place, round(8 * (self.diameter * scale - 1)), 0, cv2.FILLED, cv2.LINE_AA, 4
+            )
+        return image
+
+
+def _spots(picture: np.ndarray) -> Any:
+    # OpenCV's detector of dark spots, of those that may be circles seen askew.
+    vision: Any = cv2
+    settings = vision.SimpleBlobDetector_Params()
+    settings.minDistBetweenBlobs, settings.minArea = 3, 20
+    settings.maxArea = picture.size / 20
+    settings.filterByInertia, settings.minConvexity = False, 0.85
+    return vision.SimpleBlobDetector_create(settings)
 
 
 def find_markers(
