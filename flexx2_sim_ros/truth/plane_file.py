@@ -13,8 +13,8 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 import numpy as np
 
 _KEYS = {'schema', 'origin', 'planes', 'recordings'}
-_PLACES = 'seed', 'box', 'outline'  # of which one is given
-_OF_RECORDING = {*_PLACES, 'distance'}
+PLACES = 'seed', 'box', 'outline'  # of which one is given
+_OF_RECORDING = {*PLACES, 'distance'}
 _OF_PLANE = {*_OF_RECORDING, 'name', 'angles', 'flat'}
 BLANK = '___'  # stands in a form for what is not filled in
 _FORM = f"""\
@@ -201,9 +201,9 @@ def _plane(field: str, row: Any) -> PlaneHint:
 def _hint(field: str, plane: PlaneHint, row: Mapping[str, Any]) -> PlaneHint:
     # The plane with the changes of a mapping.
     row = {key: value for key, value in row.items() if value not in (None, BLANK)}
-    given = {place: row[place] for place in _PLACES if place in row}
+    given = {place: row[place] for place in PLACES if place in row}
     if len(given) > 1:
-        raise InputError(f'{field}: must have one of {", ".join(_PLACES)}, got {", ".join(given)}')
+        raise InputError(f'{field}: must have one of {", ".join(PLACES)}, got {", ".join(given)}')
     place, value = next(iter(given.items()), ('', None))
     box, outline = plane.box, plane.outline
     if place == 'outline':
