@@ -128,23 +128,10 @@ def find_board(
     target: Printed, gray: Gray, scale_error: float, before: GrayFit | None = None
 ) -> GrayFit | str:
     """
-    Find a board in a gray image, and align it.
+    Find a board in a gray image, and align it; or return why it is not found.
 
-    Parameters
-    ----------
-    target : Printed
-        The board.
-    gray : Gray
-        The image, NaN where it is saturated.
-    scale_error : float
-        Standard deviation of the focal length, as a fraction.
-    before : GrayFit, optional
-        The fit of the frame before, which is tried first.
-
-    Returns
-    -------
-    GrayFit or str
-        The fit, or the reason why the board is not found.
+    The scale error is that of the focal length, as a fraction. The fit of the frame before is
+    tried first.
 
     """
     powers: tuple[float, ...] = POWERS

@@ -83,20 +83,9 @@ def sources_of(request: TruthRequest, inputs: Sequence[Path]) -> list[TruthSourc
     """
     Return the recordings of a request, after a check that their ground truth can be written.
 
-    A file of a folder that cannot be read stays: the run refuses it, and goes on.
-
-    Parameters
-    ----------
-    request : TruthRequest
-        The request.
-    inputs : sequence of pathlib.Path
-        Further files that the run reads.
-
-    Raises
-    ------
-    InputError
-        When a folder has none, one that was named cannot be read, its file cannot be written, or a
-        file that is read would be overwritten.
+    A file of a folder that cannot be read stays: the run refuses it, and goes on. Raises
+    `InputError` where a folder has none, one that was named cannot be read, its file cannot be
+    written, or a file that is read, one of `inputs` too, would be overwritten.
 
     """
     paths = recordings_of(request.recordings)

@@ -358,23 +358,9 @@ def find_markers(
     codes: cv2.aruco.Dictionary, picture: np.ndarray, border: int, count: int, first: int = 0
 ) -> dict[int, np.ndarray]:
     """
-    Find markers, without those that are seen twice.
+    Return (4, 2) corners of markers, pixels, by their number from the first one.
 
-    Parameters
-    ----------
-    codes : cv2.aruco.Dictionary
-        The dictionary.
-    picture : numpy.ndarray
-        (H, W) uint8.
-    border : int
-        Width of the black border, modules.
-    count, first : int
-        How many markers there are, and the number of the first one.
-
-    Returns
-    -------
-    dict of int to numpy.ndarray
-        (4, 2) corners in pixels, by the number from the first one.
+    Markers have a black border of so many modules. Those that are seen twice are left out.
 
     """
     settings = cv2.aruco.DetectorParameters()

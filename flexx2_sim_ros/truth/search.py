@@ -99,29 +99,10 @@ def find(
     room: Room, observation: Observation, guess: Pose | None, panoramas: Panoramas | None, up: str
 ) -> FoundPose:
     """
-    Find the pose of a depth image.
+    Find the pose of a depth image, within about 0.3 m and 20 degrees of a guess.
 
-    Parameters
-    ----------
-    room : Room
-        The room.
-    observation : Observation
-        The image.
-    guess : Pose or None
-        A rough pose, within about 0.3 m and 20 degrees.
-    panoramas : Panoramas or None
-        Panoramas of the room; needed without a guess.
-    up : str
-        The direction of the room that is up, one of `UPS`; needed without a guess.
-
-    Returns
-    -------
-    FoundPose
-
-    Raises
-    ------
-    InputError
-        When there is no guess, and no free place in the room: a single wall.
+    Without a guess, it is searched in the panoramas of the room, whose direction `up` is one of
+    `UPS`. Raises `InputError` where the room then has no free place: a single wall.
 
     """
     if guess is not None:

@@ -25,18 +25,14 @@ def uptimes(
     readers : sequence of RecordingReader
         The recordings of one session: the camera was not switched off in between.
     first : float, optional
-        Seconds from power-on to the first frame of the earliest recording.
+        Seconds from power-on to the first frame of the earliest recording; `InputError` where it
+        cannot be used.
 
     Returns
     -------
     list of numpy.ndarray or None
         (T,) seconds for each recording: those that it says itself, where one of them does. None
         where nothing is known: the stamps are not of one clock and one session.
-
-    Raises
-    ------
-    InputError
-        When `first` is given and cannot be used.
 
     """
     if not readers:
