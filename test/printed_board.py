@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
+from study.blind.sensor import demodulate, expose, split_noise, unwrap, wavenumbers
 
 WIDTH, HEIGHT, FOCAL = 224, 172, 186.0
 K = np.array([[FOCAL, 0, 111.2], [0, FOCAL, 86.1], [0, 0, 1]])
@@ -54,6 +55,20 @@ def april_grid() -> np.ndarray:
         x, y = number % 4 * step + gap, (2 - number // 4) * step + gap
         tag = cv2.aruco.generateImageMarker(codes, number, side, borderBits=2) / 255
         image[y : y + side, x : x + side] = tag if upright else tag[::-1, ::-1]
+    return image
+
+
+def circles(columns: int, rows: int, step: float, wide: float, shifted: bool) -> np.ndarray:
+    """Return OpenCV's grid of circles; metres between rows, and across a circle."""
+    rim = step * (0.5**0.5 if shifted else 0.5)
+    y, x = np.mgrid[:rows, :columns] * step + rim
+    if shifted:
+        x = (2 * x - rim) + step * (np.arange(rows)[:, None] % 2)
+    size = np.rint((np.array([y.max(), x.max()]) + rim) * _FINE).astype(int)
+    v, u = (np.mgrid[: size[0], : size[1]] + 0.5) / _FINE
+    image = np.ones(size, np.float32)
+    for a, b in zip(x.ravel(), y.ravel(), strict=True):
+        image[(u - a) ** 2 + (v - b) ** 2 < wide**2 / 4] = 0
     return image
 
 
@@ -140,6 +155,31 @@ def gray_of(light: np.ndarray, noise: float, rng: np.random.Generator) -> np.nda
     """Return the driver's gray image: 8 bit, a root of the light, saturated next to the camera."""
     light = light * (1 + noise * rng.standard_normal(light.shape))
     return np.clip(150 * np.sqrt(np.clip(light, 0, None)), 0, 255).astype(np.uint8)
+
+
+def expose_blind(
+    light: np.ndarray, depth: np.ndarray, frames: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return gray values of 16 bits and depth, (T, H, W), by the taps of the blind camera."""
+    waves = wavenumbers((80.32e6, 60.24e6))
+    length = np.sqrt(1 + (_rays(np.zeros(5))[0] ** 2).sum(axis=-1))
+    reach = (depth * length).ravel().astype(np.float32)
+    level = light.ravel().astype(np.float32)
+    phasors = (level * np.exp(1j * waves[:, None] * reach)).astype(np.complex64)
+    # The paper's noise at 1 m: 4 mm.
+    phase, path = split_noise((0.004 * depth**2).ravel(), waves)
+    same, gain, still = np.arange(reach.size, dtype=np.int32), np.ones_like(reach), 0 * reach
+    gray, shown = [], []
+    for _ in range(frames):
+        taps, jitter = np.empty((2, 4, reach.size), np.float32), np.empty_like(reach)
+        normals = rng.standard_normal((9, reach.size)).astype(np.float32)
+        expose(phasors, same, level, phase, path, gain, still, waves, normals, jitter, taps)
+        seen, out = demodulate(taps), np.empty_like(reach)
+        unwrap(seen, waves, reach, still, 7.46, out)
+        gray.append(np.abs(seen).mean(axis=0).reshape(depth.shape))
+        shown.append(out.reshape(depth.shape) / length)
+    bright = np.clip(np.stack(gray) * 6000, 0, 65535).astype(np.uint16)
+    return bright, np.stack(shown).astype(np.float32)
 
 
 def _rays(lens: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,11 +9,22 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.recording.truth import read_truth
+from flexx2_sim_ros.truth.board import read_board
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.printed import read_board
 from flexx2_sim_ros.truth.target import draw_pdf, read_target, SHEETS, Target, target_of
 import numpy as np
-from printed_board import april_grid, Board, charuco, chessboard, gray_of, HEIGHT, K, WIDTH
+from printed_board import (
+    april_grid,
+    Board,
+    charuco,
+    chessboard,
+    circles,
+    expose_blind,
+    gray_of,
+    HEIGHT,
+    K,
+    WIDTH,
+)
 import pytest
 import yaml
 
@@ -154,11 +165,16 @@ def test_a_print_of_the_wrong_size_is_doubtful(
         assert 'measure the rulers' in row['reasons'][0]
 
 
+@pytest.mark.parametrize('described', ['', 'acircles:4x11:0.02'])
 @pytest.mark.parametrize(
     ('amplitude', 'words'),
     [
         (None, 'it has no gray image (amplitude)'),
         (np.full((FRAMES, HEIGHT, WIDTH), 90, np.uint8), 'the board is not found'),
+        (
+            np.random.default_rng(3).integers(80, 100, (FRAMES, HEIGHT, WIDTH), np.uint16),
+            'the board is not found',
+        ),
     ],
 )
 def test_a_missing_board_is_reported_with_the_reason(
@@ -168,13 +184,14 @@ def test_a_missing_board_is_reported_with_the_reason(
     capsys: pytest.CaptureFixture[str],
     amplitude: np.ndarray | None,
     words: str,
+    described: str,
 ) -> None:
     depth = np.full((FRAMES, HEIGHT, WIDTH), 1.2, np.float32)
     arrays = {'depth': depth, 'K': K, 'stamp': np.arange(FRAMES) / 5}
     arrays |= {} if amplitude is None else {'amplitude': amplitude}
     np.savez(tmp_path / 'one.npz', **arrays)
     out = tmp_path / 'out'
-    command = ['gap', 'truth', str(tmp_path / 'one.npz'), '--board', str(board_yaml)]
+    command = ['gap', 'truth', str(tmp_path / 'one.npz'), '--board', described or str(board_yaml)]
     assert main([*command, '--out', str(out), '--jobs', '1']) == 2
     assert words in capsys.readouterr().err
     assert not out.exists()
@@ -272,15 +289,85 @@ def test_boards_that_people_own_are_found(
         assert row['residual_mm'] == pytest.approx(BIAS * 1e3, abs=2.5)
 
 
+CIRCLES = """\
+target_type: 'circlegrid'
+targetCols: 4
+targetRows: 9
+spacingMeters: 0.025
+asymmetricGrid: True
+"""
+
+
+def record_blind(path: Path, board: Board, rng: np.random.Generator) -> None:
+    """Write what the blind camera sees of a board."""
+    gray, depth = expose_blind(*board.look(rng), FRAMES, rng)
+    arrays = {'depth': depth, 'amplitude': gray, 'K': K, 'stamp': np.arange(FRAMES) / 5}
+    np.savez(path, **arrays)
+
+
+@pytest.mark.parametrize(
+    ('picture', 'described'),
+    [
+        (circles(7, 6, 0.03, 0.016, False), 'circles:7x6:0.03:0.016'),
+        (circles(7, 6, 0.03, 0.016, False), 'circles:7x6:0.03'),
+        (circles(4, 11, 0.02, 0.018, True), 'acircles:4x11:0.02:0.018'),
+        (circles(4, 9, 0.025, 0.018, True), CIRCLES),
+    ],
+)
+def test_grids_of_circles_are_found_in_gray_of_16_bits(
+    picture: np.ndarray, described: str, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    (tmp_path / 'in').mkdir()
+    boards = [Board(0.5, -20, 25, picture=picture), Board(0.6, 30, -20, picture=picture)]
+    for number, board in enumerate(boards):
+        record_blind(tmp_path / f'in/{number}.npz', board, rng)
+    file = tmp_path / 'kalibr.yaml'
+    file.write_text(described)
+    table = truth(tmp_path, file if described is CIRCLES else described)
+    for board, row in zip(boards, table['recordings'], strict=True):
+        assert row['verdict'] == 'used', row['reasons']
+        assert place_in_camera(row) == pytest.approx(board.t, abs=0.0015)
+        assert abs(row['residual_mm']) < 1.5
+        # Told the size of its circles, it knows how dark they are.
+        assert described.count(':') != 3 or row['black_to_white'] == pytest.approx(0.07, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ('picture', 'described', 'found'),
+    [(circles(7, 6, 0.03, 0.016, False), 'circles:7x6:0.03', False), (april_grid(), KALIBR, True)],
+)
+def test_a_board_partly_out_of_the_image_is_found_by_its_tags_only(
+    picture: np.ndarray,
+    described: str,
+    found: bool,
+    tmp_path: Path,
+    rng: np.random.Generator,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    board = Board(0.6, -20, 25, picture=picture)
+    board.t[0] = -0.4
+    record_blind(tmp_path / 'one.npz', board, rng)
+    file = tmp_path / 'kalibr.yaml'
+    file.write_text(described)
+    command = ['gap', 'truth', str(tmp_path / 'one.npz'), '--board']
+    command += [str(file) if described is KALIBR else described, '--out', str(tmp_path / 'out')]
+    assert main([*command, '--jobs', '1']) == (0 if found else 2)
+    if found:
+        (row,) = yaml.safe_load((tmp_path / 'out/truth.yaml').read_text())['recordings']
+        assert row['verdict'] == 'used'
+        assert place_in_camera(row) == pytest.approx(board.t, abs=0.002)
+    else:
+        assert 'the board is not found in its gray image' in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ('described', 'said'),
     [
-        (
-            'chessboard:9',
-            '--board: must be chessboard:9x6:0.03 (inner corners, metres) or charuco:',
-        ),
+        ('chessboard:9', '--board: must be chessboard:9x6:0.03 (inner corners, metres), charuco:'),
         ('charuco:5x7:0.04:0.03:DICT_ME', '--board: must be chessboard:9x6:0.03'),
-        ('target_type: circlegrid', 'target_type: must be one of aprilgrid, checkerboard, got'),
+        ('circles:7x6:0.03:0.03', '--board: must be chessboard:9x6:0.03'),
+        ('target_type: circlegrid', 'must be a target of Kalibr, got'),
+        ('target_type: dots', 'target_type: must be one of aprilgrid, checkerboard, circlegrid,'),
         ('target_type: aprilgrid', 'must be a target of Kalibr, got'),
     ],
 )

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import open_recording, RecordingReader
-from flexx2_sim_ros.truth.uptime import uptimes
+from flexx2_sim_ros.truth.files import uptimes
 import numpy as np
 import pytest
 

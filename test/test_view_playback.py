@@ -7,6 +7,7 @@ import re
 
 from browser import Browser, chromium
 from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.truth.plane_file import PlaneHint, read_planes
 from made_bags import camera_entries, depths, SECOND, write
 import numpy as np
 import pytest
@@ -197,6 +198,62 @@ def test_a_recording_is_played_beside_both_simulations(
         gray = (simulated == (62, 66, 74)).all(axis=2).mean()
         text = page.evaluate("document.querySelector('[data-part=gap-numbers]').textContent")
         assert text.endswith(f'; {100 * gray:.1f} % invalid')
+
+
+PLANES = """\
+schema: 1
+planes:
+- name: left  # a wall
+recordings:
+  a:
+    left: {distance: ___, box: ___}  # measure it
+"""
+
+
+def test_outlines_are_drawn_with_pointer_and_keys(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    folder = tmp_path_factory.mktemp('drawn')
+    save_walk(folder / 'a.npz')
+    planes = folder / 'planes.yaml'
+    planes.write_text(PLANES)
+    paths = folder / 'a.npz', Path('--planes'), planes
+    with shown(folder, tmp_path_factory.mktemp('browser'), *paths) as page:
+        state = "document.querySelector('[data-part=region-state]').textContent"
+        canvas = "document.querySelector('[data-part=outline]')"
+        page.evaluate(f'{canvas}.scrollIntoView()')
+        left, top, width, height = page.evaluate(
+            f'(() => {{ const box = {canvas}.getBoundingClientRect();'
+            'return [box.left, box.top, box.width, box.height]; })()'
+        )
+        for count, (u, v) in enumerate([(6, 5), (40, 5), (40, 30)], 1):
+            place = {
+                'x': left + (u + 0.5) * width / SIZE[1],
+                'y': top + (v + 0.5) * height / SIZE[0],
+            }
+            for kind in ('mousePressed', 'mouseReleased'):
+                page.call(
+                    'Input.dispatchMouseEvent', type=kind, button='left', clickCount=1, **place
+                )
+            page.until(f'{state}.startsWith("{count} corner")')
+        page.evaluate(f'{canvas}.focus()')
+        for code in ('ArrowLeft', 'ArrowLeft', 'ArrowDown', 'Enter', 'Enter', 'Backspace', 'KeyS'):
+            page.key('keyDown', code, code)
+            page.key('keyUp', code, code)
+        page.until(f'{state} === "4 corners: saved as left"')
+        # The keys were not those of the player.
+        assert page.evaluate(NUMBER) == f'1 / {COUNT}'
+        corners = (6, 5), (40, 5), (40, 30), (38, 31)
+        assert read_planes(planes).changes['a']['left'] == PlaneHint('left', outline=corners)
+        assert planes.read_text() == PLANES.replace(
+            'box: ___', f'outline: {[list(corner) for corner in corners]}'
+        )
+        name = "document.querySelector('[data-part=plane]')"
+        for value, said in (('', '0 corners'), ('left', '4 corners: saved')):
+            page.evaluate(f'{name}.value = "{value}"; {name}.dispatchEvent(new Event("input"))')
+            assert page.evaluate(state) == said
+        page.evaluate(f'{name}.value = ""; document.querySelector("[data-part=save]").click()')
+        assert page.evaluate(state) == '4 corners: give the plane a name'
 
 
 def choose_recording(page: Browser, at: int) -> None:

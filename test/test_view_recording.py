@@ -8,7 +8,7 @@ import socket
 from typing import Any
 from urllib.error import HTTPError
 from urllib.parse import urlencode
-from urllib.request import urlopen
+from urllib.request import Request, urlopen
 
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
@@ -16,6 +16,7 @@ from flexx2_sim_ros.cli.view_files import open_files
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, open_recording
+from flexx2_sim_ros.truth.plane_file import read_planes
 from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.packing import UNIT
 from flexx2_sim_ros.view.playback import PlaybackServer
@@ -141,6 +142,78 @@ def get(url: str, **query: object) -> tuple[int, bytes]:
             return answer.status, answer.read()
     except HTTPError as error:
         return error.code, error.read()
+
+
+@pytest.fixture
+def planes(tmp_path: Path) -> Iterator[tuple[str, Path]]:
+    """Serve a recording to draw on; yield the page's origin and the file of planes."""
+    save_walk(tmp_path / 'walk.npz')
+    path = tmp_path / 'planes.yaml'
+    recordings, _ = open_files(tmp_path / 'walk.npz', None, [], '')
+    server = PlaybackServer(bind('127.0.0.1', 0), Access('127.0.0.1'), recordings, '', path)
+    server.start()
+    try:
+        yield f'http://127.0.0.1:{server.port}', path
+    finally:
+        server.stop()
+
+
+def outline(corners: Any, plane: Any = 'left', recording: Any = 0) -> bytes:
+    return json.dumps({'outline': [recording, plane, corners]}).encode()
+
+
+def post(origin: str, body: bytes, **headers: str) -> tuple[int, str]:
+    request = Request(f'{origin}/outline', body, {'Origin': origin} | headers)
+    try:
+        with urlopen(request) as answer:
+            return answer.status, answer.read().decode()
+    except HTTPError as error:
+        return error.code, error.read().decode()
+
+
+TRIANGLE = [[1, 2], [30, 2], [30, 40]]
+
+
+def test_an_outline_is_saved(planes: tuple[str, Path]) -> None:
+    origin, path = planes
+    assert post(origin, outline(TRIANGLE)) == (200, '')
+    plan = read_planes(path)
+    assert [plane.name for plane in plan.planes] == ['left']
+    (hint,) = plan.seen_in('walk')
+    assert hint.outline == ((1, 2), (30, 2), (30, 40))
+
+
+@pytest.mark.parametrize(
+    ('body', 'headers', 'code', 'said'),
+    [
+        (outline(TRIANGLE), {'Origin': 'http://elsewhere.example'}, 403, 'Origin'),
+        (outline(TRIANGLE), {'Origin': ''}, 403, 'Origin'),
+        (outline(TRIANGLE), {'Host': 'elsewhere.example'}, 403, 'Host'),
+        (outline(TRIANGLE[:2]), {}, 400, 'outline: must be a list of 3 to 100 corners'),
+        (outline([[1, 2]] * 101), {}, 400, 'outline: must be a list of 3 to 100 corners'),
+        (outline([[1, 2]] * 1000), {}, 400, ''),
+        (outline([[1, 'x']] * 3), {}, 400, 'message: must be JSON as the page sends it'),
+        (outline([1, 2, 3]), {}, 400, 'message: must be JSON as the page sends it'),
+        (outline(TRIANGLE, recording=1), {}, 400, 'must be the outline of a plane'),
+        (outline(TRIANGLE, plane=''), {}, 400, 'name: must be a text of 1 to 60 letters'),
+        (b'{"drawn": "a"}', {}, 400, 'must be the outline of a plane'),
+        (b'\xff', {}, 400, 'message: must be JSON as the page sends it'),
+    ],
+)
+def test_what_is_no_outline_of_the_page_is_refused(
+    planes: tuple[str, Path], body: bytes, headers: dict[str, str], code: int, said: str
+) -> None:
+    origin, path = planes
+    found = post(origin, body, **headers)
+    assert found[0] == code
+    assert said in found[1]
+    assert not path.exists()
+
+
+def test_nothing_is_saved_without_a_file(bag: tuple[str, Path]) -> None:
+    origin = bag[0].removesuffix('/frame')
+    assert post(origin, b'')[0] in (404, 405)
+    assert post(origin, outline(TRIANGLE))[0] == 400  # No body is read.
 
 
 def test_each_camera_of_a_bag_is_served(bag: tuple[str, Path]) -> None:

@@ -72,8 +72,9 @@ _ROOMS = """
 --scan MESH: the room as a triangle mesh in metres: .ply, .obj, .glb or .stl
 --scene FILE: the room as a MuJoCo model: MJCF (.xml) or .urdf
 --board FILE: a printed board that the gray images show: target.yaml of flexx2 gap target, the file
-    of an aprilgrid or checkerboard of Kalibr, chessboard:9x6:0.03 (inner corners, metres) or
-    charuco:5x7:0.04:0.03:DICT_5X5_100
+    of a target of Kalibr, chessboard:9x6:0.03 (inner corners, metres),
+    charuco:5x7:0.04:0.03:DICT_5X5_100, circles:7x6:0.03:0.015 or, with every second row shifted,
+    acircles:4x11:0.02:0.015 (distance, diameter)
 --planes FILE: planes of the room, with distances and angles that were measured (planes.yaml)
 """
 

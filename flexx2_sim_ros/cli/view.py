@@ -32,6 +32,8 @@ is also compared with a simulation with the diagnosed effects.
 path PATH: recording, folder or diagnosis
 campaign CAMPAIGN: recordings of the diagnosis
 --profile
+--planes FILE: draw the outlines of planes on the images; they are saved to this planes.yaml of
+    flexx2 gap truth
 --demo: also start a Go1 with two camera nodes
 --scene SCENE: scene of the demo: lab, stairs, corner, board, rubble, or an MJCF file (default lab)
 --renderer RENDERER: renderer of the demo: auto, egl, osmesa or ray (default %(default)s)
@@ -49,6 +51,7 @@ examples: flexx2 view --demo; flexx2 view walk; flexx2 view diagnosis recordings
 VALUES = {
     'path': {'nargs': '?', 'type': Path},
     'campaign': {'nargs': '?', 'type': Path},
+    'planes': {'type': Path},
     'renderer': 'auto',
     'cameras': {'nargs': '+', 'default': []},
     'cmd_vel': '/cmd_vel',
@@ -61,6 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Serve until told to stop."""
     if arguments.path is not None and arguments.demo:
         raise InputError('--demo: must be left out with PATH, got both')
+    if arguments.path is None and arguments.planes is not None:
+        raise InputError('--planes: must be given with PATH only')
     if importlib.util.find_spec('tornado') is None:
         raise InputError(
             'tornado is not installed: pip install "flexx2_sim_ros[view]", or '
@@ -87,9 +92,10 @@ def _show_files(arguments: argparse.Namespace, sockets: list[socket.socket], acc
     recordings, headline = open_files(
         arguments.path, arguments.campaign, arguments.cameras, arguments.profile
     )
-    server = PlaybackServer(sockets, access, recordings, headline)
+    server = PlaybackServer(sockets, access, recordings, headline, arguments.planes)
     server.start()
-    _say_where(access, server.port, not arguments.no_browser, 'see these recordings')
+    others = 'see these recordings' + (', and draw on them' if arguments.planes else '')
+    _say_where(access, server.port, not arguments.no_browser, others)
     while True:  # Ctrl-C and SIGTERM end the process.
         signal.pause()
 

@@ -49,22 +49,7 @@ def absorbed(kind: str) -> dict[str, float]:
 
 
 def never_decided(moving: bool, late: bool = False) -> list[dict[str, Any]]:
-    """
-    Return the effects that ground truth with poses from the recordings cannot decide.
-
-    Parameters
-    ----------
-    moving : bool
-        Whether the camera moves in a recording of the campaign.
-    late : bool
-        Whether frames are placed where the camera was at their stamps, by a clock that is known.
-
-    Returns
-    -------
-    list of dict
-        Rows of ``cannot_decide`` in ``truth.yaml``.
-
-    """
+    """Return rows of ``cannot_decide`` for poses from the recordings; late: of a known clock."""
     rows = [_POSE, _TIME] if moving and not late else [_POSE]
     return [_row(effect, reason, 1.0) for effect, reason in rows]
 
@@ -75,13 +60,8 @@ def hidden_by_scan(
     """
     Return `never_decided`, and the effects that fitted poses absorb.
 
-    Parameters
-    ----------
-    moving, late : bool
-        As in `never_decided`.
-    confounded : mapping of str to str
-        Shared errors that these recordings do not tell from their poses: the effect, and why. The
-        poses then take what they take in a single recording.
+    What recordings do not tell from their poses (the effect, and why) is confounded: the poses
+    then take what they take in a single recording.
 
     """
     rows = never_decided(moving, late)
@@ -96,17 +76,7 @@ def hidden_by_scan(
 
 
 def hidden_by_planes(taped: bool, square: bool) -> list[dict[str, Any]]:
-    """
-    Return the effects that planes of a room cannot decide.
-
-    Parameters
-    ----------
-    taped : bool
-        Whether a distance was measured.
-    square : bool
-        Whether an angle was measured.
-
-    """
+    """Return rows of ``cannot_decide`` for planes with or without measured distance and angle."""
     rows = [_row(*_IN_CAMERA, 1.0)]
     if taped:
         return rows

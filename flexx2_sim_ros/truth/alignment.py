@@ -89,21 +89,10 @@ def choose(observation: Observation, most: int, seed: int = 0) -> AlignedPixels:
 
 def unwrapped(residual: np.ndarray, length: np.ndarray, wraps: tuple[float, ...]) -> np.ndarray:
     """
-    Subtract whole wraps from residuals.
+    Return residuals (metres along the optical axis) without the whole wraps that explain them.
 
-    Parameters
-    ----------
-    residual : numpy.ndarray
-        Metres along the optical axis, measured minus expected.
-    length : numpy.ndarray
-        Ray length per metre of depth.
-    wraps : tuple of float
-        As in `Observation`.
-
-    Returns
-    -------
-    numpy.ndarray
-        The rest of the residual where one wrap explains nine tenths of it, else the residual.
+    A wrap is subtracted where it explains nine tenths of the residual; `length` is that of a ray
+    per metre of depth.
 
     """
     out = residual.copy()
@@ -143,19 +132,7 @@ def cost(residual: np.ndarray, sigma: np.ndarray, reach: float = TRUNCATION) -> 
 
 
 def robust_weights(residual: np.ndarray, variance: np.ndarray, widest: float) -> np.ndarray:
-    """
-    Return (N,) weights of a Cauchy loss, 0 for NaN.
-
-    Parameters
-    ----------
-    residual : numpy.ndarray
-        (N,) metres.
-    variance : numpy.ndarray
-        (N,) square metres.
-    widest : float
-        Largest scale, metres.
-
-    """
+    """Return (N,) weights of a Cauchy loss, of a scale up to `widest`, metres; 0 for NaN."""
     good = np.isfinite(residual)
     if not good.any():
         return np.zeros(len(residual))
@@ -167,25 +144,10 @@ def align(
     room: Room, target: AlignedPixels, start: Pose, steps: int = 20, reach: float = TRUNCATION
 ) -> AlignedPose:
     """
-    Align pixels to a room from a pose nearby.
+    Align pixels to a room, in so many steps, from a pose within about 0.2 m and 10 degrees.
 
-    Parameters
-    ----------
-    room : Room
-        The room.
-    target : AlignedPixels
-        The pixels.
-    start : Pose
-        Within about 0.2 m and 10 degrees of the true one.
-    steps : int
-        At most.
-    reach : float
-        Larger residuals are truncated to this, metres. A large value converges from farther away,
-        a small one is more robust.
-
-    Returns
-    -------
-    AlignedPose
+    Residuals beyond `reach`, metres, are truncated. A large value converges from farther away, a
+    small one is more robust.
 
     """
     pose, damping = start, 1e-3

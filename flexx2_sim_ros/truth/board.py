@@ -1,14 +1,19 @@
-"""Find a printed target in a gray image."""
+"""Printed boards: which one it is, and where a gray image shows it."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from itertools import product
+from pathlib import Path
+from typing import Any
 
 import cv2
+from flexx2_sim_ros.config_file import read_mapping
+from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.recording.truth import plane_axes
-from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS
+from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS, white_fraction
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.printed import Printed
-from flexx2_sim_ros.truth.target import Target
+from flexx2_sim_ros.truth.printed import AprilGrid, Charuco, Chessboard, CircleGrid, Printed
+from flexx2_sim_ros.truth.target import read_target
 import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial.transform import Rotation
@@ -23,9 +28,14 @@ _FIRST_BLUR = 0.5  # pixels
 _ROUGH_STEPS, _STEPS = 10, 25
 _TILT, _SAME = np.radians(15), np.radians(3)
 _SMALL_TAG = 16  # pixels
+_MOST_SQUARES, _LEAST, _LARGEST = 50, 0.002, 1.0  # metres. ASSUMED
+_FORMS = (
+    'chessboard:9x6:0.03 (inner corners, metres), charuco:5x7:0.04:0.03:DICT_5X5_100, '
+    'circles:7x6:0.03:0.015 or acircles:4x11:0.02:0.015 (circles, distance, diameter)'
+)
 
 
-def _find_tags(target: Target | Printed, image: np.ndarray) -> dict[int, np.ndarray]:
+def _find_tags(target: Printed, image: np.ndarray) -> dict[int, np.ndarray]:
     # The (C, 2) points of tags, or of the corners of a chessboard, in pixels, by their place in
     # `corners` of the board.
     best: dict[int, np.ndarray] = {}
@@ -56,9 +66,7 @@ def _pictures(image: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
         yield cv2.resize(picture, size, interpolation=cv2.INTER_CUBIC), factor
 
 
-def _poses_from(
-    target: Target | Printed, tags: dict[int, np.ndarray], rays: np.ndarray
-) -> list[Pose]:
+def _poses_from(target: Printed, tags: dict[int, np.ndarray], rays: np.ndarray) -> list[Pose]:
     # The camera's poses in the target's frame that explain these points, the better one first: a
     # distant plane can be mistaken for its mirror image.
     places = sorted(tags)
@@ -87,27 +95,43 @@ def _poses_from(
     return out
 
 
-def find_board(
-    target: Target | Printed, gray: Gray, scale_error: float, before: GrayFit | None = None
-) -> GrayFit | str:
+def likeness(kinds: Sequence[Printed], gray: Gray) -> tuple[float, ...]:
     """
-    Find a board in a gray image, and align it.
+    Return how much an image looks like each of several boards.
 
     Parameters
     ----------
-    target : Target or Printed
-        The board.
+    kinds : sequence of Printed
+        Boards with the same `corners`.
     gray : Gray
-        The image, NaN where it is saturated.
-    scale_error : float
-        Standard deviation of the focal length, as a fraction.
-    before : GrayFit, optional
-        The fit of the frame before, which is tried first.
+        The image.
 
     Returns
     -------
-    GrayFit or str
-        The fit, or the reason why the board is not found.
+    tuple of float
+        The correlation of image and board; empty where none is found.
+
+    """
+    tags = _find_tags(kinds[0], gray.image)
+    starts = _poses_from(kinds[0], tags, gray.rays) if tags else []
+    if not starts:
+        return ()
+    out = []
+    for kind in kinds:
+        white = white_fraction(kind, gray, starts[0], _FIRST_BLUR)
+        both = np.isfinite(white) & np.isfinite(gray.image)
+        out.append(float(np.corrcoef(white[both], gray.image[both])[0, 1]) if both.any() else 0.0)
+    return tuple(out)
+
+
+def find_board(
+    target: Printed, gray: Gray, scale_error: float, before: GrayFit | None = None
+) -> GrayFit | str:
+    """
+    Find a board in a gray image, and align it; or return why it is not found.
+
+    The scale error is that of the focal length, as a fraction. The fit of the frame before is
+    tried first.
 
     """
     powers: tuple[float, ...] = POWERS
@@ -130,9 +154,7 @@ def find_board(
     return _refined(target, gray, min(rough, key=lambda fit: fit.cost), scale_error)
 
 
-def _refined(
-    target: Target | Printed, gray: Gray, rough: GrayFit, scale_error: float
-) -> GrayFit | str:
+def _refined(target: Printed, gray: Gray, rough: GrayFit, scale_error: float) -> GrayFit | str:
     # Second round, with pixels and sheet for the pose that was found.
     fit = align_gray(target, gray, rough.pose, rough.power, rough.blur, _STEPS)
     if fit is None or fit.pose.t[2] > 0:
@@ -143,11 +165,9 @@ def _refined(
 
 
 def _starts(starts: list[Pose], tags: dict[int, np.ndarray], turns: int) -> list[Pose]:
-    # Corners hardly determine the tilt of a small board.
+    # Corners hardly determine the tilt of what is small: a tag, or a whole grid.
     first, *others = starts
-    side = np.median(
-        [np.linalg.norm(quad - np.roll(quad, 1, axis=0), axis=1) for quad in tags.values()]
-    )
+    side = np.median([np.ptp(points, axis=0).max() for points in tags.values()])
     out = [first, *(o for o in others if np.abs(first.motion_to(o)[3:]).max() > _SAME)]
     if side < _SMALL_TAG:
         out += [_tilted(first, axis, angle) for axis in (0, 1) for angle in (-_TILT, _TILT)]
@@ -187,3 +207,112 @@ def plane_covariance(pose: Pose, covariance: np.ndarray, middle: np.ndarray) -> 
     change[0] = -np.concatenate([normal, np.cross(middle, normal)])
     change[1, 3:], change[2, 3:] = -first, -second
     return np.asarray(change @ covariance @ change.T)
+
+
+def read_board(given: str | Path) -> Printed:
+    """
+    Return the board that a text or a file describes.
+
+    Parameters
+    ----------
+    given : str or pathlib.Path
+        ``chessboard:9x6:0.03`` as OpenCV counts inner corners, ``charuco:5x7:0.04:0.03:DICT`` as
+        OpenCV counts squares, ``circles:7x6:0.03`` or ``acircles:4x11:0.02`` as it counts circles,
+        or a file: ``target.yaml``, or that of a target of Kalibr.
+
+    Raises
+    ------
+    InputError
+        When it is none of these, or impossible.
+
+    """
+    kind, *words = str(given).split(':')
+    if kind in _MAKERS:
+        try:
+            return _MAKERS[kind](*words)
+        except (TypeError, ValueError, AttributeError, cv2.error):
+            raise InputError(f'--board: must be {_FORMS}, got {shown(str(given))}') from None
+    path = Path(given)
+    content = read_mapping(path) if path.suffix == '.yaml' else {}
+    if 'target_type' not in content:
+        return read_target(path)
+    makers: dict[str, Callable[[dict[str, Any]], Printed]] = {
+        'aprilgrid': _april_grid,
+        'checkerboard': _kalibr_chessboard,
+        'circlegrid': _kalibr_circles,
+    }
+    kind = content['target_type']
+    if kind not in makers:
+        raise InputError(
+            f'{shown_path(path)}: target_type: must be one of {", ".join(makers)}, got '
+            f'{shown(kind)}'
+        )
+    try:
+        return makers[kind](content)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f'{shown_path(path)}: must be a target of Kalibr, got {error}') from None
+
+
+def _count(value: Any, least: int = 1) -> int:
+    count = int(value)
+    if not least <= count <= _MOST_SQUARES:
+        raise ValueError(f'{shown(value)} squares or tags')
+    return count
+
+
+def _metres(value: Any) -> float:
+    metres = float(value)
+    if not _LEAST <= metres <= _LARGEST:
+        raise ValueError(f'{shown(value)} metres')
+    return metres
+
+
+def _chessboard(size: str, square: str) -> Printed:
+    columns, rows = (_count(word, 3) + 1 for word in size.split('x'))
+    return Chessboard(columns, rows, _metres(square))
+
+
+def _charuco(size: str, square: str, marker: str, dictionary: str) -> Printed:
+    columns, rows = (_count(word, 2) for word in size.split('x'))
+    board = Charuco(columns, rows, _metres(square), marker=_metres(marker), dictionary=dictionary)
+    board.corners()
+    return board
+
+
+def _april_grid(content: dict[str, Any]) -> Printed:
+    tag = _metres(content['tagSize'])
+    columns, rows = _count(content['tagCols']), _count(content['tagRows'])
+    return AprilGrid(columns, rows, tag, gap=_metres(tag * float(content['tagSpacing'])))
+
+
+def _kalibr_chessboard(content: dict[str, Any]) -> Printed:
+    # Kalibr counts inner corners.
+    columns, rows = _count(content['targetCols'], 3) + 1, _count(content['targetRows'], 3) + 1
+    across, down = (_metres(content[f'{name}SpacingMeters']) for name in ('col', 'row'))
+    if across != down:
+        raise ValueError(f'squares of {across:g} x {down:g} m')
+    return Chessboard(columns, rows, across)
+
+
+def _circles(size: str, square: str, diameter: str = '', asymmetric: bool = False) -> Printed:
+    columns, rows = (_count(word, 2) for word in size.split('x'))
+    wide = _metres(diameter) if diameter else 0.0
+    board = CircleGrid(columns, rows, _metres(square), asymmetric=asymmetric, diameter=wide)
+    if wide >= board.pitch:
+        raise ValueError(f'circles of {wide:g} m')
+    return board
+
+
+def _kalibr_circles(content: dict[str, Any]) -> Printed:
+    columns, rows = _count(content['targetCols'], 2), _count(content['targetRows'], 2)
+    # Kalibr does not say how large its circles are.
+    spacing, asymmetric = _metres(content['spacingMeters']), bool(content['asymmetricGrid'])
+    return CircleGrid(columns, rows, spacing, asymmetric=asymmetric)
+
+
+_MAKERS: dict[str, Callable[..., Printed]] = {
+    'chessboard': _chessboard,
+    'charuco': _charuco,
+    'circles': _circles,
+    'acircles': partial(_circles, asymmetric=True),
+}

@@ -61,25 +61,7 @@ class Clean:
 
 
 def render(room: Room, pose: Pose, rays: np.ndarray, room_error: float) -> Clean:
-    """
-    Render clean depth.
-
-    Parameters
-    ----------
-    room : Room
-        The room in view.
-    pose : Pose
-        The camera's.
-    rays : numpy.ndarray
-        (H, W, 2) x/z and y/z; NaN where a pixel has no ray.
-    room_error : float
-        Standard deviation of the room's surfaces along their normals, metres.
-
-    Returns
-    -------
-    Clean
-
-    """
+    """Render clean depth along (H, W, 2) rays; surfaces are accurate to `room_error`, metres."""
     shape = rays.shape[:2]
     flat = np.nan_to_num(rays.reshape(-1, 2))
     hits = room.cast(pose, flat)
@@ -119,22 +101,9 @@ def render_plane(
     image: Observation, inverse: np.ndarray, plane_error: float, where: np.ndarray | bool = True
 ) -> Clean:
     """
-    Render a plane.
+    Render a plane, which is given as of `ImagePlane`.
 
-    Parameters
-    ----------
-    image : Observation
-        The image.
-    inverse : numpy.ndarray
-        (3,) inverse depth is its product with the ray (x/z, y/z, 1).
-    plane_error : float
-        Standard deviation of the surface along its normal, metres.
-    where : numpy.ndarray or bool
-        (H, W) bool: pixels that show it; all others are outside.
-
-    Returns
-    -------
-    Clean
+    It is accurate to `plane_error` along its normal, metres. All pixels but ``where`` are outside.
 
     """
     along = image.directions @ (inverse / np.linalg.norm(inverse))

@@ -52,7 +52,8 @@ def find_offset(
     Find the offset at which given poses turn and move as the fitted ones do.
 
     Angles and distances between two poses do not depend on the frame that poses are given in, nor
-    (as for angles) on where the camera is mounted.
+    (as for angles) on where the camera is mounted. Offsets within a second of `middle` are tried;
+    if the poses share no time with the recording there, all at which they do.
 
     Parameters
     ----------
@@ -63,12 +64,7 @@ def find_offset(
     span_ns : tuple of int
         First and last stamp of the given poses.
     middle : float
-        The offset in seconds around which one second is searched. If the poses share no time with
-        the recording there, all offsets at which they do are searched.
-
-    Returns
-    -------
-    ClockOffset
+        Seconds.
 
     """
     seen = _motions(fitted, stamp_ns)

@@ -11,12 +11,13 @@ from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.recording import RecordingReader
 from flexx2_sim_ros.recording.folders import BAG_FILES, find_recordings, is_bag
+from flexx2_sim_ros.recording.uptime import uptime_of
 from flexx2_sim_ros.truth.requests import TruthRequest
-from flexx2_sim_ros.truth.uptime import uptimes
 import numpy as np
 import yaml
 
 FILES = 'truth.yaml', 'truth.html'
+_LONGEST = 24 * 3600.0  # seconds: recordings farther apart are not of one session
 
 
 @dataclass(frozen=True)
@@ -31,7 +32,7 @@ class TruthSource:
     target : pathlib.Path
         The file to write, with ground truth.
     uptime : numpy.ndarray or None
-        As in `uptime.uptimes`.
+        As in `uptimes`.
     notes : tuple of str
         What a person should know of the file, as in `Recording`.
 
@@ -79,24 +80,59 @@ def names_of(paths: Sequence[Path]) -> list[str]:
     return names
 
 
+def uptimes(
+    readers: Sequence[RecordingReader], first: float | None = None
+) -> list[np.ndarray | None]:
+    """
+    Return the time since power-on of each recording, from stamps of one clock.
+
+    A bag does not say when the camera was switched on. An error that decays with time looks the
+    same from any moment on, but for its size, so without `first` the time is counted from the
+    earliest recording.
+
+    Parameters
+    ----------
+    readers : sequence of RecordingReader
+        The recordings of one session: the camera was not switched off in between.
+    first : float, optional
+        Seconds from power-on to the first frame of the earliest recording; `InputError` where it
+        cannot be used.
+
+    Returns
+    -------
+    list of numpy.ndarray or None
+        (T,) seconds for each recording: those that it says itself, where one of them does. None
+        where nothing is known: the stamps are not of one clock and one session.
+
+    """
+    if not readers:
+        return []
+    own = [uptime_of(reader) for reader in readers]
+    if any(one is not None for one in own):
+        if first is not None:
+            raise InputError('--uptime: must not be given where recordings have the key uptime')
+        return own
+    stamps = sorted((reader.stamp_ns for reader in readers), key=lambda stamp: int(stamp[0]))
+    begin = stamps[0][0]
+    apart = all(one[-1] < other[0] for one, other in zip(stamps, stamps[1:], strict=False))
+    together = (stamps[-1][-1] - begin) / 1e9 < _LONGEST
+    if not (apart and together):
+        if first is not None:
+            raise InputError(
+                '--uptime: must be given for recordings of one session and one clock, got '
+                + ('more than a day between two of them' if apart else 'stamps that overlap')
+            )
+        return own
+    return [(reader.stamp_ns - begin) / 1e9 + (first or 0.0) for reader in readers]
+
+
 def sources_of(request: TruthRequest, inputs: Sequence[Path]) -> list[TruthSource]:
     """
     Return the recordings of a request, after a check that their ground truth can be written.
 
-    A file of a folder that cannot be read stays: the run refuses it, and goes on.
-
-    Parameters
-    ----------
-    request : TruthRequest
-        The request.
-    inputs : sequence of pathlib.Path
-        Further files that the run reads.
-
-    Raises
-    ------
-    InputError
-        When a folder has none, one that was named cannot be read, its file cannot be written, or a
-        file that is read would be overwritten.
+    A file of a folder that cannot be read stays: the run refuses it, and goes on. Raises
+    `InputError` where a folder has none, one that was named cannot be read, its file cannot be
+    written, or a file that is read, one of `inputs` too, would be overwritten.
 
     """
     paths = recordings_of(request.recordings)

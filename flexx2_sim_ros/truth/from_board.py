@@ -8,7 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import never_decided
-from flexx2_sim_ros.truth.board import find_board, plane_covariance
+from flexx2_sim_ros.truth.board import find_board, likeness, plane_covariance, read_board
 from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, REFUSED, render_plane, unknown
 from flexx2_sim_ros.truth.files import reason_of, TruthSource
 from flexx2_sim_ros.truth.gray import Gray, GrayFit, inside, white_fraction
@@ -16,17 +16,16 @@ from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray
 from flexx2_sim_ros.truth.observation import Footage, grow, Observation
 from flexx2_sim_ros.truth.plane_finding import surface_around
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.printed import Printed, read_board
+from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.requests import BoardRequest
 from flexx2_sim_ros.truth.run import Run
 from flexx2_sim_ros.truth.shared import MOST_BIAS
-from flexx2_sim_ros.truth.target import Target
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, without_hidden, Written
 import numpy as np
 
 _MOST_METRES, _MOST_DEGREES = 0.01, 2.0  # standard deviation of the plane
 _LEAST_FITTING = 0.5
-_TRIED = 4  # recordings that tell which of two boards it is. ASSUMED
+_TRIED = 4  # recordings that tell which of several boards it is. ASSUMED
 # A depth error that grows with distance by more than this fraction is no offset. Prints that were
 # scaled to fit the page are off by 3 to 6 %; a calibrated camera's scale is right to 0.5 %.
 _MOST_SCALE = 0.02
@@ -42,7 +41,7 @@ class BoardJob:
 
     request: BoardRequest
     path: Path
-    target: Target | Printed
+    target: Printed
 
 
 @dataclass(frozen=True)
@@ -108,6 +107,21 @@ def _placed(moving: bool, found: Sequence[GrayFit | str]) -> BoardPoses:
         float(np.median([fit.contrast for fit in fits])) if fits else 0.0,
         '' if fits else max(set(reasons), key=reasons.count),
     )
+
+
+def compare(job: BoardJob) -> tuple[float, ...]:
+    """Return how much a recording looks like each board that may be meant; 0 for not found."""
+    kinds = job.target.kinds
+    try:
+        footage = job.request.footage(job.path)
+        there = has_gray(footage.reader)
+        for image in gray_images(footage.reader, footage.moving) if there else ():
+            like = likeness(kinds, Gray(image, footage.still.rays))
+            if like:
+                return like
+    except InputError:  # It is reported where the board is placed.
+        pass
+    return (0.0,) * len(kinds)
 
 
 @dataclass(frozen=True)
@@ -209,38 +223,39 @@ class BoardCampaign:
     def __init__(self, request: BoardRequest) -> None:
         """Read the description of the board."""
         self.request = request
-        self.kinds: Sequence[Target | Printed] = read_board(request.board).kinds
+        self.board = read_board(request.board)
         self.files: Sequence[Path] = (Path(request.board),)
 
     def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
         """Find the board in each recording."""
         self.sources = sources
-        self.target = max(self.kinds, key=lambda kind: self._count(run, kind))
-        self.placed = self._placed(run, self.target, sources)
+        self.target = self._meant(run)
+        jobs, inputs = self._jobs(self.target, sources)
+        text = 'finding the board'
+        self.placed = run.each_once(text, (0.0, 0.7), place_board, jobs, inputs, (BoardPoses,))
         found = {
-            i: BoardSurfaces(self._job(source, self.target), one)
-            for i, (source, one) in enumerate(zip(sources, self.placed, strict=True))
+            i: BoardSurfaces(job, one)
+            for i, (job, one) in enumerate(zip(jobs, self.placed, strict=True))
             if not one.reason
         }
         if not found:
             raise InputError(f'{shown_path(sources[0].path)}: {self.placed[0].reason}')
         return found
 
-    def _count(self, run: Run, target: Target | Printed) -> int:
-        # In how many of the first recordings it is found; these are not searched again.
-        if len(self.kinds) == 1:
-            return 0
-        return sum(not one.reason for one in self._placed(run, target, self.sources[:_TRIED]))
+    def _meant(self, run: Run) -> Printed:
+        # Of the boards that the description may mean, the one that the first recordings show.
+        kinds = self.board.kinds
+        if len(kinds) == 1:
+            return kinds[0]
+        jobs, inputs = self._jobs(self.board, self.sources[:_TRIED])
+        like = run.each_once('telling boards apart', (0.0, 0.0), compare, jobs, inputs)
+        return kinds[int(np.sum(like, axis=0).argmax())]
 
-    def _placed(
-        self, run: Run, target: Target | Printed, sources: Sequence[TruthSource]
-    ) -> list[BoardPoses]:
-        jobs, inputs = [self._job(one, target) for one in sources], [[one.path] for one in sources]
-        text = 'finding the board'
-        return run.each_once(text, (0.0, 0.7), place_board, jobs, inputs, (BoardPoses,))
-
-    def _job(self, source: TruthSource, target: Target | Printed) -> BoardJob:
-        return BoardJob(self.request.settings(), source.path, target)
+    def _jobs(
+        self, target: Printed, sources: Sequence[TruthSource]
+    ) -> tuple[list[BoardJob], list[list[Path]]]:
+        jobs = [BoardJob(self.request.settings(), one.path, target) for one in sources]
+        return jobs, [[one.path] for one in sources]
 
     def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
         """Return where the board is in each recording, and how well depth agrees with it."""

@@ -13,7 +13,6 @@ import cv2
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.robust import robust_sigma
-from flexx2_sim_ros.truth.target import Target
 import numpy as np
 
 _FINER, _COARSER = 4, 2  # points per pixel and axis, for a small and for a large sheet
@@ -101,7 +100,7 @@ class _State:
 class _View:
     """The part of an image around the sheet, and its subpixel points."""
 
-    def __init__(self, target: Target | Printed, gray: Gray, pose: Pose) -> None:
+    def __init__(self, target: Printed, gray: Gray, pose: Pose) -> None:
         self.target = target
         height, width = gray.image.shape
         shown = inside(target, pose, gray.rays)
@@ -191,9 +190,7 @@ def _on_sheet(pose: Pose, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return pose.t[0] + reach * direction[..., 0], pose.t[1] + reach * direction[..., 1]
 
 
-def inside(
-    target: Target | Printed, pose: Pose, rays: np.ndarray, border: float = 0.0
-) -> np.ndarray:
+def inside(target: Printed, pose: Pose, rays: np.ndarray, border: float = 0.0) -> np.ndarray:
     """Return (H, W) bool: the pixels that show the sheet within its border, metres."""
     x, y = _on_sheet(pose, rays)
     with np.errstate(invalid='ignore'):
@@ -201,14 +198,14 @@ def inside(
 
 
 def align_gray(
-    target: Target | Printed, gray: Gray, start: Pose, power: float, blur: float, steps: int
+    target: Printed, gray: Gray, start: Pose, power: float, blur: float, steps: int
 ) -> GrayFit | None:
     """
     Align a target to a gray image from a pose nearby.
 
     Parameters
     ----------
-    target : Target or Printed
+    target : Printed
         The target on the sheet.
     gray : Gray
         The image.
@@ -333,7 +330,7 @@ def _accuracy(
     return covariance[:6, :6], -shift[:6]
 
 
-def white_fraction(target: Target | Printed, gray: Gray, pose: Pose, blur: float) -> np.ndarray:
+def white_fraction(target: Printed, gray: Gray, pose: Pose, blur: float) -> np.ndarray:
     """Return (H, W) the white fraction of each pixel, blurred; NaN outside of the sheet."""
     out = np.full(gray.image.shape, np.nan)
     view = _View(target, gray, pose)

@@ -150,23 +150,7 @@ class Solution:
 
 
 def linearise(view: PosedImage, columns: ErrorColumns, values: np.ndarray) -> Linear:
-    """
-    Return a view's equations at its pose, with robust weights of the residuals.
-
-    Parameters
-    ----------
-    view : PosedImage
-        The view.
-    columns : ErrorColumns
-        Which errors are shared.
-    values : numpy.ndarray
-        (k,) present coefficients.
-
-    Returns
-    -------
-    Linear
-
-    """
+    """Return a view's equations at its pose and these coefficients, with robust weights."""
     rays = columns.true_rays(values, view.target.rays)
     hits = load_room(view.room).cast(view.pose, rays)
     y = residuals(hits, view.target)
@@ -183,21 +167,7 @@ def linearise(view: PosedImage, columns: ErrorColumns, values: np.ndarray) -> Li
 
 
 def solve(views: Sequence[PosedImage], columns: ErrorColumns) -> Solution:
-    """
-    Estimate poses and shared coefficients together.
-
-    Parameters
-    ----------
-    views : sequence of PosedImage
-        Views with approximately correct poses.
-    columns : ErrorColumns
-        Which errors are shared.
-
-    Returns
-    -------
-    Solution
-
-    """
+    """Estimate poses and shared coefficients together, from approximately correct poses."""
     values = np.zeros(len(columns.names))
     current = list(views)
     for _ in range(_ROUNDS):

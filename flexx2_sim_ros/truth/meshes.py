@@ -36,24 +36,7 @@ class _RegularFiles(trimesh.resolvers.FilePathResolver):
 
 @lru_cache(maxsize=2)  # A worker process registers many recordings to the same room.
 def load_room(path: Path) -> Room:
-    """
-    Load a room.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A mesh in metres (one of `SUFFIXES`), or a model that MuJoCo reads (`SCENE_SUFFIXES`).
-
-    Returns
-    -------
-    Room
-
-    Raises
-    ------
-    InputError
-        When the file does not exist or cannot be the mesh of a room in metres.
-
-    """
+    """Load a room in metres: a mesh (`SUFFIXES`), or a model of MuJoCo (`SCENE_SUFFIXES`)."""
     if path.suffix.lower() in SCENE_SUFFIXES:
         if not is_regular_file(path):
             raise InputError(f'--scene: {shown_path(path)}: must be a file, got none')

@@ -130,28 +130,7 @@ class Footage:
 
 
 def observe(reader: RecordingReader, profile: Profile | None, motion: str = 'auto') -> Footage:
-    """
-    Prepare a recording for registration.
-
-    Parameters
-    ----------
-    reader : RecordingReader
-        The opened recording.
-    profile : Profile or None
-        The camera (None: the Flexx2).
-    motion : str
-        ``still``, ``moving``, or ``auto`` (detect).
-
-    Returns
-    -------
-    Footage
-
-    Raises
-    ------
-    InputError
-        When the recording cannot be registered; the message names file and key.
-
-    """
+    """Prepare a recording for registration; motion is ``still``, ``moving`` or ``auto``."""
     path = reader.path
     _check_stamps(reader)
     rays = _rays(reader)
@@ -196,21 +175,8 @@ def mask_of(reader: RecordingReader) -> np.ndarray | None:
     """
     Return where a recording shows its room and not, for example, the robot.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        The recording.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        (H, W) or (T, H, W) bool, its ``known``; None without one, and where that is of earlier
-        ground truth and not a mask of the user.
-
-    Raises
-    ------
-    InputError
-        When the recording has such a key that cannot be used.
+    Returns its ``known``, (H, W) or (T, H, W) bool. None without one, and where that is of earlier
+    ground truth and not a mask of the user.
 
     """
     if 'clean_depth' in reader.layouts or 'clean_depth' in reader.arrays:

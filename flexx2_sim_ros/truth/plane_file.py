@@ -3,18 +3,18 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 import json
-import math
 from pathlib import Path
 import re
 from typing import Any
 
 from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.profiles.section import is_number
 import numpy as np
 
 _KEYS = {'schema', 'origin', 'planes', 'recordings'}
-_PLACES = 'seed', 'box', 'outline'  # of which one is given
-_OF_RECORDING = {*_PLACES, 'distance'}
+PLACES = 'seed', 'box', 'outline'  # of which one is given
+_OF_RECORDING = {*PLACES, 'distance'}
 _OF_PLANE = {*_OF_RECORDING, 'name', 'angles', 'flat'}
 BLANK = '___'  # stands in a form for what is not filled in
 _FORM = f"""\
@@ -193,7 +193,7 @@ def _plane(field: str, row: Any) -> PlaneHint:
             f'{field}: name: must be a text of 1 to {_LONGEST_NAME} letters, got {shown(name)}'
         )
     flat = row.get('flat')
-    if flat is not None and not (_is_number(flat) and 0 <= flat <= _MOST_ERROR):
+    if flat is not None and not (is_number(flat) and 0 <= flat <= _MOST_ERROR):
         raise InputError(f'{name}: flat: must be metres, 0 to {_MOST_ERROR:g}, got {shown(flat)}')
     return _hint(name, PlaneHint(name, flat=flat), row)
 
@@ -201,9 +201,9 @@ def _plane(field: str, row: Any) -> PlaneHint:
 def _hint(field: str, plane: PlaneHint, row: Mapping[str, Any]) -> PlaneHint:
     # The plane with the changes of a mapping.
     row = {key: value for key, value in row.items() if value not in (None, BLANK)}
-    given = {place: row[place] for place in _PLACES if place in row}
+    given = {place: row[place] for place in PLACES if place in row}
     if len(given) > 1:
-        raise InputError(f'{field}: must have one of {", ".join(_PLACES)}, got {", ".join(given)}')
+        raise InputError(f'{field}: must have one of {", ".join(PLACES)}, got {", ".join(given)}')
     place, value = next(iter(given.items()), ('', None))
     box, outline = plane.box, plane.outline
     if place == 'outline':
@@ -278,7 +278,7 @@ def _angles(rows: list[dict[str, Any]], names: list[str]) -> tuple[Angle, ...]:
 
 
 def _origin(value: Any) -> tuple[float, float, float]:
-    ahead = [0.0, 0.0, value] if _is_number(value) else value
+    ahead = [0.0, 0.0, value] if is_number(value) else value
     x, y, z = _numbers('origin', ahead, 'metres ahead of the optical centre, or [x, y, z]', 3)
     if max(abs(x), abs(y), abs(z)) > _MOST_ERROR:
         raise InputError(
@@ -310,7 +310,7 @@ def _changes(given: Any, planes: list[PlaneHint]) -> dict[str, dict[str, PlaneHi
 
 def _measured(field: str, value: Any, usual: float) -> Measured:
     # A number, or a text such as `1.20 +- 0.01`.
-    if _is_number(value):
+    if is_number(value):
         return Measured(float(value), usual)
     match = _MEASURED.fullmatch(value) if isinstance(value, str) and len(value) < 80 else None
     if match is None:
@@ -320,10 +320,6 @@ def _measured(field: str, value: Any, usual: float) -> Measured:
 
 
 def _numbers(field: str, value: Any, wanted: str, count: int) -> tuple[float, ...]:
-    if not (isinstance(value, list) and len(value) == count and all(map(_is_number, value))):
+    if not (isinstance(value, list) and len(value) == count and all(map(is_number, value))):
         raise InputError(f'{field}: must be {wanted}, got {shown(value)}')
     return tuple(np.array(value, float).tolist())
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

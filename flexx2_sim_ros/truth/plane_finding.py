@@ -147,24 +147,7 @@ def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[ImagePla
 
 
 def surface_around(image: Observation, inverse: np.ndarray, core: np.ndarray) -> np.ndarray:
-    """
-    Return the surface that is seen around some pixels of a plane.
-
-    Parameters
-    ----------
-    image : Observation
-        The image.
-    inverse : numpy.ndarray
-        The plane, as of `ImagePlane`.
-    core : numpy.ndarray
-        (H, W) bool: pixels that are certainly of it.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) bool.
-
-    """
+    """Return the (H, W) bool surface that is seen around pixels that are certainly of a plane."""
     return _Search(image).region('', {'': _Core(inverse, core, None)})
 
 

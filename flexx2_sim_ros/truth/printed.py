@@ -1,27 +1,84 @@
-"""Boards that people own: chessboards, ChArUco boards and Kalibr's grids of AprilTags."""
+"""Boards that people own: chessboards, ChArUco boards, grids of circles and of AprilTags."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
-from pathlib import Path
 from typing import Any
 
 import cv2
-from flexx2_sim_ros.config_file import read_mapping
-from flexx2_sim_ros.errors import InputError, shown, shown_path
-from flexx2_sim_ros.truth.target import find_markers, read_target, Target
 import numpy as np
 
 _FINER = 4  # pixels of a drawing in one of the picture that is asked for. ASSUMED
-_MOST_SQUARES, _LEAST, _LARGEST = 50, 0.002, 1.0  # metres. ASSUMED
 # The bits of the first tag of AprilTag 36h11, its first row. DEFINITION
 _FIRST_ROW = [1, 1, 0, 1, 0, 1]
-_FORMS = 'chessboard:9x6:0.03 (inner corners, metres) or charuco:5x7:0.04:0.03:DICT_5X5_100'
+_EDGE_OF_MODULE = 0.3
+# Diameters of circles, as parts of the distance between two, where they are not given. ASSUMED
+_DIAMETERS = np.arange(0.25, 0.9, 0.05)
+_MOST_SPOTS = 2  # dark spots in a picture, times the circles. ASSUMED
+
+
+class Printed:
+    """
+    A flat board that gray images show.
+
+    The origin of its frame is its middle. Seen from the front, x points right, y down and z into
+    the board.
+
+    Attributes
+    ----------
+    width, height : float
+        Size, metres.
+    white : float
+        Reflectivity at the camera's wavelength, 0 to 1.
+    flatness : float
+        Standard deviation of the surface from a plane, metres.
+    scale_error : float
+        Standard deviation of the printed size, as a fraction.
+
+    """
+
+    width: float
+    height: float
+    white: float
+    flatness: float
+    scale_error: float
+
+    turns = 1  # of so many turns about its middle it looks the same to the detector
+
+    @property
+    def kinds(self) -> 'tuple[Printed, ...]':
+        """Return the boards that the description may mean."""
+        return (self,)
+
+    def corners(self) -> np.ndarray:
+        """Return (N, C, 3) points that `find` finds, metres."""
+        raise NotImplementedError
+
+    def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
+        """Return (C, 2) points in an image, pixels, by their place in `corners`."""
+        raise NotImplementedError
+
+    def paint(self, step: float) -> np.ndarray:
+        """
+        Draw the board as an image.
+
+        Parameters
+        ----------
+        step : float
+            Side of a pixel, metres.
+
+        Returns
+        -------
+        numpy.ndarray
+            (H, W) float32: the white fraction of each pixel's area. Image and board have the same
+            centre.
+
+        """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
-class Printed:
+class Cells(Printed):
     """
     A board of rows of equal cells, drawn at any size.
 
@@ -31,8 +88,6 @@ class Printed:
         Numbers of squares, or of tags.
     square : float
         Side of a square, or of a tag with its black border, metres.
-    white, flatness, scale_error : float
-        As of `Target`.
 
     """
 
@@ -43,44 +98,29 @@ class Printed:
     flatness: float = 0.001
     scale_error: float = 0.001
 
-    turns = 1  # of so many turns about its middle it looks the same to the detector
-
     @property
-    def kinds(self) -> 'tuple[Printed, ...]':
-        """Return the boards that the description may mean."""
-        return (self,)
-
-    @property
-    def width(self) -> float:
+    def width(self) -> float:  # type: ignore[override]
         """Return the size across, metres."""
         return self.columns * self.square
 
     @property
-    def height(self) -> float:
+    def height(self) -> float:  # type: ignore[override]
         """Return the size down, metres."""
         return self.rows * self.square
-
-    def corners(self) -> np.ndarray:
-        """Return (N, C, 3) points that `find` finds, metres."""
-        raise NotImplementedError
-
-    def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
-        """Return (C, 2) points in an image, pixels, by their place in `corners`."""
-        raise NotImplementedError
 
     def draw(self, pixels: int) -> np.ndarray:
         """Return an image of the board with so many pixels in a square; 255 for white."""
         raise NotImplementedError
 
     def paint(self, step: float) -> np.ndarray:
-        """Draw the board as an image; see `Target.paint`."""
+        """Draw the board as an image; see `Printed.paint`."""
         size = [max(round(side / step), 1) for side in (self.width, self.height)]
         fine = self.draw(math.ceil(_FINER * self.square / step))
         return cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
 
 
 @dataclass(frozen=True)
-class Chessboard(Printed):
+class Chessboard(Cells):
     """
     A chessboard; nothing is known of the paper around its squares.
 
@@ -128,7 +168,7 @@ class Chessboard(Printed):
 
 
 @dataclass(frozen=True)
-class Charuco(Printed):
+class Charuco(Cells):
     """
     OpenCV's chessboard with markers in its white squares.
 
@@ -166,7 +206,7 @@ class Charuco(Printed):
 
 
 @dataclass(frozen=True)
-class AprilGrid(Printed):
+class AprilGrid(Cells):
     """
     Kalibr's grid of AprilTags 36h11, from below; with a black square at each of their corners.
 
@@ -180,12 +220,12 @@ class AprilGrid(Printed):
     gap: float = 0.01
 
     @property
-    def width(self) -> float:
+    def width(self) -> float:  # type: ignore[override]
         """Return the size across with the outer squares, metres."""
         return self.columns * (self.square + self.gap) + self.gap
 
     @property
-    def height(self) -> float:
+    def height(self) -> float:  # type: ignore[override]
         """Return the size down with the outer squares, metres."""
         return self.rows * (self.square + self.gap) + self.gap
 
@@ -220,6 +260,126 @@ class AprilGrid(Printed):
         return image
 
 
+@dataclass(frozen=True)
+class CircleGrid(Cells):
+    """
+    OpenCV's grid of dark circles; the paper is white for half a distance around their centres.
+
+    Attributes
+    ----------
+    asymmetric : bool
+        Whether every second row is shifted by a square, and a row has every second column only.
+    diameter : float
+        Of a circle, metres; 0 if it is not known.
+
+    """
+
+    asymmetric: bool = False
+    diameter: float = 0.0
+
+    @property
+    def kinds(self) -> 'tuple[Printed, ...]':
+        """Return this board, or those of usual diameters."""
+        if self.diameter:
+            return (self,)
+        usual = (_DIAMETERS * self.pitch).tolist()
+        return tuple(replace(self, diameter=one) for one in usual)
+
+    @property
+    def turns(self) -> int:  # type: ignore[override]
+        """Return how often it looks the same in a turn."""
+        if self.asymmetric:
+            return 2 - self.rows % 2
+        return 4 if self.columns == self.rows else 2
+
+    @property
+    def pitch(self) -> float:
+        """Return the distance between a circle and the nearest one, metres."""
+        return self.square * (math.sqrt(2) if self.asymmetric else 1)
+
+    @property
+    def width(self) -> float:  # type: ignore[override]
+        """Return the size across, metres."""
+        steps = 2 * self.columns - 1 if self.asymmetric else self.columns - 1
+        return steps * self.square + self.pitch
+
+    @property
+    def height(self) -> float:  # type: ignore[override]
+        """Return the size down, metres."""
+        return (self.rows - 1) * self.square + self.pitch
+
+    def corners(self) -> np.ndarray:
+        """Return (1, N, 3): the centres of the circles, row by row."""
+        row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
+        across = 2 * column + row % 2 if self.asymmetric else column
+        points = np.stack([across, row, np.zeros(len(row))], axis=1) * self.square
+        return np.asarray(points - points.max(axis=0) / 2)[None]
+
+    def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
+        """Return the centres of the circles, all or none."""
+        count = self.columns * self.rows
+        spots = np.array([spot.pt for spot in _spots(picture).detect(picture)], np.float32)
+        # The search in many others takes minutes.
+        if not count <= len(spots) <= _MOST_SPOTS * count:
+            return {}
+        kind = cv2.CALIB_CB_ASYMMETRIC_GRID if self.asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
+        grid: Any = cv2.findCirclesGrid
+        size, settings = (self.columns, self.rows), cv2.CirclesGridFinderParameters()
+        for way in (kind, kind | cv2.CALIB_CB_CLUSTERING):
+            found, points = grid(spots[:, None], size, way, None, settings)
+            if found:
+                return {0: points.reshape(-1, 2)}
+        return {}
+
+    def draw(self, pixels: int) -> np.ndarray:
+        """Draw its circles."""
+        scale = pixels / self.square
+        image = np.full([round(side * scale) for side in (self.height, self.width)], 255, np.uint8)
+        places = self.corners()[0, :, :2] + np.array([self.width, self.height]) / 2
+        # In 1/16 of a pixel, whose centre is a whole number.
+        for place in np.rint((places * scale - 0.5) * 16).astype(int).tolist():
+            cv2.circle(
+                image, place, round(8 * (self.diameter * scale - 1)), 0, cv2.FILLED, cv2.LINE_AA, 4
+            )
+        return image
+
+
+def _spots(picture: np.ndarray) -> Any:
+    # OpenCV's detector of dark spots, of those that may be circles seen askew.
+    vision: Any = cv2
+    settings = vision.SimpleBlobDetector_Params()
+    settings.minDistBetweenBlobs, settings.minArea = 3, 20
+    settings.maxArea = picture.size / 20
+    settings.filterByInertia, settings.minConvexity = False, 0.85
+    return vision.SimpleBlobDetector_create(settings)
+
+
+def find_markers(
+    codes: cv2.aruco.Dictionary, picture: np.ndarray, border: int, count: int, first: int = 0
+) -> dict[int, np.ndarray]:
+    """
+    Return (4, 2) corners of markers, pixels, by their number from the first one.
+
+    Markers have a black border of so many modules. Those that are seen twice are left out.
+
+    """
+    settings = cv2.aruco.DetectorParameters()
+    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    settings.adaptiveThreshWinSizeMax = 53
+    settings.markerBorderBits = border
+    # Modules are only a few pixels wide and blurred: their edges are left out.
+    settings.perspectiveRemoveIgnoredMarginPerCell = _EDGE_OF_MODULE
+    corners, numbers, _ = cv2.aruco.ArucoDetector(codes, settings).detectMarkers(picture)
+    found: dict[int, np.ndarray] = {}
+    twice = set()
+    for quad, number in zip(corners, () if numbers is None else numbers.ravel(), strict=False):
+        place = int(number) - first
+        if 0 <= place < count:
+            twice |= {place} & found.keys()
+            found[place] = quad.reshape(4, 2)
+    return {place: quad for place, quad in found.items() if place not in twice}
+
+
 def _tags() -> Any:
     return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
 
@@ -228,85 +388,3 @@ def _turned() -> bool:
     # Some versions of OpenCV have these tags upside down.
     first = cv2.aruco.generateImageMarker(_tags(), 0, 8)
     return bool((first[1, 1:7] > 0).astype(int).tolist() != _FIRST_ROW)
-
-
-def read_board(given: str | Path) -> Target | Printed:
-    """
-    Return the board that a text or a file describes.
-
-    Parameters
-    ----------
-    given : str or pathlib.Path
-        ``chessboard:9x6:0.03`` as OpenCV counts inner corners, ``charuco:5x7:0.04:0.03:DICT`` as
-        OpenCV counts squares, or a file: ``target.yaml``, or that of a target of Kalibr.
-
-    Raises
-    ------
-    InputError
-        When it is none of these, or impossible.
-
-    """
-    kind, *words = str(given).split(':')
-    if kind in ('chessboard', 'charuco'):
-        try:
-            return (_chessboard if kind == 'chessboard' else _charuco)(*words)
-        except (TypeError, ValueError, AttributeError, cv2.error):
-            raise InputError(f'--board: must be {_FORMS}, got {shown(str(given))}') from None
-    path = Path(given)
-    content = read_mapping(path) if path.suffix == '.yaml' else {}
-    if 'target_type' not in content:
-        return read_target(path)
-    makers: dict[str, Callable[[dict[str, Any]], Printed]] = {
-        'aprilgrid': _april_grid, 'checkerboard': _kalibr_chessboard,
-    }  # fmt: skip
-    kind = content['target_type']
-    if kind not in makers:
-        raise InputError(
-            f'{shown_path(path)}: target_type: must be one of {", ".join(makers)}, got '
-            f'{shown(kind)}'
-        )
-    try:
-        return makers[kind](content)
-    except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f'{shown_path(path)}: must be a target of Kalibr, got {error}') from None
-
-
-def _count(value: Any, least: int = 1) -> int:
-    count = int(value)
-    if not least <= count <= _MOST_SQUARES:
-        raise ValueError(f'{shown(value)} squares or tags')
-    return count
-
-
-def _metres(value: Any) -> float:
-    metres = float(value)
-    if not _LEAST <= metres <= _LARGEST:
-        raise ValueError(f'{shown(value)} metres')
-    return metres
-
-
-def _chessboard(size: str, square: str) -> Printed:
-    columns, rows = (_count(word, 3) + 1 for word in size.split('x'))
-    return Chessboard(columns, rows, _metres(square))
-
-
-def _charuco(size: str, square: str, marker: str, dictionary: str) -> Printed:
-    columns, rows = (_count(word, 2) for word in size.split('x'))
-    board = Charuco(columns, rows, _metres(square), marker=_metres(marker), dictionary=dictionary)
-    board.corners()
-    return board
-
-
-def _april_grid(content: dict[str, Any]) -> Printed:
-    tag = _metres(content['tagSize'])
-    columns, rows = _count(content['tagCols']), _count(content['tagRows'])
-    return AprilGrid(columns, rows, tag, gap=_metres(tag * float(content['tagSpacing'])))
-
-
-def _kalibr_chessboard(content: dict[str, Any]) -> Printed:
-    # Kalibr counts inner corners.
-    columns, rows = _count(content['targetCols'], 3) + 1, _count(content['targetRows'], 3) + 1
-    across, down = (_metres(content[f'{name}SpacingMeters']) for name in ('col', 'row'))
-    if across != down:
-        raise ValueError(f'squares of {across:g} x {down:g} m')
-    return Chessboard(columns, rows, across)

@@ -86,22 +86,10 @@ class GrayScale:
 
 def surfaces(clean: Clean, rays: np.ndarray) -> np.ndarray:
     """
-    Return the connected surfaces of an image, without their borders.
+    Return (H, W) numbers of the connected surfaces of an image; 0 at borders and the unknown.
 
     Inverse depth is an affine function of the pixel on a plane. It bends at depth jumps and
     creases.
-
-    Parameters
-    ----------
-    clean : Clean
-        Ground truth of the image.
-    rays : numpy.ndarray
-        (H, W, 2) x/z and y/z of each pixel.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) int, from 1; 0 at borders and where nothing is known.
 
     """
     inside = clean.known & np.isfinite(clean.depth)
@@ -142,24 +130,7 @@ def _shown(gray: np.ndarray, clean: Clean, rays: np.ndarray) -> _Shown | None:
 
 
 def gray_samples(gray: np.ndarray, clean: Clean, rays: np.ndarray) -> GraySamples | None:
-    """
-    Return pixels of an image that tell what its gray values mean.
-
-    Parameters
-    ----------
-    gray : numpy.ndarray
-        (H, W), NaN where saturated; 0 without light.
-    clean : Clean
-        Ground truth of the image.
-    rays : numpy.ndarray
-        (H, W, 2) x/z and y/z of each pixel.
-
-    Returns
-    -------
-    GraySamples or None
-        None where most of the image shows no surface.
-
-    """
+    """Return pixels that tell what gray values mean; None where most of it is no surface."""
     shown = _shown(gray, clean, rays)
     if shown is None:
         return None
@@ -219,29 +190,12 @@ def _follows_root(samples: Sequence[GraySamples]) -> bool:
 
 def with_reflectivity(clean: Clean, gray: np.ndarray, rays: np.ndarray, scale: GrayScale) -> Clean:
     """
-    Return ground truth with the reflectivity that gray values imply.
+    Return ground truth with the reflectivity, at most 1, that (H, W) gray values imply.
 
-    A surface whose pixels differ by more than noise has a texture: each pixel keeps its own
-    value. Another surface gets the median of its pixels. Pixels without light, saturated ones,
-    steep ones and borders get the value of their surface, or of the nearest one.
-
-    Parameters
-    ----------
-    clean : Clean
-        Ground truth of the image.
-    gray : numpy.ndarray
-        (H, W), NaN where saturated; 0 without light.
-    rays : numpy.ndarray
-        (H, W, 2) x/z and y/z of each pixel.
-    scale : GrayScale
-        See `find_scale`.
-
-    Returns
-    -------
-    Clean
-        With `reflectivity`, at most 1, and `reflectivity_spread`: standard deviation of its
-        logarithm over the surface; NaN where nothing is. Unchanged where most of the image shows
-        no surface.
+    A surface whose pixels differ by more than noise has a texture: each pixel keeps its own value.
+    Another surface gets the median of its pixels. Pixels without light (0), saturated (NaN) and
+    steep ones and borders get the value of their surface, or of the nearest one. Ground truth is
+    unchanged where most of the image shows no surface.
 
     """
     shown = _shown(gray, clean, rays)

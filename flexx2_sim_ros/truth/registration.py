@@ -108,15 +108,7 @@ class Registered:
 
 
 def register(job: Job) -> Registered:
-    """
-    Register a recording.
-
-    Raises
-    ------
-    InputError
-        When the recording or the room cannot be read.
-
-    """
+    """Register a recording. Raises `InputError` where it or the room cannot be read."""
     request = job.request
     room = load_room(request.room)
     begin = time.perf_counter()

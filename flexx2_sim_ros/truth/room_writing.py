@@ -83,18 +83,8 @@ def roughness(clean: Clean, image: Observation) -> float:
     """
     Return how far measured depth and a room differ within small flat patches, beyond noise.
 
-    Parameters
-    ----------
-    clean : Clean
-        The room.
-    image : Observation
-        The image.
-
-    Returns
-    -------
-    float
-        Standard deviation along the normal, metres: median over patches, each without its mean
-        and tilt. NaN with too few patches.
+    It is the standard deviation along the normal, metres: the median over patches, each without
+    its mean and tilt. NaN with too few patches.
 
     """
     height, width = (side - side % _PATCH for side in clean.depth.shape)

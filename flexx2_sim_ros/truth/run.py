@@ -122,7 +122,7 @@ class Run:
 
         """
         files = [
-            self.cache / f'{_digest(job, paths)}.json'
+            self.cache / f'{_digest(work.__name__, job, paths)}.json'
             for job, paths in zip(jobs, inputs, strict=True)
         ]
         missing = [
@@ -135,9 +135,9 @@ class Run:
         return [_whole(json.loads(file.read_text(encoding='utf-8')), named) for file in files]
 
 
-def _digest(job: Any, paths: Sequence[Path]) -> str:
+def _digest(work: str, job: Any, paths: Sequence[Path]) -> str:
     # Of files in their present state, and of what is done with them.
-    parts: list[Any] = [__version__, job]
+    parts: list[Any] = [__version__, work, job]
     for path in paths:
         try:
             files = sorted(path.iterdir()) if path.is_dir() else [path]

@@ -27,7 +27,6 @@ _TRUNCATION = 0.5  # metres
 _KEPT = 200  # candidates that are aligned
 # Rounds of alignment: pixels, steps, reach in metres, poses that go on to the next round.
 _ROUNDS = (120, 4, 0.5, 50), (400, 8, 0.3, 8), (4000, 15, 0.1, 3)
-_SHAKE = 400, 8, 0.1  # pixels, steps, reach
 # Around a rough pose: shifts (metres) and turns (radians).
 _SHIFT, _TURN = 0.15, math.radians(10)
 _AS_GOOD = 1.03  # times the least cost
@@ -99,29 +98,10 @@ def find(
     room: Room, observation: Observation, guess: Pose | None, panoramas: Panoramas | None, up: str
 ) -> FoundPose:
     """
-    Find the pose of a depth image.
+    Find the pose of a depth image, within about 0.3 m and 20 degrees of a guess.
 
-    Parameters
-    ----------
-    room : Room
-        The room.
-    observation : Observation
-        The image.
-    guess : Pose or None
-        A rough pose, within about 0.3 m and 20 degrees.
-    panoramas : Panoramas or None
-        Panoramas of the room; needed without a guess.
-    up : str
-        The direction of the room that is up, one of `UPS`; needed without a guess.
-
-    Returns
-    -------
-    FoundPose
-
-    Raises
-    ------
-    InputError
-        When there is no guess, and no free place in the room: a single wall.
+    Without a guess, it is searched in the panoramas of the room, whose direction `up` is one of
+    `UPS`. Raises `InputError` where the room then has no free place: a single wall.
 
     """
     if guess is not None:
@@ -141,25 +121,12 @@ def find(
         if guess is not None:
             fits = [fit for fit in fits if not _differ(fit.pose, guess, *_FAR)] or fits[:1]
         fits = _distinct(sorted(fits, key=lambda fit: fit.cost), kept)
-    fits[0] = _shaken(room, observation, fits[0])
     if guess is not None:
         # If the image does not determine the pose, the guess does.
         limit = _AS_GOOD * fits[0].cost
         fits.sort(key=lambda fit: (fit.cost > limit, _distance(fit.pose, guess)))
     rivals = [one.cost for one in fits[1:] if _differ(one.pose, fits[0].pose, *_ELSEWHERE)]
     return FoundPose(fits[0], min(rivals, default=math.inf))
-
-
-def _shaken(room: Room, observation: Observation, best: AlignedPose) -> AlignedPose:
-    # A second search around the best pose, which may be a local minimum.
-    pixels, steps, reach = _SHAKE
-    target = choose(observation, pixels)
-    starts = [best.pose.moved(motion / 2) for motion in _around()]
-    fits = [align(room, target, start, steps, reach) for start in starts]
-    first = min(fits, key=lambda fit: fit.cost)
-    pixels, steps, reach, _ = _ROUNDS[-1]
-    again = align(room, choose(observation, pixels), first.pose, steps, reach)
-    return again if again.cost < best.cost else best
 
 
 def _distance(one: Pose, other: Pose) -> float:

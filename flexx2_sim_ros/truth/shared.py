@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 from flexx2_sim_ros.truth.columns import ErrorColumns, LENS
 from flexx2_sim_ros.truth.joint import Linear, linearise, PosedImage, reduced, Solution, solve
@@ -34,6 +35,8 @@ _CLEAR_DRIFT = 5.0  # standard deviations, the largest of three tried
 _LEAST_DRIFT = 0.003  # metres: a third of the usual drift
 _LEAST_TIME = 300.0  # seconds between the first and the last recording
 
+Finding = dict[str, Any]
+
 
 @dataclass(frozen=True)
 class Shared:
@@ -54,27 +57,15 @@ class Shared:
     """
 
     solution: Solution
-    findings: dict[str, dict[str, object]]
+    findings: dict[str, Finding]
 
 
 def estimate(views: Sequence[PosedImage]) -> Shared:
-    """
-    Estimate poses and shared errors, without errors that these recordings cannot distinguish.
-
-    Parameters
-    ----------
-    views : sequence of PosedImage
-        Views of all recordings, with approximately correct poses.
-
-    Returns
-    -------
-    Shared
-
-    """
+    """Estimate poses and shared errors, but for errors that these recordings cannot tell apart."""
     bounce = any(view.bounce.any() for view in views)
     several = len({view.recording for view in views}) >= _LEAST_RECORDINGS
     trial = _with_waves(solve(views, ErrorColumns(True, (), bounce, lens=several)))
-    findings: dict[str, dict[str, object]] = {}
+    findings: dict[str, Finding] = {}
     trial, findings['warm_up_drift'] = _with_drift(trial)
     solution, findings['intrinsics_error'] = _with_or_without_lens(trial)
     why = _refusal(solution)
@@ -117,12 +108,18 @@ def _fitted(solution: Solution, name: str) -> tuple[float, float]:
     return float(solution.values[place]), float(solution.deviations[place])
 
 
-def _with_or_without_lens(solution: Solution) -> tuple[Solution, dict[str, object]]:
+def _finding(why: str, **values: Any) -> Finding:
+    # An error that can be told from the poses, or why not.
+    reason = {'reason': why} if why else {}
+    return {'verdict': 'confounded' if why else 'identified', **values, **reason}
+
+
+def _with_or_without_lens(solution: Solution) -> tuple[Solution, Finding]:
     # Errors of the lens stay where they are clear and large enough. Light that bounced bends
     # floors and walls as a wrong lens does, and its shape is only simulated, so next to it nothing
     # is said of the lens.
     if not solution.columns.lens:
-        return solution, {'verdict': 'confounded', 'reason': _too_few(_LEAST_RECORDINGS, solution)}
+        return solution, _finding(_too_few(_LEAST_RECORDINGS, solution))
     lens = {name: _fitted(solution, name) for name in LENS}
     least = {name: usual * _LEAST_LENS for name, usual in _USUAL_LENS.items()}
     loose = [name for name, (_, deviation) in lens.items() if deviation > least[name]]
@@ -133,59 +130,42 @@ def _with_or_without_lens(solution: Solution) -> tuple[Solution, dict[str, objec
     )
     if solution.columns.bounce and _clear(solution):
         found, why = False, 'bounced light looks like it'
-    finding: dict[str, object] = {
-        'verdict': 'confounded' if why and not found else 'identified',
-        'lens': {
-            name: {'value': value, 'standard_deviation': deviation}
-            for name, (value, deviation) in lens.items()
-        },
+    values = {
+        name: {'value': value, 'standard_deviation': deviation}
+        for name, (value, deviation) in lens.items()
     }
     if found:
-        return solution, finding
-    if why:
-        finding['reason'] = why
-    return solve(solution.views, replace(solution.columns, lens=False)), finding
+        return solution, _finding('', lens=values)
+    without = solve(solution.views, replace(solution.columns, lens=False))
+    return without, _finding(why, lens=values)
 
 
-def _with_drift(solution: Solution) -> tuple[Solution, dict[str, object]]:
+def _with_drift(solution: Solution) -> tuple[Solution, Finding]:
     # A bias that decays after power-on, if it is clear.
     uptimes = np.array([view.uptime for view in solution.views])
     if not np.isfinite(uptimes).all():
-        return solution, {
-            'verdict': 'confounded',
-            'reason': 'the stamps do not say when the recordings were made, one after another',
-        }
+        why = 'the stamps do not say when the recordings were made, one after another'
+        return solution, _finding(why)
     if np.ptp(uptimes) < _LEAST_TIME:
         return solution, {'verdict': 'identified', 'reason': 'an offset: all is within minutes'}
     if solution.recordings <= _LEAST_RECORDINGS:
-        return solution, {
-            'verdict': 'confounded',
-            'reason': _too_few(_LEAST_RECORDINGS + 1, solution),
-        }
+        return solution, _finding(_too_few(_LEAST_RECORDINGS + 1, solution))
     trials = [solve(solution.views, replace(solution.columns, drift=tau)) for tau in _DRIFTS]
     clear = [abs(value) / spread for value, spread in (_fitted(one, 'drift') for one in trials)]
     best = trials[int(np.argmax(clear))]
-    found = max(clear) > _CLEAR_DRIFT
     value, deviation = _fitted(best, 'drift')
-    loose = not found and deviation > _LEAST_DRIFT
-    finding: dict[str, object] = {
-        'verdict': 'confounded' if loose else 'identified',
-        'metres': value,
-        'standard_deviation': deviation,
-        'tau': best.columns.drift,
-    }
-    if loose:
-        finding['reason'] = (
-            f'it is known to {deviation * 1e3:.1f} mm (must be {_LEAST_DRIFT * 1e3:.0f} mm)'
-        )
-    return best if found else solution, finding
+    values = {'metres': value, 'standard_deviation': deviation, 'tau': best.columns.drift}
+    if max(clear) > _CLEAR_DRIFT:
+        return best, _finding('', **values)
+    loose = f'it is known to {deviation * 1e3:.1f} mm (must be {_LEAST_DRIFT * 1e3:.0f} mm)'
+    return solution, _finding(loose if deviation > _LEAST_DRIFT else '', **values)
 
 
 def _too_few(least: int, solution: Solution) -> str:
     return f'needs at least {least} recordings, got {solution.recordings}'
 
 
-def _scale(solution: Solution) -> dict[str, object]:
+def _scale(solution: Solution) -> Finding:
     # The scale is reported but not subtracted: if it is an error of the camera, the diagnosis must
     # see it.
     if solution.recordings < _LEAST_RECORDINGS:
@@ -284,16 +264,9 @@ def _noise(equations: Sequence[tuple[Linear, np.ndarray]], values: np.ndarray) -
     return max(squares / max(total, 1e-30), 1e-30)
 
 
-def _findings(full: Solution, used: Solution, why: str) -> dict[str, dict[str, object]]:
+def _findings(full: Solution, used: Solution, why: str) -> dict[str, Finding]:
     metres, deviation = _fitted(full, 'bias')
-    offset: dict[str, object] = {
-        'verdict': 'confounded' if why else 'identified',
-        'metres': metres,
-        'standard_deviation': deviation,
-    }
-    if why:
-        offset['reason'] = why
-    found: dict[str, dict[str, object]] = {'offset': offset}
+    found = {'offset': _finding(why, metres=metres, standard_deviation=deviation)}
     names = used.columns.names
     waves = []
     for period in used.columns.periods:
@@ -307,16 +280,10 @@ def _findings(full: Solution, used: Solution, why: str) -> dict[str, dict[str, o
             }
         )
     if waves:
-        found['wiggling'] = {'verdict': 'identified', 'waves': waves}
+        found['wiggling'] = _finding('', waves=waves)
     if full.columns.bounce:
         gain, deviation = _fitted(full, 'bounce')
-        found['multipath'] = {
-            'verdict': 'identified' if used.columns.bounce else 'confounded',
-            'gain': gain,
-            'standard_deviation': deviation,
-        }
-        if not used.columns.bounce:
-            found['multipath']['reason'] = (
-                f'its gain is within {_CLEAR:.0f} standard deviations of none'
-            )
+        unclear = f'its gain is within {_CLEAR:.0f} standard deviations of none'
+        why = '' if used.columns.bounce else unclear
+        found['multipath'] = _finding(why, gain=gain, standard_deviation=deviation)
     return found

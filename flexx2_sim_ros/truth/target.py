@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.truth.printed import find_markers, Printed
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
@@ -28,18 +29,14 @@ DICTIONARIES = (
 )  # fmt: skip
 _LEAST_BORDER = 0.005  # metres of white around the tags; printers leave such a border
 _LEAST_GAP = 0.5  # of a module
-_EDGE_OF_MODULE = 0.3
 _INCH = 0.0254
 _RULERS = 0.2, 0.1  # metres, along and across
 
 
 @dataclass(frozen=True)
-class Target:
+class Target(Printed):
     """
-    A flat sheet with tags.
-
-    The origin of its frame is the middle of the sheet. Seen from the front, x points right, y down
-    and z into the sheet.
+    A flat sheet with tags; see `Printed` for what is not described here.
 
     Attributes
     ----------
@@ -53,14 +50,8 @@ class Target:
         Side of a tag with its black border, metres.
     gap : float
         White gap between two tags, metres.
-    width, height : float
-        Size of the flat area in the plane of the board, metres.
-    white, black : float
+    black : float
         Reflectivity at the camera's wavelength, 0 to 1.
-    flatness : float
-        Standard deviation of the surface from a plane, metres.
-    scale_error : float
-        Standard deviation of the printed size, as a fraction.
 
     """
 
@@ -76,8 +67,6 @@ class Target:
     black: float = 0.05
     flatness: float = 0.001
     scale_error: float = 0.001
-
-    turns = 1  # of so many turns about its middle it looks the same to the detector
 
     def __post_init__(self) -> None:
         """Check that the target can be printed and found."""
@@ -123,11 +112,6 @@ class Target:
         """Return OpenCV's dictionary of tags."""
         return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
 
-    @property
-    def kinds(self) -> tuple['Target', ...]:
-        """Return the boards that the description may mean."""
-        return (self,)
-
     def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
         """Return the (4, 2) corners of its tags in an image, pixels, by their place."""
         count = self.columns * self.rows
@@ -152,21 +136,7 @@ class Target:
         return np.pad(self.places(), ((0, 0), (0, 1)))[:, None] + around
 
     def paint(self, step: float) -> np.ndarray:
-        """
-        Draw the sheet as an image.
-
-        Parameters
-        ----------
-        step : float
-            Side of a pixel, metres.
-
-        Returns
-        -------
-        numpy.ndarray
-            (H, W) float32: the white fraction of each pixel's area. Image and sheet have the same
-            centre.
-
-        """
+        """Draw the sheet as an image; see `Printed.paint`."""
         width, height = (max(round(side / step), 1) for side in (self.width, self.height))
         image = np.ones((height, width), np.float32)
         for number, place in enumerate(self.places()):
@@ -181,46 +151,6 @@ class Target:
     def to_yaml(self) -> str:
         """Return the text of ``target.yaml``."""
         return yaml.safe_dump({'schema': 1, 'target': asdict(self)}, sort_keys=False)
-
-
-def find_markers(
-    codes: cv2.aruco.Dictionary, picture: np.ndarray, border: int, count: int, first: int = 0
-) -> dict[int, np.ndarray]:
-    """
-    Find markers, without those that are seen twice.
-
-    Parameters
-    ----------
-    codes : cv2.aruco.Dictionary
-        The dictionary.
-    picture : numpy.ndarray
-        (H, W) uint8.
-    border : int
-        Width of the black border, modules.
-    count, first : int
-        How many markers there are, and the number of the first one.
-
-    Returns
-    -------
-    dict of int to numpy.ndarray
-        (4, 2) corners in pixels, by the number from the first one.
-
-    """
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    settings.adaptiveThreshWinSizeMax = 53
-    settings.markerBorderBits = border
-    # Modules are only a few pixels wide and blurred: their edges are left out.
-    settings.perspectiveRemoveIgnoredMarginPerCell = _EDGE_OF_MODULE
-    corners, numbers, _ = cv2.aruco.ArucoDetector(codes, settings).detectMarkers(picture)
-    found: dict[int, np.ndarray] = {}
-    twice = set()
-    for quad, number in zip(corners, () if numbers is None else numbers.ravel(), strict=False):
-        place = int(number) - first
-        if 0 <= place < count:
-            twice |= {place} & found.keys()
-            found[place] = quad.reshape(4, 2)
-    return {place: quad for place, quad in found.items() if place not in twice}
 
 
 _WHOLE = {'columns', 'rows', 'first_id'}

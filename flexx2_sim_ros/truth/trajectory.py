@@ -168,28 +168,7 @@ class CameraTrajectory:
 
 
 def camera_trajectory(source: PoseSource, path: Path, camera: str = '') -> CameraTrajectory:
-    """
-    Read the rough poses of the camera during a recording.
-
-    Parameters
-    ----------
-    source : PoseSource
-        The source of the poses.
-    path : pathlib.Path
-        The recording.
-    camera : str
-        The name of its camera: of several robots' TF, that of the camera's namespace is used.
-
-    Returns
-    -------
-    CameraTrajectory
-
-    Raises
-    ------
-    InputError
-        When the poses cannot be read.
-
-    """
+    """Read a camera's poses; of several robots' TF, that of the camera's namespace is used."""
     return CameraTrajectory(path, tuple(_chain(source, path, camera)), source)
 
 
@@ -219,21 +198,10 @@ def read_trajectory(path: Path) -> Trajectory:
     """
     Read poses with stamps from a text file.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        Each line ``t x y z qx qy qz qw`` (TUM; seconds, metres; ``#`` begins a comment), or
-        ``.csv`` with a first line that names these columns in any order, among others. Lines
-        without numbers in them are left out.
-
-    Returns
-    -------
-    Trajectory
-
-    Raises
-    ------
-    InputError
-        When the file does not exist or has fewer than two poses.
+    Each line is ``t x y z qx qy qz qw`` (TUM; seconds, metres; ``#`` begins a comment); the first
+    line of a ``.csv`` names these columns in any order, among others. Lines without numbers in
+    them are left out. Raises `InputError` where there is no such file or it has fewer than two
+    poses.
 
     """
     name = f'--trajectory: {shown_path(path)}'

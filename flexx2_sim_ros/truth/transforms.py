@@ -58,22 +58,8 @@ def transforms_between(
     Return the transforms from a frame to one under it.
 
     Frames of topics in different namespaces (``/robot1/tf``, ``/robot2/tf``) may have the same
-    names and are never mixed.
-
-    Parameters
-    ----------
-    bag : Bag
-        The bag.
-    parent, child : str
-        The frames.
-    camera : str
-        Name of the recorded camera. Where several namespaces have these frames, that of the camera
-        is used.
-
-    Raises
-    ------
-    InputError
-        When there are none, or they are of several robots.
+    names and are never mixed: where several have these frames, the namespace of the camera is
+    used. Raises `InputError` where there are none, or they are of several robots.
 
     """
     trees, name = _read(bag), shown_path(bag.path)

@@ -65,39 +65,13 @@ def strays(one: Registered) -> bool:
 def as_given(
     views: Sequence[PosedImage], accuracy: tuple[float, float], reasons: Sequence[str]
 ) -> RoomFit:
-    """
-    Return the verdict of a recording whose poses are used as they were given.
-
-    Parameters
-    ----------
-    views : sequence of PosedImage
-        Its views.
-    accuracy : tuple of float
-        Standard deviations of the poses, metres and degrees.
-    reasons : sequence of str
-        Why they are used.
-
-    """
+    """Return the verdict of a recording whose poses, of this accuracy, are used as given."""
     fitting, residual = _misfit(views, ErrorColumns(False, (), False), np.zeros(0))
     return RoomFit('used', tuple(reasons), fitting, residual, accuracy)
 
 
 def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]:
-    """
-    Judge all recordings.
-
-    Parameters
-    ----------
-    registered : sequence of Registered
-        Registrations, by number of the recording.
-    solution : Solution
-        The solution, with views of all recordings.
-
-    Returns
-    -------
-    list of RoomFit
-
-    """
+    """Return the verdicts of all recordings, by number; the solution has views of all."""
     numbers = [_numbers(i, solution) for i in range(len(registered))]
     seen = {view.recording for view in solution.views}
     usual = float(np.median([numbers[i][1] for i in sorted(seen)])) if seen else 0.0
@@ -141,26 +115,7 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]
 def check_room(
     room: Path, posed: bool, registered: Sequence[Registered], verdicts: Sequence[RoomFit]
 ) -> None:
-    """
-    Check that most recordings fit the room.
-
-    Parameters
-    ----------
-    room : pathlib.Path
-        The room's file.
-    posed : bool
-        Whether rough poses were given.
-    registered : sequence of Registered
-        Registrations, by number of the recording.
-    verdicts : sequence of RoomFit
-        Verdicts, likewise.
-
-    Raises
-    ------
-    InputError
-        When it is another room, or the mirror image of the room.
-
-    """
+    """Refuse a room that is another one, or mirrored, by the verdicts of all recordings."""
     refused = [verdict for verdict in verdicts if verdict.state == 'refused']
     better = [one.mirrored < _MIRRORED * min(one.costs) for one in registered]
     used = sum(

@@ -144,15 +144,7 @@ class Written:
 
 
 def write_recording(what: Writing) -> Written:
-    """
-    Write a recording with `clean_depth` and its accuracy, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        When the recording cannot be read or the file cannot be written.
-
-    """
+    """Write a recording with `clean_depth` and its accuracy, whole or not at all."""
     footage, moving = what.footage(), what.surfaces.moving
     reader, truth = footage.reader, what.surfaces.truth(footage)
     cleans = truth.cleans
@@ -209,33 +201,7 @@ def write_truth(
     moving: bool,
     keys: Mapping[str, np.ndarray],
 ) -> dict[str, float]:
-    """
-    Write a recording with ground truth, whole or not at all.
-
-    Parameters
-    ----------
-    reader : RecordingReader
-        The recording.
-    target : pathlib.Path
-        The file to write.
-    truths : sequence of Clean
-        One for each frame if the camera moves, else one.
-    moving : bool
-        Whether the camera moved.
-    keys : mapping of str to numpy.ndarray
-        Further keys: the accuracy of the ground truth, the time since power-on.
-
-    Returns
-    -------
-    dict
-        As `Written.shares`.
-
-    Raises
-    ------
-    InputError
-        When the recording cannot be read or the file cannot be written.
-
-    """
+    """Write a recording with a `Clean`, or one a frame; return `Written.shares`."""
     with RecordingWriter(target, *reader.shape) as file:
         for image in reader.frames('depth'):
             file.add_depth(image[None])

@@ -148,9 +148,30 @@ class Adjust:
     strength: float
 
 
-def parse(message: str | bytes) -> Drawn | Drive | Choose | Adjust:
+@dataclass(frozen=True)
+class Outline:
     """
-    Decode a websocket's message.
+    A page saves the outline of a plane.
+
+    Attributes
+    ----------
+    recording : int
+        Its number.
+    plane : str
+        Its name, printable.
+    corners : tuple of tuple of float
+        Pixels [u, v]; finite.
+
+    """
+
+    recording: int
+    plane: str
+    corners: tuple[tuple[float, float], ...]
+
+
+def parse(message: str | bytes) -> Drawn | Drive | Choose | Adjust | Outline:
+    """
+    Decode a message of the page.
 
     Raises
     ------
@@ -172,8 +193,11 @@ def parse(message: str | bytes) -> Drawn | Drive | Choose | Adjust:
                 effect
             ):
                 return Adjust(camera, effect, _number(strength))
+            case {'outline': [int(recording), str(plane), list(corners)]} if _is_name(plane):
+                pixels = tuple((_number(u), _number(v)) for u, v in corners)
+                return Outline(recording, plane, pixels)
     # Raised for deep nesting, and for whole numbers too large for a float.
-    except (ValueError, RecursionError, OverflowError):
+    except (ValueError, TypeError, RecursionError, OverflowError):
         pass
     raise InputError(f'message: must be JSON as the page sends it, got {shown(message)}')
 

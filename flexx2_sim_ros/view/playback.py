@@ -7,14 +7,17 @@ The server keeps nothing about its pages: a request names recording, camera, fra
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 import socket
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, printable
-from flexx2_sim_ros.view.access import Access
+from flexx2_sim_ros.truth.files import names_of
+from flexx2_sim_ros.truth.plane_drawing import drawn, save_outline
+from flexx2_sim_ros.view.access import Access, Outline, parse
 from flexx2_sim_ros.view.packing import pack, ViewedFrame
 from flexx2_sim_ros.view.recorded import RecordedCamera, REFERENCES
-from flexx2_sim_ros.view.web import File, WebServer
+from flexx2_sim_ros.view.web import File, Guarded, LONGEST_MESSAGE, WebServer
 from tornado.web import HTTPError
 
 # Requests that wait for the only thread that reads files. A page has one for each camera.
@@ -33,9 +36,15 @@ class PlaybackServer(WebServer):
         The cameras of each recording, by its name.
     headline : str
         What the page says of all of them.
+    planes : pathlib.Path or None
+        The file that outlines drawn on the page are saved to; None: nothing is drawn.
 
     Attributes
     ----------
+    planes : pathlib.Path or None
+        As given.
+    names : list of str
+        What that file calls the recordings.
     recordings : list
         The cameras of each recording, in order.
     waiting : int
@@ -49,23 +58,30 @@ class PlaybackServer(WebServer):
         access: Access,
         recordings: Mapping[str, Sequence[RecordedCamera]],
         headline: str = '',
+        planes: Path | None = None,
     ) -> None:
         """Describe the recordings for the page."""
+        self.planes = planes
+        self.names = [Path(one).stem for one in names_of([Path(name) for name in recordings])]
         table = {
             'headline': headline,
             'recordings': [
                 {'name': printable(name), 'cameras': [camera.describe() for camera in cameras]}
                 for name, cameras in recordings.items()
             ],
+            'planes': None if planes is None else _drawn(planes, self.names),
         }
         super().__init__(sockets, access, table)
         self.recordings = list(recordings.values())
         self.waiting = 0
         self._worker = ThreadPoolExecutor(1)
+        self.longest_body = 0 if planes is None else LONGEST_MESSAGE
 
     def routes(self) -> list[Any]:
-        """Return the route of frames."""
-        return [('/frame', FrameRequest, {'server': self})]
+        """Return the routes of frames and of outlines."""
+        given = {'server': self}
+        saved = [] if self.planes is None else [('/outline', OutlineRequest, given)]
+        return [('/frame', FrameRequest, given), *saved]
 
     def closing(self) -> None:
         """Drop the requests that wait."""
@@ -109,6 +125,36 @@ class FrameRequest(File):
         if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) < below):
             raise HTTPError(400, reason=f'{name}: must be 0 to {below - 1}')
         return int(text)
+
+
+class OutlineRequest(Guarded):
+    """An outline to save."""
+
+    def post(self) -> None:
+        """Write it into the file of planes; answer with the reason where that is not possible."""
+        server: PlaybackServer = self.server
+        if not self.check_origin(self.request.headers.get('Origin', '')):
+            raise HTTPError(403, reason='Origin is not this page')
+        try:
+            asked = parse(self.request.body.decode(errors='replace'))
+            if not (isinstance(asked, Outline) and 0 <= asked.recording < len(server.names)):
+                raise InputError('message: must be the outline of a plane, got another one')
+            assert server.planes is not None
+            name = server.names[asked.recording]
+            save_outline(server.planes, name, asked.plane, asked.corners)
+        except InputError as error:
+            self.set_status(400)
+            self.set_header('Content-Type', 'text/plain; charset=utf-8')
+            self.finish(printable(str(error)))
+
+
+def _drawn(path: Path, names: Sequence[str]) -> dict[str, Any]:
+    # The names of the planes, and the outlines in each recording.
+    plan = drawn(path)
+    return {
+        'names': [plane.name for plane in plan.planes],
+        'outlines': [{one.name: one.outline for one in plan.seen_in(name)} for name in names],
+    }
 
 
 def _packed(camera: RecordedCamera, number: int, reference: str) -> bytes:

@@ -172,10 +172,6 @@ class Live(Guarded, WebSocketHandler):
         if self.server.is_full:
             raise HTTPError(503, reason=f'{_MOST_PAGES} pages are open: close one')
 
-    def check_origin(self, origin: str) -> bool:
-        """Return whether the page was served by this server."""
-        return origin == f'http://{self.request.host}'
-
     def open(self, *_: str, **__: str) -> None:  # noqa: A003
         """Start to send."""
         self.set_nodelay(True)

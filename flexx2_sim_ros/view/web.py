@@ -20,7 +20,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
 _TYPES = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript', 'svg': 'image/svg+xml'}
-_LONGEST_MESSAGE = 4096
+LONGEST_MESSAGE = 4096
 # A page that has not answered a ping before the next one is closed.
 _PING_SECONDS = 10.0
 _STOP_SECONDS = 3.0
@@ -76,6 +76,8 @@ class WebServer:
         The thread's event loop, once it runs.
 
     """
+
+    longest_body = 0  # of a request, bytes
 
     def __init__(
         self, sockets: list[socket.socket], access: Access, recorded: dict[str, Any] | None
@@ -133,10 +135,10 @@ class WebServer:
             default_handler_class=File,
             default_handler_args={'server': self, 'name': '', 'body': b''},
             log_function=lambda _: None,
-            websocket_max_message_size=_LONGEST_MESSAGE,
+            websocket_max_message_size=LONGEST_MESSAGE,
             websocket_ping_interval=_PING_SECONDS,
         )
-        server = HTTPServer(application, max_body_size=0)
+        server = HTTPServer(application, max_body_size=self.longest_body)
         server.add_sockets(self._sockets)
         self._ready.set()
         await self._end.wait()
@@ -165,6 +167,10 @@ class Guarded(RequestHandler):
                 reason='open the address that flexx2 view has printed: its '
                 'token is missing or wrong',
             )
+
+    def check_origin(self, origin: str) -> bool:
+        """Return whether the page was served by this server."""
+        return origin == f'http://{self.request.host}'
 
     def write_error(self, status_code: int, **_: Any) -> None:
         """Answer with the reason."""

@@ -1,11 +1,12 @@
 // Recordings: a column for each camera, a slider over time, and what depth is compared with.
 import { signed, unpack } from './draw.js';
 import { find, Panel } from './panel.js';
+import { Region } from './region.js';
 
 const PERCENT = 100, MILLIMETRES = 1000, RETRY_MS = 1000, SAME_SECONDS = 0.0005, WORST = 0.01;
 
 class Recorded extends Panel {
-  constructor(recording, camera, { name, usecase, start, stamps, references, notes }) {
+  constructor(recording, camera, { name, usecase, start, stamps, references, notes }, planes) {
     super(name);
     this.address = { recording, camera };
     this.start = start;
@@ -25,6 +26,11 @@ class Recorded extends Panel {
     if (references.some(([key]) => key === 'effects')) this.part.choice.value = 'effects';
     this.part.choice.addEventListener('change', () => { this.show(this.number); });
     find('cameras').append(this.section);
+    if (planes) this.region = new Region(this, recording, planes);
+  }
+
+  drawn() {
+    this.region?.draw();
   }
 
   // The newest request counts; one at a time is sent.
@@ -130,8 +136,9 @@ function differ({ simulated, unit }, other, room) {
 
 // The columns, the slider and the keys.
 class Player {
-  constructor(recordings) {
+  constructor(recordings, planes) {
     this.recordings = recordings;
+    this.planes = planes;
     this.panels = [];
     this.number = 0;
     this.playing = null;
@@ -153,7 +160,7 @@ class Player {
   open(at) {
     this.pause();
     for (const panel of this.panels) panel.remove();
-    this.panels = this.recordings[at].cameras.map((camera, number) => new Recorded(at, number, camera));
+    this.panels = this.recordings[at].cameras.map((camera, number) => new Recorded(at, number, camera, this.planes));
     this.stamps = this.panels[0].stamps;
     this.slider.max = this.stamps.length - 1;
     this.go(0);
@@ -223,7 +230,7 @@ class Player {
   }
 }
 
-export function playback({ headline, recordings }) {
+export function playback({ headline, recordings, planes }) {
   document.body.classList.add('recorded');
   find('time').hidden = false;
   find('nothing').remove();
@@ -233,5 +240,5 @@ export function playback({ headline, recordings }) {
   find('wipe-name').textContent = 'wipe';
   find('wipe').setAttribute('aria-label', 'wipe between recorded depth and what it is compared with');
   find('difference-scale-name').textContent = 'difference';
-  new Player(recordings).open(0);
+  new Player(recordings, planes).open(0);
 }
