@@ -14,7 +14,7 @@ _RAYS = 8  # rays per pixel and axis
 _WALL = 0.4  # metres behind the board
 
 
-def sheet(name: str) -> np.ndarray:
+def sheet(name):
     """Return a sheet with 3 x 2 tags as an image, 1 for white."""
     width, height, tag, gap = (round(side * _FINE) for side in SHEETS[name])
     image = np.ones((height, width), np.float32)
@@ -27,20 +27,20 @@ def sheet(name: str) -> np.ndarray:
     return image
 
 
-def chessboard() -> np.ndarray:
+def chessboard():
     """Return a chessboard of 9 x 6 inner corners, 30 mm squares; the upper left one is white."""
     squares = np.add.outer(np.arange(7), np.arange(10)) % 2 == 0
     return np.kron(squares, np.ones((60, 60))).astype(np.float32)
 
 
-def charuco() -> np.ndarray:
+def charuco():
     """Return OpenCV's board of 5 x 7 squares of 40 mm with markers of 30 mm."""
     codes = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
     board = cv2.aruco.CharucoBoard((5, 7), 0.04, 0.03, codes)
     return np.asarray(board.generateImage((400, 560)), np.float32) / 255
 
 
-def april_grid() -> np.ndarray:
+def april_grid():
     """Return Kalibr's grid of 4 x 3 tags of 80 mm, numbered from below, 24 mm apart."""
     codes = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     side, gap = 160, 48
@@ -78,16 +78,7 @@ class Board:
 
     """
 
-    def __init__(
-        self,
-        distance: float,
-        tilt: float,
-        turn: float,
-        size: float = 1.0,
-        name: str = 'A3',
-        picture: np.ndarray | None = None,
-        glued: bool = False,
-    ) -> None:
+    def __init__(self, distance, tilt, turn, size=1.0, name='A3', picture=None, glued=False):
         """Place the board."""
         self.R = Rotation.from_euler('zxy', [3, tilt, turn], degrees=True).as_matrix()
         self.t = np.array([0.03, -0.02, distance])
@@ -99,9 +90,7 @@ class Board:
             self._picture = picture
             self._sides = np.array(picture.shape[::-1]) / _FINE
 
-    def look(
-        self, rng: np.random.Generator, blur: float = 0.6, lens: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def look(self, rng, blur=0.6, lens=None):
         """Return the light without noise and the depth, (H, W) each, of board and wall."""
         rays, across, down = _rays(np.zeros(5) if lens is None else lens)
         total = np.zeros((HEIGHT, WIDTH))
@@ -117,7 +106,7 @@ class Board:
                 total += self._trace(rays + u * across + v * down)[0]
         return total / _RAYS**2, self._trace(rays)[1]
 
-    def _trace(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _trace(self, rays):
         direction = np.concatenate([rays, np.ones((HEIGHT, WIDTH, 1))], axis=-1)
         normal = self.R[:, 2]
         depth = (normal @ self.t) / (direction @ normal)
@@ -136,13 +125,13 @@ class Board:
         return colour * cosine * lamp / (depth * length) ** 2, depth
 
 
-def gray_of(light: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarray:
+def gray_of(light, noise, rng):
     """Return the driver's gray image: 8 bit, a root of the light, saturated next to the camera."""
     light = light * (1 + noise * rng.standard_normal(light.shape))
     return np.clip(150 * np.sqrt(np.clip(light, 0, None)), 0, 255).astype(np.uint8)
 
 
-def _rays(lens: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _rays(lens):
     # Rays of the pixel centres, and their differences to the next column and row.
     v, u = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
     return (
@@ -152,7 +141,7 @@ def _rays(lens: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
-def _ray(lens: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _ray(lens, u, v):
     if not lens.any():
         return (np.stack([u, v], axis=-1) - K[:2, 2]) / FOCAL
     enough = cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-10

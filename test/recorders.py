@@ -1,14 +1,11 @@
 """Cameras whose topics are recorded, and the commands `flexx2 record` and `flexx2 replay`."""
 
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import itertools
 from pathlib import Path
-import signal
 import subprocess
 import sys
 import time
-from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
@@ -30,7 +27,7 @@ CAMERAS = ('left', 'right')
 _numbers = itertools.count()
 
 
-def until(condition: Callable[[], Any], what: str) -> None:
+def until(condition, what):
     """Wait for what another process does."""
     deadline = time.monotonic() + PATIENCE
     while not condition():
@@ -39,7 +36,7 @@ def until(condition: Callable[[], Any], what: str) -> None:
 
 
 @contextmanager
-def flexx2(child_env: dict[str, str], *words: object) -> Iterator[subprocess.Popen[str]]:
+def flexx2(child_env, *words):
     """Run the command as a process, which is over at the end of the block."""
     with subprocess.Popen(
         [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)],
@@ -54,7 +51,7 @@ def flexx2(child_env: dict[str, str], *words: object) -> Iterator[subprocess.Pop
             process.kill()
 
 
-def finish(process: subprocess.Popen[str], number: signal.Signals | None = None) -> str:
+def finish(process, number=None):
     """End a process, if it does not by itself, and return what it printed; all has to be well."""
     if number is not None:
         process.send_signal(number)
@@ -67,7 +64,7 @@ def finish(process: subprocess.Popen[str], number: signal.Signals | None = None)
 class Source:
     """What two cameras publish, frame by frame; every frame is another."""
 
-    def __init__(self, listener: streams.Listener, depth: int = 1000) -> None:
+    def __init__(self, listener, depth=1000):
         """Open the topics; names are this source's own."""
         space = f'/source_{next(_numbers)}'
         self.cameras = [f'{space}/{name}' for name in CAMERAS]
@@ -84,14 +81,14 @@ class Source:
             for camera in self.cameras
             for topic, kind in kinds.items()
         }
-        self.sent: dict[str, list[Any]] = {topic: [] for topic in self.publishers}
+        self.sent = {topic: [] for topic in self.publishers}
 
     @property
-    def names(self) -> list[str]:
+    def names(self):
         """Return the cameras' names."""
         return [camera.strip('/') for camera in self.cameras]
 
-    def wait(self) -> None:
+    def wait(self):
         """Wait until every topic has a subscriber."""
         self.listener.spin_until(
             lambda: all(
@@ -100,7 +97,7 @@ class Source:
             'subscribers',
         )
 
-    def publish(self, count: int) -> None:
+    def publish(self, count):
         """Publish the next frames."""
         first = len(next(iter(self.sent.values())))
         for index in range(first, first + count):
@@ -108,24 +105,24 @@ class Source:
             for topic, publisher in self.publishers.items():
                 stamp = SECOND + index * STEP
                 if topic.endswith('info'):
-                    message: Any = info_message(streams.FLEXX2, stamp)
+                    message = info_message(streams.FLEXX2, stamp)
                 else:
                     pixels = rng.uniform(0.1, 7.0, (172, 224)).astype('f4')
                     message = image_message(pixels, stamp)
                 publisher.publish(message)
                 self.sent[topic].append(message)
 
-    def settle(self) -> None:
+    def settle(self):
         """Wait until everything has reached its subscribers."""
         for topic, publisher in self.publishers.items():
             assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE)), topic
 
-    def pixels(self, topic: str) -> np.ndarray:
+    def pixels(self, topic):
         """Return what was published, (T, H, W)."""
         return np.stack([streams.array_of(message) for message in self.sent[topic]])
 
 
-def rows(text: str) -> dict[str, list[str]]:
+def rows(text):
     """Return the report's cells by topic: messages, from, rate, MB, lost, gaps."""
     return {
         line.split()[0]: line.split()[1:] for line in text.splitlines() if line.startswith('/')
@@ -133,14 +130,14 @@ def rows(text: str) -> dict[str, list[str]]:
 
 
 @contextmanager
-def open_source() -> Iterator[Source]:
+def open_source():
     """Yield cameras that are there and have published nothing yet."""
     listener = streams.Listener()
     yield Source(listener)
     listener.close()
 
 
-def whole(bag: Path, count: int) -> bool:
+def whole(bag, count):
     """Say whether a bag that is being written has so many frames, all else, and the mode."""
     try:
         recording = load_recording(bag)

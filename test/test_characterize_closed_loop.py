@@ -1,10 +1,9 @@
 """What goes into the simulated camera comes out of its characterization."""
 
 from dataclasses import replace
-from pathlib import Path
 
-from flexx2_sim_ros.camera import Camera, flexx2, NoiseModel, Profile
-from flexx2_sim_ros.characterize import Characterization, characterize, to_profile
+from flexx2_sim_ros.camera import Camera, flexx2, NoiseModel
+from flexx2_sim_ros.characterize import characterize, to_profile
 from flexx2_sim_ros.characterize.capture import capture, conditions
 from flexx2_sim_ros.profiles.files import load_profile, save_profile, sigma_problem
 import numpy as np
@@ -19,9 +18,7 @@ DISTANCES = {
 FRAMES = {'Mode_5_30fps': 60, 'Mode_5_60fps': 60, 'Mode_9_30fps': 300}
 
 
-def measured(
-    folder: Path, profile: Profile, usecase: str, distances: tuple[float, ...], frames: int
-) -> Characterization:
+def measured(folder, profile, usecase, distances, frames):
     """Simulate a campaign and analyse it."""
     wanted = conditions(profile, [usecase], distances, ANGLES)
     done = list(capture(folder, wanted, profile, frames=frames, seed=5))
@@ -29,7 +26,7 @@ def measured(
     return characterize(folder)
 
 
-def worst_ratio(found: NoiseModel, true: NoiseModel, distances: tuple[float, ...]) -> float:
+def worst_ratio(found, true, distances):
     """Return the largest relative deviation of sigma_z on the measured grid."""
     z, theta = np.meshgrid(
         np.linspace(distances[0], distances[-1], 20), np.radians(np.linspace(0, 60, 13))
@@ -38,7 +35,7 @@ def worst_ratio(found: NoiseModel, true: NoiseModel, distances: tuple[float, ...
 
 
 @pytest.mark.parametrize('usecase', DISTANCES)
-def test_the_papers_coefficients_come_back(usecase: str, tmp_path: Path) -> None:
+def test_the_papers_coefficients_come_back(usecase, tmp_path):
     """
     Assert sigma_z within 2 %, n within 0.1, sigma_x within 3 %, mean KL at most 0.005 nats.
 
@@ -74,7 +71,7 @@ def test_the_papers_coefficients_come_back(usecase: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize('seed', [1, 2])
-def test_another_cameras_coefficients_come_back(seed: int, tmp_path: Path) -> None:
+def test_another_cameras_coefficients_come_back(seed, tmp_path):
     """
     Assert the same of coefficients drawn at random; and that the profile runs as that camera.
 

@@ -13,8 +13,8 @@ ROOT = Path(__file__).resolve().parents[1]
 SAID = 'compiling: takes a minute or two, once (flexx2 compile does it ahead)'
 
 
-def test_a_compilation_is_said_once() -> None:
-    said: list[str] = []
+def test_a_compilation_is_said_once():
+    said = []
     with compiling_said(lambda: said.append('compiling')):
         assert not said
         for step in (1, 2):
@@ -22,13 +22,13 @@ def test_a_compilation_is_said_once() -> None:
     assert said == ['compiling']
 
 
-def test_a_diagnosis_compiles_what_the_command_compiles(tmp_path: Path) -> None:
+def test_a_diagnosis_compiles_what_the_command_compiles(tmp_path):
     """Assert the first diagnosis says so once, and one after `flexx2 compile` does not."""
     effects = {'wiggling': {}, 'flying_pixels': {}}
     recordings = tmp_path / 'recordings'
     write_campaign(recordings, seed=3, effects=effects, scale=0.25, recordings=3, frames=6)
 
-    def command(*words: str, cache: str) -> 'subprocess.Popen[str]':
+    def command(*words, cache):
         return subprocess.Popen(
             [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
             cwd=ROOT,
@@ -39,7 +39,6 @@ def test_a_diagnosis_compiles_what_the_command_compiles(tmp_path: Path) -> None:
 
     diagnose = ['gap', 'diagnose', str(recordings), '--out']
     with command(*diagnose, str(tmp_path / 'one'), cache='none') as process:
-        assert process.stderr is not None
         assert any(SAID in line for line in process.stderr)
         process.kill()
     with command('compile', cache='full') as process:

@@ -1,6 +1,5 @@
 """What a consumer starts ends with it: real processes, found by their numbers."""
 
-from collections.abc import Callable
 from pathlib import Path
 import subprocess
 import sys
@@ -65,7 +64,7 @@ if __name__ == '__main__':
 """
 
 
-def wait_for(condition: Callable[[], bool]) -> None:
+def wait_for(condition):
     """Wait until a condition holds, and fail where it never does."""
     end = time.monotonic() + PATIENCE
     while not condition():
@@ -73,7 +72,7 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
-def ended(pid: int) -> bool:
+def ended(pid):
     """Say whether a process has ended; nobody may have asked for its exit status."""
     try:
         return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] in 'ZX'
@@ -82,7 +81,7 @@ def ended(pid: int) -> bool:
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
+def file(tmp_path):
     """Return a file with consumers that start a process and say which."""
     path = tmp_path / 'mine.py'
     path.write_text(CONSUMER)
@@ -90,7 +89,7 @@ def file(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize('name', ['Good', 'Ends', 'Raises'])
-def test_children_of_a_consumer_end_with_it(file: Path, name: str) -> None:
+def test_children_of_a_consumer_end_with_it(file, name):
     result = run(ConsumerSource('mine', str(file), name, True), [], 1.0, lambda: None)
     assert bool(result.fault) == (name != 'Good')
     child = int(file.with_suffix('.pid').read_text())
@@ -98,7 +97,7 @@ def test_children_of_a_consumer_end_with_it(file: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize('end', ['terminate', 'kill'])
-def test_children_of_a_consumer_end_with_the_command(file: Path, end: str) -> None:
+def test_children_of_a_consumer_end_with_the_command(file, end):
     script = file.with_name('command.py')
     script.write_text(COMMAND)
     with subprocess.Popen([sys.executable, script, file]) as command:

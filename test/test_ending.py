@@ -1,6 +1,5 @@
 """How commands end: by a signal, killed, or with their parent. Real processes throughout."""
 
-from collections.abc import Callable, Iterator
 from contextlib import suppress
 import os
 from pathlib import Path
@@ -9,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any
 
 import numpy as np
 from programs import run_python
@@ -18,17 +16,16 @@ import pytest
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
 PATIENCE = 60.0
 MARK = 'FLEXX2_TEST_RUN'
-Start = Callable[..., 'subprocess.Popen[str]']
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Start]:
+def start(tmp_path):
     """Return a function that starts `flexx2`; all that comes of it is gone at the end."""
     env = {**os.environ, MARK: str(tmp_path), 'TMPDIR': str(tmp_path / 'tmp')}
     (tmp_path / 'tmp').mkdir()
-    started: list[subprocess.Popen[str]] = []
+    started = []
 
-    def run(*words: object) -> 'subprocess.Popen[str]':
+    def run(*words):
         started.append(
             subprocess.Popen(
                 [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)],
@@ -50,7 +47,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
             os.kill(pid, signal.SIGKILL)
 
 
-def family(folder: Path) -> list[int]:
+def family(folder):
     """Return the processes that come of a test's commands, zombies left out."""
     mark = f'{MARK}={folder}\0'.encode()
     found = []
@@ -65,7 +62,7 @@ def family(folder: Path) -> list[int]:
     return found
 
 
-def until(condition: Callable[[], Any], what: str) -> None:
+def until(condition, what):
     """Wait for what other processes do."""
     deadline = time.monotonic() + PATIENCE
     while not condition():
@@ -73,7 +70,7 @@ def until(condition: Callable[[], Any], what: str) -> None:
         time.sleep(0.005)
 
 
-def handles_signals(process: 'subprocess.Popen[str]') -> bool:
+def handles_signals(process):
     """Say whether a process handles both signals; Python alone handles SIGINT only."""
     with suppress(OSError):
         status = Path(f'/proc/{process.pid}/status').read_text()
@@ -82,13 +79,13 @@ def handles_signals(process: 'subprocess.Popen[str]') -> bool:
     return False
 
 
-def leftovers(folder: Path) -> list[Path]:
+def leftovers(folder):
     """Return scratch files and whatever lies in the folder for temporary files."""
     return [*folder.rglob('.flexx2-*'), *(folder / 'tmp').iterdir()]
 
 
 @pytest.fixture
-def campaign(tmp_path: Path) -> Path:
+def campaign(tmp_path):
     """Return a folder with two scenes, one of them long."""
     folder = tmp_path / 'campaign'
     folder.mkdir()
@@ -127,9 +124,7 @@ COMMANDS = {
         ('capture', signal.SIGTERM, 2.0),
     ],
 )
-def test_a_signal(
-    tmp_path: Path, start: Start, campaign: Path, name: str, number: signal.Signals, seconds: float
-) -> None:
+def test_a_signal(tmp_path, start, campaign, name, number, seconds):
     """Assert 130 and 143, silence, no leftovers and no processes, however early it comes."""
     process = start(*COMMANDS[name])
     until(lambda: handles_signals(process), 'the command does not handle signals')
@@ -144,9 +139,7 @@ def test_a_signal(
 
 
 @pytest.mark.parametrize('name', ['fit', 'diagnose', 'benchmark'])
-def test_workers_end_with_a_killed_command(
-    tmp_path: Path, start: Start, campaign: Path, name: str
-) -> None:
+def test_workers_end_with_a_killed_command(tmp_path, start, campaign, name):
     """Assert no worker is left of a command that was killed with kill -9."""
     process = start(*COMMANDS[name])
     # The command, its resource tracker and its workers; a diagnosis is one of its jobs itself.
@@ -160,7 +153,7 @@ def test_workers_end_with_a_killed_command(
     until(lambda: not family(tmp_path), 'a worker outlives its command')
 
 
-def test_a_killed_writer(tmp_path: Path, start: Start, campaign: Path) -> None:
+def test_a_killed_writer(tmp_path, start, campaign):
     """Assert a kill -9 leaves no output, and the next run nothing of the killed one."""
     out = tmp_path / 'out.npz'
     process = start(*COMMANDS['simulate'])
@@ -178,7 +171,7 @@ def test_a_killed_writer(tmp_path: Path, start: Start, campaign: Path) -> None:
 @pytest.mark.parametrize(
     'words', [['modes'], ['effects'], ['effects', '--sources'], ['--help'], ['gap', '--help']]
 )
-def test_a_reader_that_stops_reading_ends_the_command(words: list[str]) -> None:
+def test_a_reader_that_stops_reading_ends_the_command(words):
     """`flexx2 modes | head -1` ends with 128 + SIGPIPE (13), without a word, also unbuffered."""
     reading, writing = os.pipe()
     os.close(reading)
@@ -194,7 +187,7 @@ def test_a_reader_that_stops_reading_ends_the_command(words: list[str]) -> None:
 
 
 @pytest.mark.parametrize('node', ['flexx2_camera', 'go1_cameras'])
-def test_a_node_that_is_asked_for_help_prints_it_and_does_not_start(node: str) -> None:
+def test_a_node_that_is_asked_for_help_prints_it_and_does_not_start(node):
     done = run_python('-m', f'flexx2_sim_ros.nodes.{node}', '--help', check=True, timeout=PATIENCE)
     assert done.stdout.startswith(f'usage: {node}')
     assert f'example: {node} --ros-args' in done.stdout

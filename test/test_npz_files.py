@@ -1,6 +1,5 @@
 """Recordings that nobody vouches for: damaged, lying and huge ones, one by one and in a folder."""
 
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import io
 import json
@@ -9,7 +8,6 @@ from pathlib import Path
 import shutil
 import tempfile
 import tracemalloc
-from typing import Any
 import zipfile
 
 from flexx2_sim_ros.characterize.analysis import characterize
@@ -22,7 +20,7 @@ import numpy as np
 import pytest
 from test_gap_walls import write_walls
 
-SMALL: dict[str, Any] = {
+SMALL = {
     'depth': np.ones((4, 6, 8), np.float32),
     'clean_depth': np.ones((6, 8), np.float32),
     'K': np.array([[9.0, 0, 3.5], [0, 9.0, 2.5], [0, 0, 1]]),
@@ -31,7 +29,7 @@ SMALL: dict[str, Any] = {
 }
 
 
-def member(array: Any, shape: object = None, descr: str | None = None) -> bytes:
+def member(array, shape=None, descr=None):
     """Return an array as a file, its header with another shape or dtype."""
     array = np.asarray(array)
     buffer = io.BytesIO()
@@ -44,7 +42,7 @@ def member(array: Any, shape: object = None, descr: str | None = None) -> bytes:
     return b'\x93NUMPY\x01\x00' + len(header).to_bytes(2, 'little') + header + content
 
 
-def pack(path: Path, method: int = zipfile.ZIP_DEFLATED, **changes: bytes) -> Path:
+def pack(path, method=zipfile.ZIP_DEFLATED, **changes):
     """Write a recording with some members replaced."""
     with zipfile.ZipFile(path, 'w', method) as archive:
         for key, value in SMALL.items():
@@ -54,7 +52,7 @@ def pack(path: Path, method: int = zipfile.ZIP_DEFLATED, **changes: bytes) -> Pa
     return path
 
 
-def damaged(path: Path, method: int) -> None:
+def damaged(path, method):
     """Write a recording and flip what its first array is compressed to."""
     pack(path, method)
     content = bytearray(path.read_bytes())
@@ -62,13 +60,13 @@ def damaged(path: Path, method: int) -> None:
     path.write_bytes(content)
 
 
-def looping(path: Path) -> None:
+def looping(path):
     """Make a link to itself."""
     path.symlink_to(path.name)
 
 
 DEPTH = SMALL['depth']
-BAD: dict[str, Callable[[Path], object]] = {
+BAD = {
     'lzma': lambda path: damaged(path, zipfile.ZIP_LZMA),
     'bzip2': lambda path: damaged(path, zipfile.ZIP_BZIP2),
     'deflate': lambda path: damaged(path, zipfile.ZIP_DEFLATED),
@@ -101,9 +99,7 @@ BAD: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize('kind', BAD)
-def test_a_bad_file_is_one_sentence_in_every_command(
-    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bad_file_is_one_sentence_in_every_command(kind, tmp_path, capsys):
     path = tmp_path / 'bad.npz'
     BAD[kind](path)
     boards = tmp_path / 'boards'
@@ -125,7 +121,7 @@ def test_a_bad_file_is_one_sentence_in_every_command(
         assert len(error) < 1500
 
 
-def test_bad_files_are_left_out_of_a_folder_and_named(tmp_path: Path) -> None:
+def test_bad_files_are_left_out_of_a_folder_and_named(tmp_path):
     folder = write_walls(tmp_path / 'walls', offset={'bias': 0.01})
     for kind, make in BAD.items():
         make(folder / f'{kind}.npz')
@@ -138,7 +134,7 @@ def test_bad_files_are_left_out_of_a_folder_and_named(tmp_path: Path) -> None:
     assert all(name in reason for name, reason in left.items())
 
 
-def test_a_subfolder_that_cannot_be_looked_into_is_named() -> None:
+def test_a_subfolder_that_cannot_be_looked_into_is_named():
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         folder.chmod(0o755)
@@ -160,7 +156,7 @@ def test_a_subfolder_that_cannot_be_looked_into_is_named() -> None:
             locked.chmod(0o700)
 
 
-def claim(path: Path, key: str, size: int) -> Path:
+def claim(path, key, size):
     """Have an archive say that an array has so many bytes, in both places."""
     content = path.read_bytes()
     with zipfile.ZipFile(path) as archive:
@@ -171,7 +167,7 @@ def claim(path: Path, key: str, size: int) -> Path:
 
 
 @contextmanager
-def little_memory() -> Iterator[None]:
+def little_memory():
     """Assert that the block allocates less than 20 MB at any time."""
     tracemalloc.start()
     try:
@@ -181,9 +177,7 @@ def little_memory() -> Iterator[None]:
         tracemalloc.stop()
 
 
-def test_a_decompression_bomb_is_refused_unread(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_decompression_bomb_is_refused_unread(tmp_path, monkeypatch, capsys):
     path = pack(tmp_path / 'bomb.npz', more=member(np.zeros(40 << 20, np.uint8)))
     assert path.stat().st_size < 1 << 20
     monkeypatch.setenv(LIMIT, '30')
@@ -204,7 +198,7 @@ def test_a_decompression_bomb_is_refused_unread(
         load_recording(path)
 
 
-def test_an_archive_with_false_sizes_is_refused(tmp_path: Path) -> None:
+def test_an_archive_with_false_sizes_is_refused(tmp_path):
     path = tmp_path / 'lies.npz'
     pack(path, more=member(np.zeros(0), '(41943040,)', '|u1') + bytes(40 << 20))
     claim(path, 'more', 200)
@@ -213,7 +207,7 @@ def test_an_archive_with_false_sizes_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('umask', [0o002, 0o027, 0o077])
-def test_written_files_have_the_permissions_of_new_ones(tmp_path: Path, umask: int) -> None:
+def test_written_files_have_the_permissions_of_new_ones(tmp_path, umask):
     pack(tmp_path / 'scene.npz')
     previous = os.umask(umask)
     try:

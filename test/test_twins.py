@@ -1,9 +1,7 @@
 """A second node of a name ends before it has started anything, and the first goes on."""
 
-from collections.abc import Iterator
 import subprocess
 import sys
-from typing import Any
 
 import pytest
 from sensor_msgs.msg import CameraInfo
@@ -17,11 +15,11 @@ SAID = (
 
 
 @pytest.fixture
-def start(child_env: dict[str, str]) -> Iterator[Any]:
+def start(child_env):
     """Return a function that starts a node; those that still run are killed at the end."""
     processes = []
 
-    def started(executable: str, *arguments: str) -> subprocess.Popen[str]:
+    def started(executable, *arguments):
         processes.append(
             subprocess.Popen(
                 [
@@ -46,9 +44,8 @@ def start(child_env: dict[str, str]) -> Iterator[Any]:
         process.communicate()
 
 
-def first_line(process: subprocess.Popen[str], what: str) -> None:
+def first_line(process, what):
     """Wait until a node says that it runs."""
-    assert process.stderr is not None
     for line in process.stderr:
         assert not line.startswith('error')
         if what in line:
@@ -56,7 +53,7 @@ def first_line(process: subprocess.Popen[str], what: str) -> None:
     raise AssertionError('it ended')
 
 
-def test_the_second_robot_ends_and_the_first_goes_on(start: Any) -> None:
+def test_the_second_robot_ends_and_the_first_goes_on(start):
     options = ['-p', 'renderer:=ray', '-p', 'scene:=corner', '-p', 'rate:=20.0']
     first_line(start('go1_cameras', *options), 'rendered by')
     user = Listener()
@@ -73,7 +70,7 @@ def test_the_second_robot_ends_and_the_first_goes_on(start: Any) -> None:
         user.close()
 
 
-def test_the_second_camera_ends_and_the_name_is_free_again(start: Any) -> None:
+def test_the_second_camera_ends_and_the_name_is_free_again(start):
     first = start('flexx2_camera')
     first_line(first, 'waiting for')
     second = start('flexx2_camera')
