@@ -45,7 +45,6 @@ __all__ = [
 USUAL = {'scene': 'corner', 'renderer': 'ray'}
 _numbers = itertools.count()
 _legs = load_robot().legs
-assert _legs is not None
 JOINTS = _legs.all_names
 RATE = 60  # hertz
 

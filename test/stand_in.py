@@ -47,7 +47,6 @@ class StandIn(Node):
 
     def publish(self, index):
         """Publish a frame with the stamp that it has in the recording."""
-        assert self.recording.amplitude is not None
         head = header(int(self.recording.stamp_ns[index]), _FRAME_ID)
         depth = np.nan_to_num(self.recording.depth[index])
         self._info.publish(camera_info_message(head, self._lens))

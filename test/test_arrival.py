@@ -3,7 +3,7 @@
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.data.campaign import check, Found
+from flexx2_sim_ros.gap.data.campaign import check
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.bag_messages import header_stamp
@@ -67,7 +67,6 @@ def test_times_of_another_clock_are_noted_and_not_used(difference, tmp_path):
     path = tmp_path / 'in.npz'
     np.savez(path, usecase='Mode_9_5fps', received=stamp + difference, **arrays)
     found = check(path, None)
-    assert isinstance(found, Found)
     assert found.arrival is None
     assert any(
         f'{found.path}: received: not used: its clock is not that of stamp' in one
@@ -75,8 +74,6 @@ def test_times_of_another_clock_are_noted_and_not_used(difference, tmp_path):
     )
     np.savez(path, usecase='Mode_9_5fps', received=stamp + 0.05, **arrays)
     found = check(path, None)
-    assert isinstance(found, Found)
-    assert found.arrival is not None
     assert found.arrival.median == pytest.approx(0.05)
     assert not found.notes
 

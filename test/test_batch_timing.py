@@ -207,7 +207,6 @@ def test_widths_are_drawn_at_a_reset_unless_they_shape_scattered_light(device, t
     cameras.randomise(
         drawn(tmp_path, 'heavy_tails', {'width': {'low': 3.0, 'high': 8.0}}), seed=2, pool=16
     )
-    assert cameras.drawn is not None
     scene = scenes(1)
     seen = look(device, cameras, np.repeat(scene, 4, axis=0))
     for i, k in enumerate(cameras.drawn.drawn.numpy()):

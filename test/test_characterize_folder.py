@@ -112,7 +112,6 @@ def test_a_wrong_recording_is_left_out_and_the_rest_analysed(tmp_path, kind):
 def test_two_frames_with_invalid_pixels_are_enough(tmp_path):
     for path in good(tmp_path):
         condition = parse_name(path)
-        assert condition is not None
         two = content(condition.distance, condition.angle_deg, frames=2)
         lost = np.random.default_rng(4).uniform(size=two['depth'].shape) < 0.05
         two['depth'][lost] = np.nan

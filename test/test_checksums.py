@@ -69,8 +69,6 @@ def test_another_reader_finds_the_checksums_of_mcap_right(whole):
         reader = make_reader(file, validate_crcs=True)
         count = sum(1 for _ in reader.iter_messages())
         summary = reader.get_summary()
-        assert summary is not None
-        assert summary.statistics is not None
         assert summary.statistics.message_count == count > 4 * COUNT
 
 

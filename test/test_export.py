@@ -56,7 +56,6 @@ def test_the_names_are_those_of_the_targets():
 
 def test_gazebo_reads_a_depth_camera():
     sensor = ElementTree.fromstring(written('gazebo')).find('./model/link/sensor')
-    assert sensor is not None
     assert sensor.get('type') == 'depth_camera'
     values = {name: sensor.findtext(f'.//{name}') for name in ('width', 'height', 'near', 'far')}
     assert values == {'width': '224', 'height': '172', 'near': '0.1', 'far': '7'}
@@ -144,7 +143,6 @@ def test_other_cameras_are_exported(tmp_path):
     assert TARGETS['gazebo'].file_of(kinect) == 'kinect_v2.sdf'
     noise = measure_noise(replace(kinect, model='A---B'), kinect.default_usecase)
     model = ElementTree.fromstring(TARGETS['gazebo'].write(noise, CELL).text).find('model')
-    assert model is not None
     assert model.get('name') == 'a_b'
 
 

@@ -29,7 +29,6 @@ def test_a_recording_without_a_mode_has_that_of_a_profile_of_one_mode(tmp_path):
     assert '--usecase MODE' in refused
     alone = replace(flexx2(), modes=flexx2().modes[:1])
     found = check(path, alone)
-    assert isinstance(found, Found)
     assert found.mode == alone.modes[0]
     assert any('usecase: not in the file' in note for note in found.notes)
 

@@ -108,7 +108,6 @@ def folder(tmp_path_factory):
     write_campaign(folder / 'recordings', effects=EFFECTS, **SIZE)
     write_diagnosis(folder / 'diagnosis', EFFECTS, SETTINGS)
     code = re.search(r'```python\n(.*?)```', DOCS.read_text(), re.S)
-    assert code is not None
     (folder / 'my.py').write_text(code[1])
     (folder / 'bad.py').write_text(BAD)
     return folder
@@ -371,7 +370,6 @@ def test_shares_and_their_intervals():
         )
     names = ('real', 'simulated', 'again')
     one = compare(rows, 'steps', ['a', 'b', 'all'], names, 'all')
-    assert one is not None
     assert one.significant
     assert one.null == pytest.approx(0.1)
     assert one.left['a'].share == pytest.approx(0.7)
@@ -380,12 +378,10 @@ def test_shares_and_their_intervals():
     # Both move by 0.5 together: a alone by 0.7, b by 0.5 the other way.
     assert [one.left[name].part for name in ('a', 'b', 'all')] == pytest.approx([0.6, -1.0, 1.0])
     few = compare(rows[:2], 'steps', ['a'], names, 'a')
-    assert few is not None
     assert few.interval is None
     assert not few.significant
     assert compare(rows, 'holes', ['a'], names, 'a') is None
     # Nothing but noise is not significant.
     same = [{**row, 'real': {'steps': 0.1 * (-1) ** k}} for k, row in enumerate(rows)]
     noise = compare(same, 'steps', ['a'], names, 'a')
-    assert noise is not None
     assert not noise.significant

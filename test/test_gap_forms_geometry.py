@@ -36,7 +36,6 @@ def recordings(tmp_path_factory):
 def test_a_wrong_lens_is_found_although_the_poses_are_wrong(recordings):
     """Assert that a pose error that was diagnosed beside a part of the lens is left out."""
     found = fitted_forms(recordings, NAMED)
-    assert found is not None
     (one,) = found.explained.verdicts
     assert one.taken
     assert one.proposal.label == 'focal length, centre and distortion'
@@ -52,7 +51,6 @@ def test_a_lens_at_its_bounds_is_fitted_on(tmp_path):
     size = {'recordings': 3, 'frames': 2, 'scale': 0.15, 'moving': 0}
     write_campaign(tmp_path, seed=132, effects={'intrinsics_error': LENS}, **size)
     found = fitted_forms(tmp_path, {'intrinsics_error': {**LENS, 'cy': -20.0}})
-    assert found is not None
     assert [one.proposal.effect for one in found.explained.verdicts] == ['intrinsics_error']
 
 

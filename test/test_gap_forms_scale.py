@@ -81,7 +81,6 @@ def test_the_stamp_of_raw_frames_is_found_from_a_diagnosis_with_the_other_one(tm
     size = {'recordings': 10, 'frames': 8, 'scale': 0.4, 'moving': 6}
     write_campaign(tmp_path, seed=141, effects=camera, **size)
     found = fitted_forms(tmp_path, {EFFECT: {'stretch': 0.6, 'stamp_at': 1.0}})
-    assert found is not None
     (one,) = found.explained.verdicts
     assert one.taken
     assert one.proposal.label == 'duration of the raw frames, and the stamp'
@@ -93,7 +92,6 @@ def test_still_recordings_leave_raw_frames_as_diagnosed(tmp_path):
     size = {'recordings': 3, 'frames': 2, 'scale': 0.15, 'moving': 0}
     write_campaign(tmp_path, seed=151, **size)
     found = fitted_forms(tmp_path, {EFFECT: {'stretch': 0.6}})
-    assert found is not None
     assert not found.explained.verdicts
 
 

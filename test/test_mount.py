@@ -92,7 +92,6 @@ def test_the_macro_is_the_same_camera(urdf):
         np.testing.assert_allclose(size, 2 * housing.size, atol=1e-12)
     (x, y, z), mass = sizes[0], housing.mass
     inertial = tree.find("link[@name='front_link']/inertial")
-    assert inertial is not None
     found = inertial.find('inertia')
     wanted = mass / 12 * np.array([y * y + z * z, x * x + z * z, x * x + y * y])
     np.testing.assert_allclose(
@@ -100,7 +99,6 @@ def test_the_macro_is_the_same_camera(urdf):
     )
     mujoco.MjModel.from_xml_string(urdf)  # complains
     joint = tree.find("joint[@name='front_optical_joint']/origin")
-    assert joint is not None
     roll, pitch, yaw = map(float, joint.get('rpy', '').split())
     assert pitch == 0
     quat, turned = np.empty(4), np.empty(9)

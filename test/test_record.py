@@ -74,7 +74,6 @@ def check_compressed(path, source):
     with path.open('rb') as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
-        assert summary is not None
         assert {chunk.compression for chunk in summary.chunk_indexes} == {'zstd'}
         read = {topic: [] for topic in source.publishers}
         for _, channel, message in reader.iter_messages(list(read)):

@@ -128,7 +128,6 @@ def test_the_urdf_agrees_with_the_model(model):
     for link in links:
         joint = joints[link.joint]
         origin = joint.find('origin')
-        assert origin is not None
         expected = frame(link.position, link.quaternion)
         np.testing.assert_allclose(from_rpy(origin.get('rpy', '')), expected[:3, :3], atol=1e-7)
         np.testing.assert_allclose(
@@ -163,6 +162,5 @@ def test_a_robot_has_its_usual_links_and_joints(name, limits):
     knee = next(joint for joint in robot.findall('joint') if joint.get('name') == 'FR_calf_joint')
     limit = knee.find('limit')
     assert knee.get('type') == 'revolute'
-    assert limit is not None
     assert (limit.get('lower'), limit.get('upper')) == limits
     assert all(link.find('visual') is not None for link in robot.findall('link')[1:])

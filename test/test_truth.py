@@ -174,12 +174,10 @@ def test_the_prior_of_a_pose_and_planes():
     assert covariance_of(Truth(), usual) is None
     planes = Truth(**two_planes())
     covariance = covariance_of(planes, usual)
-    assert covariance is not None
     # Planes are given in the camera's frame: its pose has no error besides.
     assert not covariance[:6].any()
     assert covariance[6, 6] == pytest.approx(0.003**2)
     pose = covariance_of(Truth(pose_covariance=np.radians(1) ** 2 * np.eye(6)), usual)
-    assert pose is not None
     assert pose[3, 3] == pytest.approx(1.0)  # degrees
     whole = factor(covariance)
     assert whole @ whole.T == pytest.approx(covariance)

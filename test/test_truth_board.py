@@ -97,7 +97,6 @@ def test_truth_is_on_the_board_and_unknown_elsewhere(tmp_path, board_yaml, rng):
     said = read_truth(reader.path, reader.arrays, reader.shape)
     clean, real = reader.load().clean_depth, board.look(rng)[1]
     on_board = real < board.t[2] + 0.3
-    assert said.known is not None
     assert clean is not None
     assert said.plane is not None
     assert not said.known[~on_board].any()
@@ -106,10 +105,8 @@ def test_truth_is_on_the_board_and_unknown_elsewhere(tmp_path, board_yaml, rng):
     assert (said.plane == said.known).all()
     # With a focal length within 0.3 % the board is known to 3 mm, and its size to 1 mm.
     assert said.plane_names == ('board',)
-    assert said.plane_covariance is not None
     assert 0.0025 < np.sqrt(said.plane_covariance[0, 0]) < 0.004
     reflectivity = reader.load().reflectivity
-    assert reflectivity is not None
     assert np.percentile(reflectivity[said.known], [2, 98]) == pytest.approx([0.06, 0.8], abs=0.04)
 
 
@@ -192,7 +189,6 @@ def test_a_target_is_printed_true_to_scale(tmp_path, size):
     out = tmp_path / 'target.pdf'
     assert main(['gap', 'target', '--out', str(out), '--size', size]) == 0
     box = re.search(rb'/MediaBox ?\[ ?0 0 ([\d.]+) ([\d.]+) ?\]', out.read_bytes())
-    assert box is not None
     points = [float(side) for side in box.groups()]
     assert np.array(points) * 0.0254 / 72 == pytest.approx(np.array(SHEETS[size][:2]), abs=1e-6)
     assert read_target(tmp_path / 'target.yaml') == target_of(size)

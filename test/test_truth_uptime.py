@@ -30,14 +30,12 @@ def test_stamps_say_how_long_after_one_another_recordings_were_made(tmp_path):
         [600, 600.5, 601],
     ]
     told = uptimes(opened, 20.0)
-    assert told[1] is not None
     assert told[1][0] == 20
 
 
 def test_what_a_recording_says_is_kept(tmp_path):
     opened = readers(tmp_path, [START, START + 60], uptime=np.array(300.0))
     first = uptimes(opened)[0]
-    assert first is not None
     assert first.tolist() == [300, 300.5, 301]
     with pytest.raises(InputError, match='--uptime: must not be given'):
         uptimes(opened, 20.0)

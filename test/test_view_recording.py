@@ -86,7 +86,6 @@ def test_unknown_pixels_are_compared_with_nothing(tmp_path):
     recorded = RecordedCamera(open_recording(tmp_path / 'walk.npz'), None, None, 1 << 20)
     for key in recorded.references:
         compared = recorded.frame(2, key).clean
-        assert compared is not None
         assert np.isnan(compared[:, :16]).all()
         assert np.isfinite(compared[:, 24:]).all()
 
@@ -142,7 +141,6 @@ def test_each_camera_of_a_bag_is_served(bag):
             code, body = get(url, recording=0, camera=number, number=frame, reference='clean')
             head, images = packed_parts(body)
             assert (code, head['camera']) == (200, name)
-            assert recording.clean_depth is not None
             for image, wanted in zip(
                 images, (recording.depth[frame], recording.clean_depth[frame]), strict=True
             ):
