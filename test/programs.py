@@ -1,16 +1,55 @@
 """Programs of this checkout, as tests run them: in this process or in one of their own."""
 
+from contextlib import contextmanager, ExitStack
 import json
 from pathlib import Path
 import shlex
 import signal
 import subprocess
 import sys
+import time
 
 from flexx2_sim_ros.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[1]
+# Far more than anything takes to start or end; a machine may be busy.
 PATIENCE = 60.0
+
+
+def until(condition, what='it'):
+    """Wait for what other processes and threads do."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f'{what}: did not come about within {PATIENCE} s'
+        time.sleep(0.01)
+
+
+@contextmanager
+def started(command, **more):
+    """Run a command as a process, which is over at the end of the block."""
+    usual = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE, 'text': True}
+    with subprocess.Popen([*map(str, command)], **{**usual, **more}) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@contextmanager
+def starting(**usual):
+    """Yield a function that runs commands as processes, which are over at the end of the block."""
+    with ExitStack() as stack:
+        yield lambda command, **more: stack.enter_context(started(command, **usual, **more))
+
+
+def finish(process, number=None, code=0):
+    """End a process, if it does not by itself, and return what it printed; all has to be well."""
+    if number is not None:
+        process.send_signal(number)
+    out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == code, f'{out}{err}'
+    assert 'Traceback' not in f'{out}{err}'
+    return out
 
 
 def run_python(*words, **more):
@@ -21,7 +60,12 @@ def run_python(*words, **more):
 
 def run_flexx2(*words, **more):
     """Run the command `flexx2`, and return what it said."""
-    return run_python('-m', 'flexx2_sim_ros.cli.main', *words, **more)
+    return run_python(*flexx2_words(*words)[1:], **more)
+
+
+def flexx2_words(*words):
+    """Return the command `flexx2` with these arguments."""
+    return [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)]
 
 
 def call_flexx2(words):
@@ -50,12 +94,9 @@ def measured(call, env):
 
 def first_line(command, cwd=ROOT):
     """Return the first line that a node logs; assert that it ends quietly on Ctrl-C."""
-    with subprocess.Popen(command, cwd=cwd, stderr=subprocess.PIPE, text=True) as process:
+    with started(command, cwd=cwd) as process:
         line = process.stderr.readline()
         while 'compiling the camera' in line:  # once, where nothing is compiled yet
             line = process.stderr.readline()
-        process.send_signal(signal.SIGINT)
-        rest = process.stderr.read()
-        assert process.wait(PATIENCE) == 0, line + rest
-    assert 'Traceback' not in rest
+        finish(process, signal.SIGINT)
     return line

@@ -2,21 +2,15 @@
 
 from contextlib import contextmanager
 import itertools
-from pathlib import Path
-import subprocess
-import sys
-import time
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
+import programs
+from programs import flexx2_words, PATIENCE, started
 from rclpy.duration import Duration
 import streams
-from streams import CameraInfo, Image, image_message, info_message
-
-ROOT = Path(__file__).resolve().parents[1]
-
-PATIENCE = 60.0
+from streams import CameraInfo, Image, image_message, info_message, listening
 
 SECOND = 1_000_000_000
 
@@ -27,38 +21,14 @@ CAMERAS = ('left', 'right')
 _numbers = itertools.count()
 
 
-def until(condition, what):
-    """Wait for what another process does."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f'{what}: did not come about within {PATIENCE} s'
-        time.sleep(0.01)
-
-
-@contextmanager
 def flexx2(child_env, *words):
     """Run the command as a process, which is over at the end of the block."""
-    with subprocess.Popen(
-        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=child_env | {'COLUMNS': '200'},
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
+    return started(flexx2_words(*words), env=child_env | {'COLUMNS': '200'})
 
 
 def finish(process, number=None):
-    """End a process, if it does not by itself, and return what it printed; all has to be well."""
-    if number is not None:
-        process.send_signal(number)
-    out, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == (0 if number is None else 128 + number), err
-    assert 'Traceback' not in err
-    return out
+    """End a command, if it does not by itself, and return what it printed; all has to be well."""
+    return programs.finish(process, number, 0 if number is None else 128 + number)
 
 
 class Source:
@@ -132,9 +102,8 @@ def rows(text):
 @contextmanager
 def open_source():
     """Yield cameras that are there and have published nothing yet."""
-    listener = streams.Listener()
-    yield Source(listener)
-    listener.close()
+    with listening() as listener:
+        yield Source(listener)
 
 
 def whole(bag, count):

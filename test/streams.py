@@ -145,6 +145,16 @@ class Listener:
         self.node.destroy_node()
 
 
+@contextmanager
+def listening():
+    """Yield a `Listener` that leaves at the end of the block."""
+    made = Listener()
+    try:
+        yield made
+    finally:
+        made.close()
+
+
 class Stream(Listener):
     """
     A camera node, fed one image at a time: each is answered before the next is sent.

@@ -8,6 +8,7 @@ import sys
 
 from flexx2_sim_ros.atomic import checked_target, scratch_folder, whole, whole_files, write_text
 from flexx2_sim_ros.errors import InputError
+from programs import started
 import pytest
 
 
@@ -131,16 +132,11 @@ with whole(sys.argv[1]) as part:
 
 def test_leftovers_of_a_killed_process_are_removed(tmp_path):
     """Assert the next writer removes what a dead process left, and nothing of one that lives."""
-    with subprocess.Popen(
-        [sys.executable, '-c', LEAVE, str(tmp_path / 'a')],
-        text=True,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    ) as process:
+    leave = [sys.executable, '-c', LEAVE, tmp_path / 'a']
+    with started(leave, stdin=subprocess.PIPE) as process:
         process.stdout.readline()
         write_text(tmp_path / 'b', 'text')
         assert len(list(tmp_path.glob('.flexx2-*'))) == 1
-        process.kill()
     assert len(list(tmp_path.glob('.flexx2-*'))) == 1
     write_text(tmp_path / 'c', 'text')
     assert sorted(path.name for path in tmp_path.iterdir()) == ['b', 'c']

@@ -1,12 +1,12 @@
 """The camera node, fed by processes that know nothing of this package and its shared memory."""
 
 from pathlib import Path
-import subprocess
 import sys
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flexx2_sim_ros.nodes.runtime import PROFILE_VARIABLES
 import numpy as np
+from programs import starting
 import pytest
 from rclpy.qos import qos_profile_sensor_data
 from streams import boards, DEPTH, Image, image_message, SECOND, START, Stream, stream
@@ -21,23 +21,8 @@ pytestmark = pytest.mark.usefixtures('ros')
 def publish(child_env):
     """Return a function that starts a publisher; those that still run are killed at the end."""
     env = {name: value for name, value in child_env.items() if name not in PROFILE_VARIABLES}
-    processes = []
-
-    def start(namespace, *options):
-        processes.append(
-            subprocess.Popen(
-                [sys.executable, str(PUBLISHER), namespace, *options],
-                env=env,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-        )
-        return processes[-1]
-
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
+    with starting(env=env) as run:
+        yield lambda namespace, *options: run([sys.executable, PUBLISHER, namespace, *options])
 
 
 class Fed(Stream):

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from programs import node_words, PATIENCE
+from programs import node_words, PATIENCE, started
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import GetParameters
@@ -27,15 +27,12 @@ def robot(child_env, tmp_path):
     words = node_words('flexx2_camera', '-r', '__ns:=/robot', '--params-file', 'cameras.yaml')
     at = words.index('--ros-args')
     names = ['left', 'wrong', '/robot/left', 'no-name', 'right']
-    with subprocess.Popen(
+    with started(
         [*words[:at], *names, *words[at:], '-r', '/robot/right/clean/depth_image:=/seen'],
         cwd=tmp_path,
         env=child_env,
-        stderr=subprocess.PIPE,
-        text=True,
     ) as process:
         yield process
-        process.kill()
 
 
 def parameters(user, node, *names):

@@ -142,12 +142,10 @@ def test_a_remapped_camera_is_recorded(child_env, tmp_path):
         except InputError:  # Nothing is in the bag yet.
             return False
 
-    try:
-        with flexx2(child_env, 'record', bag, '--cameras', 'renamed') as process:
-            listener.spin_until(recorded, 'a camera that is recognised')
-            finish(process, signal.SIGINT)
-    finally:
-        listener.close()
+    with flexx2(child_env, 'record', bag, '--cameras', 'renamed') as process:
+        listener.spin_until(recorded, 'a camera that is recognised')
+        finish(process, signal.SIGINT)
+    listener.close()
     recording = load_recording(bag)
     assert recording.camera == 'renamed/flexx2'
     np.testing.assert_allclose(recording.depth[:, 0, 0], 1.5 + recording.stamp, rtol=1e-6)

@@ -1,15 +1,12 @@
 """`flexx2 compile`, and what a first diagnosis says that has to compile."""
 
 import os
-from pathlib import Path
-import subprocess
-import sys
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.camera.compiling import compiling_said
 from numba import njit
+from programs import flexx2_words, ROOT, started
 
-ROOT = Path(__file__).resolve().parents[1]
 SAID = 'compiling: takes a minute or two, once (flexx2 compile does it ahead)'
 
 
@@ -29,18 +26,12 @@ def test_a_diagnosis_compiles_what_the_command_compiles(tmp_path):
     write_campaign(recordings, seed=3, effects=effects, scale=0.25, recordings=3, frames=6)
 
     def command(*words, cache):
-        return subprocess.Popen(
-            [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
-            cwd=ROOT,
-            env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path / cache)},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        env = {**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path / cache)}
+        return started(flexx2_words(*words), cwd=ROOT, env=env)
 
     diagnose = ['gap', 'diagnose', str(recordings), '--out']
     with command(*diagnose, str(tmp_path / 'one'), cache='none') as process:
         assert any(SAID in line for line in process.stderr)
-        process.kill()
     with command('compile', cache='full') as process:
         assert 'error' not in process.communicate()[1]
     with command(*diagnose, str(tmp_path / 'two'), cache='full') as process:

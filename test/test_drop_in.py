@@ -1,7 +1,6 @@
 """What stands in for the vendor's driver: parameters, cloud, frame, and the launch files."""
 
 import os
-from pathlib import Path
 import re
 import shutil
 import signal
@@ -11,7 +10,7 @@ import sys
 from flexx2_sim_ros.nodes.tf_frames import optical_transform
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
-from programs import node_words, run_flexx2
+from programs import finish, node_words, PATIENCE, ROOT, run_flexx2, started
 import pytest
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import PointCloud2
@@ -25,7 +24,7 @@ from streams import (
     Image,
     image_message,
     info_message,
-    Listener,
+    listening,
     nanoseconds,
     PointField,
     SECOND,
@@ -36,10 +35,8 @@ import yaml
 
 pytestmark = pytest.mark.usefixtures('ros')
 
-ROOT = Path(__file__).resolve().parents[1]
 DRIVER = '/pmd_royale_ros_camera_node'
 OPTICAL = 'pmd_royale_ros_camera_node_optical_frame'
-PATIENCE = 60.0
 
 
 def test_the_cloud_has_the_drivers_layout_when_asked_for():
@@ -95,8 +92,7 @@ def test_a_parent_names_the_frame():
 
 def _first_cloud(process):
     """Feed the driver's stand-in until it publishes a cloud."""
-    user = Listener()
-    try:
+    with listening() as user:
         image, info = (
             user.node.create_publisher(kind, f'/clean/{topic}', 10)
             for kind, topic in ((Image, 'depth_image'), (CameraInfo, 'camera_info'))
@@ -115,8 +111,6 @@ def _first_cloud(process):
 
         user.spin_until(feed, 'a cloud')
         return heard[0]
-    finally:
-        user.close()
 
 
 def _check_driver(process):
@@ -124,23 +118,15 @@ def _check_driver(process):
     assert (cloud.width, cloud.height) == (172, 224)
     assert cloud.header.frame_id == OPTICAL
     assert not np.isnan(np.frombuffer(cloud.data, '<f4')).any()
-    process.send_signal(signal.SIGINT)
-    output = process.communicate(timeout=PATIENCE)[0]
-    assert process.returncode == 0, output
-    assert 'Traceback' not in output
+    finish(process, signal.SIGINT)
 
 
 def test_the_parameter_file_makes_the_node_the_driver(child_env):
     path = config_dir() / 'flexx2_driver.yaml'
     given = yaml.safe_load(path.read_text())['/**']['ros__parameters']
     assert given['parent_frame'] == f'{DRIVER[1:]}_link'
-    with subprocess.Popen(
-        node_words('flexx2_camera', '--params-file', path, '-r', f'__node:={DRIVER[1:]}'),
-        env=child_env,
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-    ) as process:
+    words = node_words('flexx2_camera', '--params-file', path, '-r', f'__node:={DRIVER[1:]}')
+    with started(words, env=child_env) as process:
         _check_driver(process)
 
 
@@ -164,15 +150,19 @@ def launch(child_env):
             'Description([Include(Source(sys.argv[1]), launch_arguments='
             '[tuple(a.split(":=")) for a in sys.argv[2:]])])); sys.exit(service.run())'
         )
-        return subprocess.Popen(
-            [sys.executable, '-c', program, ROOT / 'launch' / name, *arguments],
-            env=child_env,
-            text=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-        )
+        words = [sys.executable, '-c', program, ROOT / 'launch' / name, *arguments]
+        return started(words, env=child_env, stderr=subprocess.STDOUT)
 
     return run
+
+
+def ended(process, number=None, code=0):
+    """End a launch, if it does not by itself, and return what it printed."""
+    if number is not None:
+        process.send_signal(number)
+    output = process.communicate(timeout=PATIENCE)[0]
+    assert process.returncode == code, output
+    return output
 
 
 def test_the_drivers_launch_file(launch):
@@ -184,17 +174,12 @@ def test_the_drivers_launch_file(launch):
 def test_the_robots_launch_file(launch, together):
     words = ['scene:=corner', 'renderer:=ray', 'motion:=stand', 'usecase:=Mode_5_15fps']
     with launch('go1.launch.py', *words, f'one_process:={together}') as process:
-        user = Listener()
-        try:
+        with listening() as user:
             for camera in ('front_left', 'front_right'):
                 heard = user.listen(f'/{camera}/flexx2_camera/depth_image_0', Image)
                 user.spin_until(lambda heard=heard: heard, f'an image of {camera}')
                 assert heard[0].header.frame_id == f'{camera}_optical_frame'
-        finally:
-            user.close()
-            process.send_signal(signal.SIGINT)
-        output = process.communicate(timeout=PATIENCE)[0]
-        assert process.returncode == 0, output
+        output = ended(process, signal.SIGINT)
         started = len(re.findall('flexx2_camera-.*process started', output))
         assert started == (1 if together == 'true' else 2)
 
@@ -206,15 +191,10 @@ def test_the_robots_launch_file_starts_the_cameras_of_its_robot(launch, tmp_path
     with launch(
         'go1.launch.py', f'robot:={tmp_path / "mine.yaml"}', 'renderer:=ray', 'motion:=stand'
     ) as process:
-        user = Listener()
-        try:
+        with listening() as user:
             heard = user.listen('/chin/flexx2_camera/depth_image_0', Image)
             user.spin_until(lambda: heard, 'an image of the camera chin')
-        finally:
-            user.close()
-            process.send_signal(signal.SIGINT)
-        output = process.communicate(timeout=PATIENCE)[0]
-        assert process.returncode == 0, output
+        ended(process, signal.SIGINT)
 
 
 def test_arguments_of_the_launch_reach_all_nodes(launch):
@@ -227,8 +207,7 @@ def test_arguments_of_the_launch_reach_all_nodes(launch):
     }
     more = [f'{name}:={value}' for name, value in given.items()]
     with launch('go1.launch.py', 'renderer:=ray', 'rate:=20', 'namespace:=mine', *more) as process:
-        user = Listener()
-        try:
+        with listening() as user:
             heard = user.listen('/mine/front_left/flexx2_camera/depth_image_0', Image)
             user.spin_until(lambda: len(heard) > 1, 'two images')
             client = user.node.create_client(
@@ -237,11 +216,7 @@ def test_arguments_of_the_launch_reach_all_nodes(launch):
             user.spin_until(client.service_is_ready, 'parameters')
             answer = client.call_async(GetParameters.Request(names=list(given)))
             user.spin_until(answer.done, 'an answer')
-        finally:
-            user.close()
-            process.send_signal(signal.SIGINT)
-        output = process.communicate(timeout=PATIENCE)[0]
-    assert process.returncode == 0, output
+        ended(process, signal.SIGINT)
     first, second = (nanoseconds(message) for message in heard[:2])
     assert (second - first) % (SECOND // 20) == 0
     assert (heard[0].width, heard[0].height) == (512, 424)
@@ -264,16 +239,14 @@ def test_arguments_of_the_launch_reach_all_nodes(launch):
 def test_a_launch_that_fails_ends_with_all_its_nodes(launch, argument, said):
     """Assert an exit status that is not 0, also where a node finds the mistake."""
     with launch('go1.launch.py', 'renderer:=ray', 'namespace:=failing', argument) as process:
-        output = process.communicate(timeout=PATIENCE)[0]  # Its pipe closes with the last node.
-    assert process.returncode == 1, output
+        output = ended(process, code=1)  # Its pipe closes with the last node.
     assert re.search(said, output)
 
 
 @pytest.mark.skipif(shutil.which('rviz2') is not None, reason='RViz is installed')
 def test_a_launch_without_rviz_starts_nothing(launch):
     with launch('go1.launch.py', 'renderer:=ray', 'namespace:=no_rviz', 'rviz:=true') as process:
-        output = process.communicate(timeout=PATIENCE)[0]  # Its pipe closes with the last node.
-    assert process.returncode == 1, output
+        output = ended(process, code=1)  # Its pipe closes with the last node.
     assert 'Caught exception in launch' in output
     assert 'process started' not in output
 
@@ -288,18 +261,13 @@ def test_the_launch_files_are_documented():
 
 def logged(env, cache, until):
     """Return what a camera node logs up to a text, with a cache of its own."""
-    with subprocess.Popen(
-        node_words('flexx2_camera', '-r', '__ns:=/fresh'),
-        env={**env, 'NUMBA_CACHE_DIR': str(cache)},
-        text=True,
-        stderr=subprocess.PIPE,
-    ) as process:
+    words = node_words('flexx2_camera', '-r', '__ns:=/fresh')
+    with started(words, env={**env, 'NUMBA_CACHE_DIR': str(cache)}) as process:
         said = ''
         for line in process.stderr:
             said += line
             if until in line:
                 break
-        process.kill()
     return said
 
 

@@ -2,20 +2,17 @@
 
 from contextlib import suppress
 import os
-from pathlib import Path
 import random
 import signal
 import subprocess
-import sys
 import time
 
+from bench.torture_kill import family, handles_signals, MARK
 import numpy as np
-from programs import run_python
+from programs import flexx2_words, PATIENCE, run_python, starting, until
 import pytest
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
-PATIENCE = 60.0
-MARK = 'FLEXX2_TEST_RUN'
 
 
 @pytest.fixture
@@ -23,60 +20,11 @@ def start(tmp_path):
     """Return a function that starts `flexx2`; all that comes of it is gone at the end."""
     env = {**os.environ, MARK: str(tmp_path), 'TMPDIR': str(tmp_path / 'tmp')}
     (tmp_path / 'tmp').mkdir()
-    started = []
-
-    def run(*words):
-        started.append(
-            subprocess.Popen(
-                [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)],
-                env=env,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                cwd=tmp_path,
-            )
-        )
-        return started[-1]
-
-    yield run
-    for process in started:
-        process.kill()
-        process.communicate()
+    with starting(env=env, cwd=tmp_path) as run:
+        yield lambda *words: run(flexx2_words(*words))
     for pid in family(tmp_path):
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
-
-
-def family(folder):
-    """Return the processes that come of a test's commands, zombies left out."""
-    mark = f'{MARK}={folder}\0'.encode()
-    found = []
-    for entry in Path('/proc').iterdir():
-        with suppress(OSError):
-            if (
-                entry.name.isdigit()
-                and int(entry.name) != os.getpid()
-                and mark in (entry / 'environ').read_bytes()
-            ):
-                found.append(int(entry.name))
-    return found
-
-
-def until(condition, what):
-    """Wait for what other processes do."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.005)
-
-
-def handles_signals(process):
-    """Say whether a process handles both signals; Python alone handles SIGINT only."""
-    with suppress(OSError):
-        status = Path(f'/proc/{process.pid}/status').read_text()
-        caught = int(status.split('SigCgt:')[1].split()[0], 16)
-        return all(caught & 1 << (number - 1) for number in SIGNALS)
-    return False
 
 
 def leftovers(folder):
@@ -127,7 +75,7 @@ COMMANDS = {
 def test_a_signal(tmp_path, start, campaign, name, number, seconds):
     """Assert 130 and 143, silence, no leftovers and no processes, however early it comes."""
     process = start(*COMMANDS[name])
-    until(lambda: handles_signals(process), 'the command does not handle signals')
+    until(lambda: handles_signals(process.pid), 'the command does not handle signals')
     time.sleep(seconds * random.Random(f'{name} {number}').random())
     process.send_signal(number)
     _, err = process.communicate(timeout=PATIENCE)
@@ -153,21 +101,6 @@ def test_workers_end_with_a_killed_command(tmp_path, start, campaign, name):
     until(lambda: not family(tmp_path), 'a worker outlives its command')
 
 
-def test_a_killed_writer(tmp_path, start, campaign):
-    """Assert a kill -9 leaves no output, and the next run nothing of the killed one."""
-    out = tmp_path / 'out.npz'
-    process = start(*COMMANDS['simulate'])
-    until(lambda: list(tmp_path.glob('.flexx2-*')) or out.exists(), 'nothing is written')
-    process.kill()
-    process.communicate(timeout=PATIENCE)
-    assert not out.exists()
-    again = start(*COMMANDS['simulate'][:4], '10')
-    _, err = again.communicate(timeout=PATIENCE)
-    assert again.returncode == 0, err
-    assert out.is_file()
-    assert leftovers(tmp_path) == []
-
-
 @pytest.mark.parametrize(
     'words', [['modes'], ['effects'], ['effects', '--sources'], ['--help'], ['gap', '--help']]
 )
@@ -176,7 +109,7 @@ def test_a_reader_that_stops_reading_ends_the_command(words):
     reading, writing = os.pipe()
     os.close(reading)
     done = subprocess.run(
-        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
+        flexx2_words(*words),
         stdout=writing,
         stderr=subprocess.PIPE,
         env={**os.environ, 'PYTHONUNBUFFERED': '1'},

@@ -9,16 +9,15 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros import jobs
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import check, diagnose
+from programs import ROOT, until
 import pytest
 
 distributed = pytest.importorskip('distributed', reason='extra cluster is not installed')
-ROOT = Path(__file__).resolve().parents[1]
 
 
 @contextmanager
@@ -69,7 +68,7 @@ def scheduler(folder):
         '--scheduler-file',
         str(ready),
     ) as started:
-        wait_for(ready.exists)
+        until(ready.exists)
         yield started, json.loads(ready.read_text())['address']
 
 
@@ -86,14 +85,6 @@ def worker(folder):
         '--local-directory',
         str(folder),
     )
-
-
-def wait_for(condition, seconds=60.0):
-    """Poll until something is true."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        threading.Event().wait(0.05)
 
 
 def test_what_a_cluster_lacks_or_loses(campaign, tmp_path, monkeypatch):

@@ -2,19 +2,18 @@
 
 import itertools
 import re
-import subprocess
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.robot_node import RobotCameras
 from hostile_files import hostile_texts
-from programs import node_words, run_node
+from programs import node_words, PATIENCE, run_node, starting
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import parameter_dict_from_yaml_file
 from rclpy.parameter_client import AsyncParameterClient
 from robots import robot_node, USUAL
-from streams import Flexx2Camera, Listener, Parameter, stream
+from streams import Flexx2Camera, listening, Parameter, stream
 import yaml
 
 pytestmark = pytest.mark.usefixtures('ros')
@@ -68,25 +67,16 @@ def test_a_serial_of_digits_stays_as_typed(tmp_path, child_env):
         '/typed': (['-p', 'serial:=0123'], '0123'),
         '/lost': (['--params-file', str(lost)], '83'),
     }
-    processes = {
-        space: subprocess.Popen(
-            node_words('flexx2_camera', '-r', f'__ns:={space}', *arguments),
-            env=child_env,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for space, (arguments, _) in cases.items()
-    }
-    listener = Listener()
-    try:
+    said = {}
+    with starting(env=child_env) as start, listening() as listener:
+        processes = {
+            space: start(node_words('flexx2_camera', '-r', f'__ns:={space}', *arguments))
+            for space, (arguments, _) in cases.items()
+        }
         for space, (_, serial) in cases.items():
             assert serial_of(listener, f'{space}/flexx2_camera') == serial
-    finally:
-        listener.close()
-        said = {}
-        for space, process in processes.items():
-            process.terminate()
-            said[space] = process.communicate(timeout=60)[1]
+            processes[space].terminate()
+            said[space] = processes[space].communicate(timeout=PATIENCE)[1]
     assert "in quotes, e.g. serial: '0123'" in said['/lost']
     assert 'quotes' not in said['/typed']
 

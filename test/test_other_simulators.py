@@ -1,23 +1,22 @@
 """Messages as other simulators send them, through a node started with the documented remaps."""
 
-from contextlib import contextmanager
 from dataclasses import dataclass
 import math
 from pathlib import Path
 import re
 import shlex
-import subprocess
 import sys
 import time
 
 from flexx2_sim_ros.camera import flexx2
 from made_bags import image, info, write
 import numpy as np
+from programs import started
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.rosbag2 import Reader
 from simulators import assert_noise_is_sigma
-from streams import array_of, CameraInfo, Image, Listener, nanoseconds
+from streams import array_of, CameraInfo, Image, listening, nanoseconds
 
 pytestmark = pytest.mark.usefixtures('ros')
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'nodes.md'
@@ -132,17 +131,6 @@ def documented(simulator):
     return shlex.split(found.replace('\\\n', ' '))
 
 
-@contextmanager
-def node(child_env, *words):
-    """Run the camera node as a process."""
-    command = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', *words]
-    with subprocess.Popen(command, env=child_env) as process:
-        try:
-            yield
-        finally:
-            process.terminate()
-
-
 def publish_all(listener, path, simulator, heard):
     """Publish the bag byte by byte; each image again until the node has answered it."""
     reliability = (
@@ -177,11 +165,10 @@ def test_a_simulators_messages_become_frames(name, child_env, tmp_path):
     path = bag(tmp_path / 'bag', simulator)
     space = f'/as_{name}'
     words = [*documented(simulator), '-r', f'__ns:={space}', '-p', f'usecase:={USECASE}']
-    listener = Listener()
-    with node(child_env, *words):
+    command = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', *words]
+    with listening() as listener, started(command, env=child_env, stdout=None, stderr=None):
         heard = listener.listen(f'{space}/flexx2_camera/depth_image_0', Image)
         publish_all(listener, path, simulator, heard)
-    listener.close()
     frames = {nanoseconds(message): message for message in heard}
     assert sorted(frames) == [index * 1_000_000_000 // RATE for index in range(COUNT)]
     assert {message.header.frame_id for message in heard} == {simulator.frame}

@@ -1,15 +1,13 @@
 """The nodes as the processes they are: how they start, what they publish, how they end."""
 
-from contextlib import contextmanager
 import itertools
-from pathlib import Path
 import signal
 import subprocess
-import sys
-import time
 
+from bench.torture_kill import handles_signals
 from flexx2_sim_ros.camera import Camera
 import numpy as np
+from programs import node_words, PATIENCE, until
 import pytest
 from streams import (
     array_of,
@@ -20,15 +18,13 @@ from streams import (
     Image,
     image_message,
     info_message,
-    Listener,
+    listening,
     nanoseconds,
 )
 
 SECOND = 1_000_000_000
 CAMERA, GO1 = 'flexx2_camera', 'go1_cameras'
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
-# Far more than a node takes to start or end; a machine may be busy.
-PATIENCE = 60.0
 WALL = np.full((172, 224), 1.5, np.float32)
 
 _numbers = itertools.count()
@@ -50,15 +46,7 @@ class Node:
         """Start it."""
         self.namespace = f'/process_{next(_numbers)}'
         self._log = folder / f'{executable}{self.namespace.replace("/", "_")}.log'
-        command = [
-            sys.executable,
-            '-m',
-            f'flexx2_sim_ros.nodes.{executable}',
-            '--ros-args',
-            '-r',
-            f'__ns:={self.namespace}',
-            *arguments,
-        ]
+        command = node_words(executable, '-r', f'__ns:={self.namespace}', *arguments)
         for parameter in parameters:
             command += ['-p', parameter]
         with self._log.open('wb') as log:
@@ -70,12 +58,6 @@ class Node:
     def output(self):
         """Return what it has written so far."""
         return self._log.read_text(errors='replace')
-
-    def catches_signals(self):
-        """Say whether the process has got so far as to handle SIGTERM."""
-        status = Path(f'/proc/{self.process.pid}/status').read_text()
-        caught = next(line for line in status.splitlines() if line.startswith('SigCgt'))
-        return bool(int(caught.split()[1], 16) & (1 << (signal.SIGTERM - 1)))
 
     def wait(self):
         """Return the exit code."""
@@ -106,25 +88,13 @@ def start(tmp_path, child_env):
             node.process.wait()
 
 
-@contextmanager
-def listening():
-    """Return a `Listener` that leaves at the end of the block."""
-    listener = Listener()
-    try:
-        yield listener
-    finally:
-        listener.close()
-
-
 @pytest.mark.parametrize(
     ('executable', 'number'), [(CAMERA, signal.SIGINT), (GO1, signal.SIGTERM)]
 )
 def test_a_signal_while_starting_ends_the_process(start, executable, number):
     """Assert a node that has hardly begun to start ends at once."""
     node = start(executable)
-    deadline = time.monotonic() + PATIENCE
-    while not node.catches_signals():
-        assert time.monotonic() < deadline
+    until(lambda: handles_signals(node.process.pid, [signal.SIGTERM]))
     node.assert_ends_quietly(number)
     assert node.output == ''
 

@@ -1,7 +1,6 @@
 """`flexx2 record` as a process, over real DDS."""
 
 import signal
-import subprocess
 import sys
 
 from flexx2_sim_ros.cli.main import main
@@ -12,10 +11,11 @@ from flexx2_sim_ros.recording.bag_writer import BagWriter
 from flexx2_sim_ros.recording.sink import BagSink
 from mcap.reader import make_reader
 import numpy as np
+from programs import PATIENCE, started, until
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
-from recorders import finish, flexx2, open_source, PATIENCE, rows, SECOND, Source, STEP, until
+from recorders import finish, flexx2, open_source, rows, SECOND, Source, STEP
 from rosgraph_msgs.msg import Clock
 import streams
 from streams import image_message
@@ -26,6 +26,12 @@ pytestmark = pytest.mark.usefixtures('ros')
 @pytest.fixture
 def source():
     with open_source() as found:
+        yield found
+
+
+@pytest.fixture
+def listener():
+    with streams.listening() as found:
         yield found
 
 
@@ -89,13 +95,8 @@ def test_a_full_disk_ends_the_recording(source, child_env, tmp_path):
         'import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (3 << 20,) * 2); '
         'from flexx2_sim_ros.cli.main import main; sys.exit(main())'
     )
-    with subprocess.Popen(
-        [sys.executable, '-c', limited, 'record', bag, '--cameras', *source.cameras],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=child_env,
-    ) as process:
+    words = [sys.executable, '-c', limited, 'record', bag, '--cameras', *source.cameras]
+    with started(words, env=child_env) as process:
         source.wait()
         source.publish(10)
         out, err = process.communicate(timeout=PATIENCE)
@@ -154,10 +155,9 @@ def test_losses_are_counted_in_the_table_and_in_the_bag(source, child_env, tmp_p
     assert f'10 of {source.cameras[0]}/clean/depth_image' in note
 
 
-def test_losses_on_the_way_are_counted(tmp_path):
+def test_losses_on_the_way_are_counted(listener, tmp_path):
     from flexx2_sim_ros.nodes.recorder import Recorder
 
-    listener = streams.Listener()
     source = Source(listener, depth=5)
     topic = f'{source.cameras[0]}/clean/depth_image'
     with BagSink(BagWriter(tmp_path / 'bag'), 1 << 30) as sink:
@@ -188,38 +188,34 @@ def test_losses_on_the_way_are_counted(tmp_path):
         assert gaps.longest > 2 / 60
         recorder.destroy_node()
         slow.close()
-    listener.close()
     assert len(list(Bag(tmp_path / 'bag').messages({topic}))) == 201 - statistics.numbers.lost
 
 
-def test_a_camera_of_any_name_is_found_by_an_info_that_was_sent_once(child_env, tmp_path):
+def test_a_camera_of_any_name_is_found_by_an_info_that_was_sent_once(
+    listener, child_env, tmp_path
+):
     bag, space = tmp_path / 'bag', '/latched_info/tof'
-    user = streams.Listener()
     once = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    infos = user.node.create_publisher(streams.CameraInfo, f'{space}/camera_info', once)
-    images = user.node.create_publisher(streams.Image, f'{space}/image_raw', 10)
+    infos = listener.node.create_publisher(streams.CameraInfo, f'{space}/camera_info', once)
+    images = listener.node.create_publisher(streams.Image, f'{space}/image_raw', 10)
     infos.publish(streams.info_message(streams.FLEXX2, SECOND))
     frame = np.full((172, 224), 1.25, 'f4')
     sent = []
-    try:
-        with flexx2(child_env, 'record', bag, '--seconds', 0.5) as process:
-            # It ends half a second after the first message, or after 30 s without one.
-            while process.poll() is None:
-                sent.append(SECOND + len(sent) * STEP)
-                images.publish(image_message(frame, sent[-1]))
-                user.spin_for_a_message()
-            finish(process)
-    finally:
-        user.close()
+    with flexx2(child_env, 'record', bag, '--seconds', 0.5) as process:
+        # It ends half a second after the first message, or after 30 s without one.
+        while process.poll() is None:
+            sent.append(SECOND + len(sent) * STEP)
+            images.publish(image_message(frame, sent[-1]))
+            listener.spin_for_a_message()
+        finish(process)
     recording = load_recording(bag)
     assert set(recording.stamp_ns.tolist()) <= set(sent)
     np.testing.assert_array_equal(recording.depth[0], frame)
     np.testing.assert_array_equal(recording.K, streams.FLEXX2.matrix)
 
 
-def test_what_was_asked_for_is_kept_without_a_camera(child_env, tmp_path):
+def test_what_was_asked_for_is_kept_without_a_camera(listener, child_env, tmp_path):
     bag = tmp_path / 'bag'
-    listener = streams.Listener()
     clock = listener.node.create_publisher(Clock, '/clock', 100)
 
     def recorded():
@@ -229,12 +225,9 @@ def test_what_was_asked_for_is_kept_without_a_camera(child_env, tmp_path):
         except InputError:  # Nothing is in the bag yet.
             return False
 
-    try:
-        with flexx2(child_env, 'record', bag, '--also', '/clock', '--cameras', 'none') as process:
-            listener.spin_until(recorded, 'messages')
-            finish(process, signal.SIGINT)
-    finally:
-        listener.close()
+    with flexx2(child_env, 'record', bag, '--also', '/clock', '--cameras', 'none') as process:
+        listener.spin_until(recorded, 'messages')
+        finish(process, signal.SIGINT)
     assert len(list(Bag(bag).messages({'/clock'}))) > 5
 
 

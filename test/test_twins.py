@@ -1,13 +1,10 @@
 """A second node of a name ends before it has started anything, and the first goes on."""
 
-import subprocess
-import sys
-
+from programs import node_words, PATIENCE, starting
 import pytest
 from sensor_msgs.msg import CameraInfo
-from streams import Listener
+from streams import listening
 
-PATIENCE = 60.0
 SAID = (
     'error: node name: must be unique, got /twins/{}, which is running already. '
     'Choose another name or namespace, e.g. --ros-args -r __node:=another\n'
@@ -17,31 +14,8 @@ SAID = (
 @pytest.fixture
 def start(child_env):
     """Return a function that starts a node; those that still run are killed at the end."""
-    processes = []
-
-    def started(executable, *arguments):
-        processes.append(
-            subprocess.Popen(
-                [
-                    sys.executable,
-                    '-m',
-                    f'flexx2_sim_ros.nodes.{executable}',
-                    '--ros-args',
-                    '-r',
-                    '__ns:=/twins',
-                    *arguments,
-                ],
-                env=child_env,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-        )
-        return processes[-1]
-
-    yield started
-    for process in processes:
-        process.kill()
-        process.communicate()
+    with starting(env=child_env) as run:
+        yield lambda name, *words: run(node_words(name, '-r', '__ns:=/twins', *words))
 
 
 def first_line(process, what):
@@ -56,8 +30,7 @@ def first_line(process, what):
 def test_the_second_robot_ends_and_the_first_goes_on(start):
     options = ['-p', 'renderer:=ray', '-p', 'scene:=corner', '-p', 'rate:=20.0']
     first_line(start('go1_cameras', *options), 'rendered by')
-    user = Listener()
-    try:
+    with listening() as user:
         heard = user.listen('/twins/front_left/clean/camera_info', CameraInfo)
         # A scene that is not there would be the next thing to fail: it has not got that far.
         second = start('go1_cameras', '-p', 'scene:=moon')
@@ -66,8 +39,6 @@ def test_the_second_robot_ends_and_the_first_goes_on(start):
         assert user.node.count_publishers('/twins/front_left/clean/camera_info') == 1
         so_far = len(heard)
         user.spin_until(lambda: len(heard) > so_far + 5, 'more of the first')
-    finally:
-        user.close()
 
 
 def test_the_second_camera_ends_and_the_name_is_free_again(start):

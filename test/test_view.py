@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from streams import Listener, Parameter
+from streams import Listener, listening, Parameter
 from views import PATIENCE, View
 
 CAMERAS = ('front_left', 'front_right')
@@ -239,8 +239,7 @@ def test_sliders_set_effects_on_the_node(scene):
 
 def test_a_node_without_some_effects_has_sliders_of_the_others(ros):
     # For example a node of an older version, or beside an effect of another package.
-    user = Listener()
-    try:
+    with listening() as user:
         name = user.node.get_fully_qualified_name()
         user.node.declare_parameter('effect.offset.strength', 0.5)
         topics = CameraTopics('front', name, 'depth', 'info', 'cloud', 'gray', 'front')
@@ -249,8 +248,6 @@ def test_a_node_without_some_effects_has_sliders_of_the_others(ros):
         camera.ask()
         user.spin_until(lambda: bool(camera.strengths), 'strengths')
         assert camera.strengths == {'offset': 0.5}
-    finally:
-        user.close()
 
 
 def test_the_wipe_shows_clean_depth_to_the_left_of_its_line(scene):

@@ -7,7 +7,6 @@ from pathlib import Path
 import select
 import signal
 import subprocess
-import sys
 from urllib.parse import urlsplit
 
 from campaigns import write_diagnosis
@@ -16,10 +15,10 @@ from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.server import Server
 from flexx2_sim_ros.view.web import bind
 import numpy as np
+from programs import flexx2_words, PATIENCE
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
-PATIENCE = 60.0
 # Of the recording that `save_walk` writes.
 USECASE, COUNT, SIZE = 'Mode_5_30fps', 12, (43, 56)
 # Their parameters are sure to be seen: each frame takes most of the ones before it.
@@ -47,16 +46,7 @@ class View:
         self.folder, self._errors = folder, folder / 'view.log'
         with self._errors.open('wb') as log:
             self.process = subprocess.Popen(
-                [
-                    sys.executable,
-                    '-m',
-                    'flexx2_sim_ros.cli.main',
-                    'view',
-                    '--no-browser',
-                    '--port',
-                    '0',
-                    *options,
-                ],
+                flexx2_words('view', '--no-browser', '--port', '0', *options),
                 env=env,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
