@@ -228,13 +228,6 @@ def test_the_same_seed_gives_the_same_outcome_on_any_number_of_processes(tmp_pat
     assert one == two
 
 
-def test_no_effect_is_none(tmp_path):
-    write_campaign(tmp_path, seed=4, **SMALL)
-    table = diagnose(tmp_path)
-    assert table['verdict'] == 'none'
-    assert table['effects'] == table['alternatives'] == []
-
-
 def test_scattered_poses_are_a_finding(tmp_path):
     write_campaign(tmp_path, seed=6, pose=(0.012, 0.7), **SMALL)
     table = diagnose(tmp_path, out=tmp_path / 'out')
@@ -352,12 +345,6 @@ def test_the_commands_of_the_readme(tmp_path, monkeypatch):
         assert main(command.split()[1:]) == 0, command
     (effect,) = load_effects(Path('diagnosis/effects.yaml'))
     assert effect.name == 'temporal_filter'
-
-
-def test_an_effect_left_out_is_not_named(filtered):
-    table = diagnose(filtered, without=['temporal_filter'])
-    assert 'temporal_filter' not in json.dumps(table['effects'] + table['alternatives'])
-    assert table['verdict'] in ('unknown', 'partly')
 
 
 def test_one_recording_cannot_be_held_out_and_the_result_says_so(tmp_path):

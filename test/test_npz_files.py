@@ -2,7 +2,6 @@
 
 from contextlib import contextmanager
 import io
-import json
 import os
 from pathlib import Path
 import shutil
@@ -18,7 +17,6 @@ from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 import pytest
-from test_gap_walls import write_walls
 
 SMALL = {
     'depth': np.ones((4, 6, 8), np.float32),
@@ -121,19 +119,6 @@ def test_a_bad_file_is_one_sentence_in_every_command(kind, tmp_path, capsys):
         assert len(error) < 1500
 
 
-def test_bad_files_are_left_out_of_a_folder_and_named(tmp_path):
-    folder = write_walls(tmp_path / 'walls', offset={'bias': 0.01})
-    for kind, make in BAD.items():
-        make(folder / f'{kind}.npz')
-    out = tmp_path / 'out'
-    assert main(['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1']) == 0
-    table = json.loads((out / 'diagnosis.json').read_text())
-    assert table['verdict'] == 'identified'
-    left = {row['name']: row['reason'] for row in table['recordings'] if not row['used']}
-    assert set(left) == {f'{kind}.npz' for kind in BAD}
-    assert all(name in reason for name, reason in left.items())
-
-
 def test_a_subfolder_that_cannot_be_looked_into_is_named():
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -204,27 +189,3 @@ def test_an_archive_with_false_sizes_is_refused(tmp_path):
     claim(path, 'more', 200)
     with little_memory(), pytest.raises(InputError, match='lies.npz: cannot be read'):
         load_recording(path)
-
-
-@pytest.mark.parametrize('umask', [0o002, 0o027, 0o077])
-def test_written_files_have_the_permissions_of_new_ones(tmp_path, umask):
-    pack(tmp_path / 'scene.npz')
-    previous = os.umask(umask)
-    try:
-        assert (
-            main(
-                [
-                    'simulate',
-                    str(tmp_path / 'scene.npz'),
-                    str(tmp_path / 'out.npz'),
-                    '--frames',
-                    '2',
-                ]
-            )
-            == 0
-        )
-        assert main(['effects', '--write-presets', str(tmp_path / 'presets')]) == 0
-    finally:
-        os.umask(previous)
-    for name in ('out.npz', 'presets/offset.yaml'):
-        assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~umask
