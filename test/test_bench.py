@@ -8,8 +8,8 @@ import pytest
 
 # `soak` and `torture_node` have tests of their own; `batch`, `gap` and `torture_files` take half a
 # minute each.
-SHORT = 'model', 'effects', 'exposure', 'agreement', 'rendering', 'bags'
-SHORT += 'nodes', 'start', 'torture_kill', 'torture_record'
+SHORT = 'model', 'effects', 'exposure', 'agreement', 'bags'
+SHORT += 'nodes', 'torture_kill', 'torture_record'
 
 
 def run(words, folder, env):
