@@ -101,22 +101,16 @@ class _Version:
         return self
 
     def __exit__(self, *_):
-        _opened(self._process.stdin).close()
+        self._process.stdin.close()
         self._process.wait()
 
     def ask(self, what, case=''):
-        questions = _opened(self._process.stdin)
-        questions.write(f'{what}\t{case}\n')
-        questions.flush()
-        answer = _opened(self._process.stdout).readline().rstrip('\n')
+        self._process.stdin.write(f'{what}\t{case}\n')
+        self._process.stdin.flush()
+        answer = self._process.stdout.readline().rstrip('\n')
         if not answer:
             raise SystemExit(f'{what} {case}: the process ended')
         return answer
-
-
-def _opened(pipe):
-    assert pipe is not None
-    return pipe
 
 
 if __name__ == '__main__':
