@@ -1,7 +1,10 @@
 """Bad input to the camera node: one clear message, and the next good frame comes out."""
 
 from dataclasses import replace
+import itertools
 
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.pairing import Match
 import numpy as np
 import pytest
 import streams
@@ -160,9 +163,29 @@ def _three(stamp):
     }
 
 
+@pytest.fixture(scope='module')
+def asked(ros):
+    """Return a node whose frames nobody takes."""
+    with stream() as seen:
+        yield seen
+
+
 @pytest.mark.parametrize(('kind', 'spoil', 'parts'), CASES.values(), ids=CASES)
-def test_bad_input(kind, spoil, parts):
-    """Assert no frame, one message (field, must be, got), and then a good frame."""
+def test_bad_input_is_named(asked, kind, spoil, parts):
+    """Assert an error (field, must be, got) of the pair of messages, and none of a good one."""
+    messages = _three(SECOND)
+    for name in ('image', 'info') if kind == 'both' else (kind,):
+        messages[name] = spoil(messages[name])
+    with pytest.raises(InputError) as caught:
+        asked.camera._process(Match(SECOND, **messages), 0.0)
+    assert all(part in str(caught.value) for part in [*parts, ', got ']), caught.value
+    asked.camera._process(Match(SECOND, **_three(SECOND)), 0.0)
+
+
+@pytest.mark.parametrize('case', ['encoding', 'nanoseconds', 'other size', 'no info'])
+def test_bad_input(case):
+    """Assert no frame, one message, and then a good frame."""
+    kind, spoil, parts = CASES[case]
     with stream(DEPTH) as seen:
         no_info = kind == 'info' and spoil(info_message(FLEXX2)) is None
         if not no_info:  # One that has come stays.
@@ -277,6 +300,13 @@ def test_rejection_is_in_the_diagnostics():
         assert values['frames published'] == '2'
 
 
+@pytest.fixture(scope='module')
+def going(ros):
+    """Return a stream, and stamps for its images."""
+    with stream(DEPTH) as seen:
+        yield seen, itertools.count(SECOND, SECOND)
+
+
 @pytest.mark.parametrize(
     ('values', 'parts'),
     [
@@ -290,14 +320,14 @@ def test_rejection_is_in_the_diagnostics():
     ],
     ids=str,
 )
-def test_bad_parameters_are_refused(values, parts):
+def test_bad_parameters_are_refused(going, values, parts):
     """Assert a reason, and that the stream goes on as before."""
-    with stream(DEPTH) as seen:
-        assert seen.send(**_three(SECOND))
-        name = next(iter(values))
-        before = seen.get(name)
-        refused = seen.set(**values)
-        assert not refused.successful
-        assert all(part in refused.reason for part in parts), refused.reason
-        assert seen.get(name) == before
-        assert seen.send(**_three(2 * SECOND))
+    seen, stamps = going
+    assert seen.send(**_three(next(stamps)))
+    name = next(iter(values))
+    before = seen.get(name)
+    refused = seen.set(**values)
+    assert not refused.successful
+    assert all(part in refused.reason for part in parts), refused.reason
+    assert seen.get(name) == before
+    assert seen.send(**_three(next(stamps)))
