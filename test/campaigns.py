@@ -17,6 +17,12 @@ def change(path, **changes):
     np.savez(path, **{k: v for k, v in (content | changes).items() if v is not None})
 
 
+def save(path, depth, clean, matrix, **more):
+    """Write a recording at 30 Hz, stamps from 0; `more` is other arrays, or another mode."""
+    usual = {'stamp': np.arange(len(depth)) / 30, 'usecase': 'Mode_9_30fps'}
+    np.savez(path, depth=depth, clean_depth=clean, K=matrix, **usual | more)
+
+
 def find_all(folder):
     """Return the recordings of a campaign."""
     with workers(1, None) as mapped:

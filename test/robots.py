@@ -1,6 +1,6 @@
 """A robot node in this process, and what drives it and listens to it, over real DDS."""
 
-from contextlib import contextmanager
+from contextlib import closing
 import itertools
 import math
 import unittest
@@ -133,14 +133,9 @@ class RobotUnderTest(Listener):
         self.robot.destroy_node()
 
 
-@contextmanager
 def robot_node(*remappings, **values):
     """Return a `RobotUnderTest` that is closed at the end of the block."""
-    made = RobotUnderTest(*remappings, **values)
-    try:
-        yield made
-    finally:
-        made.close()
+    return closing(RobotUnderTest(*remappings, **values))
 
 
 def twist(x=0.0, y=0.0, turn=0.0):

@@ -1,6 +1,6 @@
 """A camera node in this process, what feeds it, and what listens to it, over real DDS."""
 
-from contextlib import contextmanager
+from contextlib import closing
 import itertools
 import time
 import unittest
@@ -145,14 +145,9 @@ class Listener:
         self.node.destroy_node()
 
 
-@contextmanager
 def listening():
-    """Yield a `Listener` that leaves at the end of the block."""
-    made = Listener()
-    try:
-        yield made
-    finally:
-        made.close()
+    """Return a `Listener` that leaves at the end of the block."""
+    return closing(Listener())
 
 
 class Stream(Listener):
@@ -334,14 +329,9 @@ class Stream(Listener):
         self.camera.destroy_node()
 
 
-@contextmanager
 def stream(*topics, **options):
     """Return a `Stream` that is closed at the end of the block."""
-    made = Stream(*topics, **options)
-    try:
-        yield made
-    finally:
-        made.close()
+    return closing(Stream(*topics, **options))
 
 
 def boards():

@@ -8,6 +8,7 @@ import subprocess
 import time
 
 from bench.torture_kill import family, handles_signals, MARK
+from campaigns import save
 import numpy as np
 from programs import flexx2_words, PATIENCE, run_python, starting, until
 import pytest
@@ -41,14 +42,7 @@ def campaign(tmp_path):
     matrix = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
     depth = clean + np.random.default_rng(1).normal(0, 0.003, (40, 43, 56)).astype('f4')
     for name in ('a', 'b'):
-        np.savez(
-            folder / f'{name}.npz',
-            clean_depth=clean,
-            K=matrix,
-            depth=depth,
-            usecase='Mode_9_30fps',
-            stamp=np.arange(40) / 30,
-        )
+        save(folder / f'{name}.npz', depth, clean, matrix)
     return folder
 
 

@@ -7,7 +7,7 @@ import shlex
 
 from bench.gap_campaigns import write_campaign
 from browser import chromium
-from campaigns import write_diagnosis
+from campaigns import save, write_diagnosis
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.consumers.comparison import compare
 from flexx2_sim_ros.consumers.loading import load, sources
@@ -229,14 +229,8 @@ def test_recordings_without_ground_need_the_mounting(folder, tmp_path):
     shape = one.depth.shape[1:]
     (tmp_path / 'walls').mkdir()
     for name in ('near', 'far'):
-        np.savez(
-            tmp_path / 'walls' / f'{name}.npz',
-            depth=np.full((3, *shape), 1.52, np.float32),
-            clean_depth=np.full(shape, 1.5, np.float32),
-            K=one.K,
-            stamp=np.arange(3) / 30.0,
-            usecase='Mode_9_30fps',
-        )
+        depth, clean = np.full((3, *shape), 1.52, 'f4'), np.full(shape, 1.5, 'f4')
+        save(tmp_path / 'walls' / f'{name}.npz', depth, clean, one.K)
     arguments = tmp_path / 'walls', folder / 'diagnosis'
     with pytest.raises(InputError, match='must show the ground') as refused:
         cost(*arguments, consumers=['nearest_obstacle'])

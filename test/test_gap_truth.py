@@ -7,9 +7,10 @@ import shutil
 from bench import gap_truth
 from bench.gap_campaigns import write_campaign
 from bench.gap_truth import rewrite
-from campaigns import change
+from campaigns import change, save
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.inference.decidable import decidable_part
@@ -22,24 +23,9 @@ import yaml
 SMALL = {'scale': 0.5, 'recordings': 6, 'frames': 8, 'moving': 0}
 SEED = 101
 # Effects that no error of the ground truth looks like; without them a diagnosis is short.
-WITHOUT = [
-    'ambient_light',
-    'excess_noise',
-    'fixed_pattern',
-    'flying_pixels',
-    'grazing_dropout',
-    'heavy_tails',
-    'lateral_noise',
-    'low_signal_dropout',
-    'motion_artefact',
-    'quantisation',
-    'random_dropout',
-    'range_wrap',
-    'saturation',
-    'spatial_filter',
-    'temporal_filter',
-    'time_offset',
-]
+KEPT = 'offset', 'wiggling', 'warm_up_drift', 'depth_scale', 'amplitude_bias', 'multipath'
+KEPT += 'stray_light', 'intrinsics_error', 'pose_error'
+WITHOUT = [name for name in registry() if name not in KEPT]
 LEFT_OUT = [word for name in WITHOUT for word in ('--without', name)]
 MODE = 'Mode_9_30fps'
 
@@ -144,19 +130,10 @@ def write_walls(folder, **truth):
     folder.mkdir()
     K = flexx2().intrinsics.matrix.copy()  # noqa: N806
     K[:2] *= 0.5
-    stamp = np.arange(8) / 30
     for i, wrong in enumerate((0.005, -0.004, 0.003, -0.005)):
         clean = np.full((86, 112), 0.9 + 0.4 * i, np.float32)
-        depth = Camera(MODE, seed=i).capture(clean, K, stamp).depth
-        np.savez(
-            folder / f'wall{i}.npz',
-            depth=depth,
-            clean_depth=clean + np.float32(wrong),
-            K=K,
-            stamp=stamp,
-            usecase=MODE,
-            **truth,
-        )
+        depth = Camera(MODE, seed=i).capture(clean, K, np.arange(8) / 30).depth
+        save(folder / f'wall{i}.npz', depth, clean + np.float32(wrong), K, **truth)
     return folder
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from campaigns import change, find_all, read_all
+from campaigns import change, find_all, read_all, save
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.gap import check as check_diagnosis
 from flexx2_sim_ros.gap import diagnose
@@ -26,14 +26,7 @@ def write_walls(folder, same=False, frames=10, **effects):
     for i, distance in enumerate(DISTANCES):
         clean = np.full(SHAPE, distance, np.float32)
         device = Camera(MODE, seed=7 if same else i, effects=effects)
-        np.savez(
-            folder / f'wall{i}.npz',
-            depth=device.capture(clean, K, stamp).depth,
-            clean_depth=clean,
-            K=K,
-            stamp=stamp,
-            usecase=MODE,
-        )
+        save(folder / f'wall{i}.npz', device.capture(clean, K, stamp).depth, clean, K)
     return folder
 
 
@@ -68,28 +61,17 @@ def test_a_wall_where_the_range_ends_is_no_gap(tmp_path):
     stamp = np.arange(10) / 30
     for i in range(3):  # The pose is wrong by 6 mm.
         seen = Camera(MODE, seed=10 + i).capture(clean + np.float32(0.006), K, stamp).depth
-        np.savez(
-            tmp_path / f'far{i}.npz', depth=seen, clean_depth=clean, K=K, stamp=stamp, usecase=MODE
-        )
+        save(tmp_path / f'far{i}.npz', seen, clean, K)
     assert diagnose(tmp_path)['verdict'] == 'none'
 
 
 def test_a_fixed_pattern_is_still_found(tmp_path):
-    folder = tmp_path / 'walls'
-    folder.mkdir()
-    stamp = np.arange(10) / 30
     device = Camera(MODE, seed=7, effects={'fixed_pattern': {'rms': 0.002}})
     for i, distance in enumerate(DISTANCES):
         clean = np.full(SHAPE, distance, np.float32)
-        np.savez(
-            folder / f'wall{i}.npz',
-            depth=device.capture(clean, K, stamp + 100 * i).depth,
-            clean_depth=clean,
-            K=K,
-            stamp=stamp,
-            usecase=MODE,
-        )
-    (effect,) = diagnose(folder)['effects']
+        depth = device.capture(clean, K, np.arange(10) / 30 + 100 * i).depth
+        save(tmp_path / f'wall{i}.npz', depth, clean, K)
+    (effect,) = diagnose(tmp_path)['effects']
     assert effect['name'] == 'fixed_pattern'
     assert effect['parameters']['rms'] == pytest.approx(0.002, rel=0.15)
 
@@ -215,19 +197,9 @@ def test_too_few_pixels_are_reported(tmp_path):
     small = np.array([[10.0, 0, 3.5], [0, 10.0, 3.5], [0, 0, 1]])
     for i, distance in enumerate((0.8, 1.4, 2.2)):
         clean = np.full((8, 8), distance, np.float32)
-        depth = (
-            Camera(MODE, seed=i, effects={'offset': {'bias': 0.01}})
-            .capture(clean, small, np.arange(2) / 30)
-            .depth
-        )
-        np.savez(
-            tmp_path / f'{i}.npz',
-            depth=depth,
-            clean_depth=clean,
-            K=small,
-            stamp=np.arange(2) / 30,
-            usecase=MODE,
-        )
+        device = Camera(MODE, seed=i, effects={'offset': {'bias': 0.01}})
+        depth = device.capture(clean, small, np.arange(2) / 30).depth
+        save(tmp_path / f'{i}.npz', depth, clean, small)
     table = diagnose(tmp_path, out=tmp_path / 'out')
     assert table['verdict'] == 'too_little'
     assert 'Too few depths' in headline(table)
@@ -243,9 +215,7 @@ def test_surfaces_with_too_much_noise_are_too_little_to_look_at(tmp_path):
     clean, stamp = np.full((36, 48), 6.5, np.float32), np.arange(3) / 30
     for i in range(3):
         depth = Camera(MODE, seed=i).capture(clean, K, stamp).depth
-        np.savez(
-            tmp_path / f'{i}.npz', depth=depth, clean_depth=clean, K=K, stamp=stamp, usecase=MODE
-        )
+        save(tmp_path / f'{i}.npz', depth, clean, K)
     table = diagnose(tmp_path, out=tmp_path / 'out')
     assert table['verdict'] == 'too_little'
     assert all('to compare, got 0' in ' '.join(row['notes']) for row in table['recordings'])

@@ -5,6 +5,7 @@ import json
 
 from bench.exposure import noise_by_exposure
 from bench.wall_campaigns import wall
+from campaigns import save
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.cli.demo import as_seen, draw
@@ -168,14 +169,8 @@ def test_an_offset_is_not_taken_for_a_pose_error(name, tmp_path):
         biased = Camera(
             camera.default_usecase, profile=camera, seed=i, effects={'offset': {'bias': 0.006}}
         )
-        np.savez(
-            tmp_path / f'wall{i}.npz',
-            depth=biased.capture(clean, K, stamps).depth,
-            clean_depth=clean,
-            K=K,
-            stamp=stamps,
-            usecase=biased.usecase,
-        )
+        depth = biased.capture(clean, K, stamps).depth
+        save(tmp_path / f'wall{i}.npz', depth, clean, K, usecase=biased.usecase)
     table = diagnose(tmp_path, profile=camera)
     # Few walls leave a rest that is near the threshold of a gap for one of the cameras.
     assert table['verdict'] in ('identified', 'partly')

@@ -38,6 +38,17 @@ KEPT = 'offset', 'wiggling', 'multipath', 'pose_error'
 WITHOUT = [name for name in registry() if name not in KEPT]
 
 
+def seen_by(path, clean, planes, alter=lambda depth: None):
+    """Record clean depth, write a file of planes, and return what is said of the recording."""
+    stamp = np.arange(FRAMES) / 30
+    depth = Camera(MODE, seed=1).capture(clean.astype(np.float32), K, stamp).depth
+    alter(depth)
+    np.savez(path / 'wall.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
+    (path / 'planes.yaml').write_text(yaml.safe_dump({'schema': 1, 'planes': planes}))
+    (row,) = make(path / 'wall.npz', path / 'planes.yaml', path / 'out')['recordings']
+    return row
+
+
 def make(recordings, planes, out):
     return make_truth(PlaneRequest(recordings=(recordings,), planes=planes, out=out))
 
@@ -195,15 +206,12 @@ def test_the_command_warns_of_a_frontal_wall(tmp_path, capsys):
 def test_pixels_inside_a_plane_that_contradict_it_are_counted(
     tmp_path, left, change, outline, known, words
 ):
-    stamp = np.arange(FRAMES) / 30
-    clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)
-    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
-    depth[:, 20:40, left : left + 20] += change
-    np.savez(tmp_path / 'wall.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
-    planes = tmp_path / 'planes.yaml'
+
+    def hang_a_card(depth):
+        depth[:, 20:40, left : left + 20] += change
+
     wall = {'name': 'wall', 'distance': '1.2 +- 0.003', 'outline': outline}
-    planes.write_text(yaml.safe_dump({'schema': 1, 'planes': [wall]}))
-    (row,) = make(tmp_path / 'wall.npz', planes, tmp_path / 'out')['recordings']
+    row = seen_by(tmp_path, np.full((HEIGHT, WIDTH), 1.2), [wall], hang_a_card)
     (said,) = row['reasons']
     assert words in said
     assert int(said.split()[1]) == pytest.approx(400, rel=0.5)  # its border as well
@@ -215,29 +223,21 @@ def test_pixels_inside_a_plane_that_contradict_it_are_counted(
 
 def test_a_patch_of_a_plane_without_depth_stays_known(tmp_path):
     """Assert it for a patch that saturates, in which a few pixels read too near."""
-    clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)
-    stamp = np.arange(FRAMES) / 30
-    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
-    depth[:, 20:40, 20:40] = np.nan
-    depth[:, 25:30, 25:30] = 1.0
-    np.savez(tmp_path / 'wall.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
-    planes = tmp_path / 'planes.yaml'
-    planes.write_text('schema: 1\nplanes:\n- name: wall\n')
-    (row,) = make(tmp_path / 'wall.npz', planes, tmp_path / 'out')['recordings']
-    assert row['known'] == 1
+
+    def saturate(depth):
+        depth[:, 20:40, 20:40] = np.nan
+        depth[:, 25:30, 25:30] = 1.0
+
+    clean = np.full((HEIGHT, WIDTH), 1.2)
+    assert seen_by(tmp_path, clean, [{'name': 'wall'}], saturate)['known'] == 1
 
 
 def test_a_plane_is_as_large_as_what_is_seen_of_it(tmp_path):
     """Assert it for two walls in one plane with a gap between them; a box is on one."""
-    clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)
+    clean = np.full((HEIGHT, WIDTH), 1.2)
     clean[:, 50:60] = 2.0
-    stamp = np.arange(FRAMES) / 30
-    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
-    np.savez(tmp_path / 'walls.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
-    planes = tmp_path / 'planes.yaml'
-    planes.write_text('schema: 1\nplanes:\n- name: wall\n  box: [80, 20, 100, 60]\n')
-    (row,) = make(tmp_path / 'walls.npz', planes, tmp_path / 'out')['recordings']
-    with np.load(tmp_path / 'out' / 'walls.npz') as file:
+    row = seen_by(tmp_path, clean, [{'name': 'wall', 'box': [80, 20, 100, 60]}])
+    with np.load(tmp_path / 'out' / 'wall.npz') as file:
         known = file['known']
     assert not known[:, :60].any()
     assert known[:, 68:].all()
@@ -247,13 +247,8 @@ def test_a_plane_is_as_large_as_what_is_seen_of_it(tmp_path):
 def test_a_plane_that_bends_is_doubtful(tmp_path):
     """Assert it for a wall that turns by 14 degrees, too little for a second wall."""
     u = np.arange(WIDTH)
-    clean = np.tile(1.5 - 0.004 * np.maximum(u - 56, 0), (HEIGHT, 1)).astype(np.float32)
-    stamp = np.arange(FRAMES) / 30
-    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
-    np.savez(tmp_path / 'bent.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
-    planes = tmp_path / 'planes.yaml'
-    planes.write_text('schema: 1\nplanes:\n- name: wall\n')
-    (row,) = make(tmp_path / 'bent.npz', planes, tmp_path / 'out')['recordings']
+    clean = np.tile(1.5 - 0.004 * np.maximum(u - 56, 0), (HEIGHT, 1))
+    row = seen_by(tmp_path, clean, [{'name': 'wall'}])
     assert row['verdict'] == 'doubtful'
     assert re.match(r'wall: the recording bends it by \d+ mm rms', row['reasons'][0])
 
