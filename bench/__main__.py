@@ -9,24 +9,21 @@ when they are named; ``torture`` means all of them. These have options of their 
 
 from importlib import import_module
 import sys
-from typing import Any
 
 # The modules, and what the short form passes to their function `run`.
-_ALL: dict[str, dict[str, Any]] = {
+_ALL = {
     'model': {'rounds': 2},
     'effects': {'rounds': 2},
     'exposure': {},
     'batch': {'rounds': 1},
     'agreement': {'repeats': 1},
     'gap': {'sizes': ((3, 3),)},
-    'rendering': {'rounds': 2},
     'nodes': {'seconds': 1},
-    'start': {'starts': 1},
     'bags': {'frames': 4, 'rounds': 1},
     'batch_gpu': {},
 }
 # These take two hours together.
-_LONG: dict[str, dict[str, Any]] = {
+_LONG = {
     'torture_node': {'messages': 300},
     'torture_files': {'files': 5},
     'torture_kill': {'kills': 1},
@@ -35,7 +32,7 @@ _LONG: dict[str, dict[str, Any]] = {
 }
 
 
-def main() -> int:
+def main():
     """Run the named measurements."""
     words = sys.argv[1:]
     short = '--short' in words

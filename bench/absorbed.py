@@ -14,10 +14,8 @@ dash: the effect changes mean depth by less than 0.3 mm. ``--write`` writes
 """
 
 import argparse
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 import tempfile
-from typing import Any
 
 from bench.planes import corner, describe, FRAMES, HEIGHT, K, MODE, seen, TAPE, VIEWS, WIDTH
 from flexx2_sim_ros.camera import Camera
@@ -38,7 +36,6 @@ _SESSION = 3600.0  # seconds from the first recording of the room to the last
 _SINGLE = 'intrinsics_error', 'warm_up_drift'
 LEAST = 3e-4  # metres, root mean square of an effect that a fraction is given for
 _BLOCK = 6
-Effects = Mapping[str, Mapping[str, float]]
 
 
 class FurnishedMesh:
@@ -46,7 +43,7 @@ class FurnishedMesh:
 
     kinds = 'scan', 'single'
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         """Write the mesh, and draw rough poses."""
         size = {'frames': FRAMES, 'width': WIDTH, 'height': HEIGHT}
         still, moving = (
@@ -65,7 +62,7 @@ class FurnishedMesh:
         self.matrix = still.camera.scenes.optics.intrinsics.matrix
         self.uptimes = np.geomspace(UPTIME, UPTIME + _SESSION, len(self.views))
 
-    def make(self, recordings: Path, kind: str, out: Path) -> None:
+    def make(self, recordings, kind, out):
         """Write the campaign."""
         paths, poses = tuple(sorted(recordings.iterdir())), tuple(self.poses)
         if kind == 'scan':
@@ -80,7 +77,7 @@ class Corners:
 
     kinds = ('tape', 'planes')
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         """Write what was measured, with the errors of a tape."""
         self.views, self._folder, self.matrix = [], folder, K
         for turns, distances in VIEWS:
@@ -90,16 +87,16 @@ class Corners:
         for kind, taped in zip(self.kinds, (TAPE, None), strict=True):
             describe(folder / f'{kind}.yaml', taped=taped)
 
-    def make(self, recordings: Path, kind: str, out: Path) -> None:
+    def make(self, recordings, kind, out):
         """Write the campaign."""
         planes = self._folder / f'{kind}.yaml'
         make_truth(PlaneRequest(recordings=(recordings,), planes=planes, out=out))
 
 
-def record(folder: Path, scenes: FurnishedMesh | Corners, effects: Effects) -> list[np.ndarray]:
+def record(folder, scenes, effects):
     """Write a recording of each view, and return the mean measured depth, (H, W) or (T, H, W)."""
     folder.mkdir()
-    table: dict[str, Any] = {name: dict(values) for name, values in effects.items()}
+    table = {name: dict(values) for name, values in effects.items()}
     means = []
     for i, (clean, reflectivity) in enumerate(scenes.views):
         for name in ageing(table):
@@ -114,9 +111,9 @@ def record(folder: Path, scenes: FurnishedMesh | Corners, effects: Effects) -> l
     return means
 
 
-def clean_depths(campaign: Path, count: int) -> list[np.ndarray | None]:
+def clean_depths(campaign, count):
     """Return clean depth where it is known, by number of recording; None where refused."""
-    out: list[np.ndarray | None] = []
+    out = []
     for i in range(count):
         path = campaign / f'corner{i}.npz'
         if not path.is_file():
@@ -127,9 +124,7 @@ def clean_depths(campaign: Path, count: int) -> list[np.ndarray | None]:
     return out
 
 
-def fraction(
-    changes: list[np.ndarray], before: list[np.ndarray | None], after: list[np.ndarray | None]
-) -> float | None:
+def fraction(changes, before, after):
     """Return the part of changes of depth that clean depth follows; None where there are none."""
     own, taken, count = 0.0, 0.0, 0
     for change, one, other in zip(changes, before, after, strict=True):
@@ -146,7 +141,7 @@ def fraction(
     return taken / own
 
 
-def _blocks(images: np.ndarray) -> np.ndarray:
+def _blocks(images):
     height, width = (side - side % _BLOCK for side in images.shape[-2:])
     parts = images[..., :height, :width].reshape(
         *images.shape[:-2], height // _BLOCK, _BLOCK, width // _BLOCK, _BLOCK
@@ -156,11 +151,11 @@ def _blocks(images: np.ndarray) -> np.ndarray:
     return np.where(many, sums / np.maximum(counts, 1), np.nan)
 
 
-def main(only: str, effects: str, write: bool) -> None:
+def main(only, effects, write):
     """Print the table."""
     names = effects.split(',') if effects else list(registry())
-    found: dict[str, dict[str, float]] = {}
-    kinds: dict[str, type[FurnishedMesh | Corners]] = {'room': FurnishedMesh, 'corners': Corners}
+    found = {}
+    kinds = {'room': FurnishedMesh, 'corners': Corners}
     with tempfile.TemporaryDirectory() as text:
         folder = Path(text)
         for name, scenes in kinds.items():
@@ -184,12 +179,7 @@ def main(only: str, effects: str, write: bool) -> None:
         path.write_text(f'{head}python -m bench.absorbed --write\n{body}')
 
 
-def _measure(
-    folder: Path,
-    scenes: FurnishedMesh | Corners,
-    names: Sequence[str],
-    found: dict[str, dict[str, float]],
-) -> None:
+def _measure(folder, scenes, names, found):
     name = type(scenes).__name__
     plain = record(folder / f'{name}-in', scenes, {})
     before = {}

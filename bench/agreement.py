@@ -1,7 +1,5 @@
 """How far the frames of `BatchCamera`, on the CPU and on a GPU, are from those of `Camera`."""
 
-from typing import Any
-
 from bench.scenes import room
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera, flexx2
@@ -15,14 +13,14 @@ _ROUNDING = 1e-6  # metres; float32 at a few metres
 _DECISION = 5e-4  # metres; beyond it an edge moved or a value was rounded the other way
 
 
-def run(repeats: int = 12) -> None:
+def run(repeats=12):
     """Print the largest differences, and how many pixels differ by more than rounding."""
     wp.config.log_level = wp.LOG_WARNING
     for device in ('cpu', 'cuda')[: 1 + wp.is_cuda_available()]:
         _table(device, repeats)
 
 
-def _table(device: str, repeats: int) -> None:
+def _table(device, repeats):
     names = list(registry())
     print(
         f'{device:20s}   pixels   largest difference (mm)   beyond {_ROUNDING * 1e3:g} mm   '
@@ -34,9 +32,7 @@ def _table(device: str, repeats: int) -> None:
     _print(device, 'all', _EFFECT_MODES, dict.fromkeys(names), 1)
 
 
-def _print(
-    device: str, title: str, modes: tuple[str, ...], effects: dict[str, Any], repeats: int
-) -> None:
+def _print(device, title, modes, effects, repeats):
     differences = np.concatenate(
         [_differences(device, modes, effects, seed).ravel() for seed in range(repeats)]
     )
@@ -48,9 +44,7 @@ def _print(
     )
 
 
-def _differences(
-    device: str, modes: tuple[str, ...], effects: dict[str, Any], seed: int
-) -> np.ndarray:
+def _differences(device, modes, effects, seed):
     # (frames, modes, H, W) metres, infinite where only one of the two is valid.
     count, matrix = len(modes), flexx2().intrinsics.matrix
     scenes = np.stack([room(8 + (seed + i) % 9) for i in range(count)])

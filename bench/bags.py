@@ -1,6 +1,5 @@
 """Size and time of recorded depth: zstd in MCAP bags, beside other ways to compress it."""
 
-from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 import io
 from pathlib import Path
@@ -16,7 +15,7 @@ from flexx2_sim_ros.recording.checksums import zstd, ZSTD_LEVEL
 from flexx2_sim_ros.rendering.materials import reflectivity_table
 from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.robots.model import build_model, stand
-import lz4.frame  # type: ignore[import-untyped]
+import lz4.frame
 import mujoco
 import numpy as np
 from PIL import Image
@@ -31,7 +30,7 @@ _LOSSY = 'compressedDepth'
 _PNG_LEVEL, _DEPTH_MAX, _QUANTIZATION = 9, 10.0, 100.0
 
 
-def run(frames: int = 60, rounds: int = 5) -> None:
+def run(frames=60, rounds=5):
     """Print sizes and times by kind of image, and those of whole bags."""
     images = _walk(frames)
     print(
@@ -43,7 +42,7 @@ def run(frames: int = 60, rounds: int = 5) -> None:
     _print_bags(images, rounds)
 
 
-def _walk(frames: int) -> dict[str, np.ndarray]:
+def _walk(frames):
     intrinsics = flexx2().intrinsics
     model = build_model(intrinsics=intrinsics)
     data = mujoco.MjData(model)
@@ -64,7 +63,7 @@ def _walk(frames: int) -> dict[str, np.ndarray]:
     return {'simulated': simulated.depth, 'clean': clean, 'reflectivity': reflectivity}
 
 
-def _print_image(kind: str, stack: np.ndarray, rounds: int) -> None:
+def _print_image(kind, stack, rounds):
     data = stack.tobytes()
     chunks = [data[at : at + _CHUNK] for at in range(0, len(data), _CHUNK)]
     ways = {f'zstd {level}': partial(zstd.compress, level=level) for level in _LEVELS}
@@ -87,12 +86,12 @@ def _print_image(kind: str, stack: np.ndarray, rounds: int) -> None:
         )
 
 
-def _each(function: Callable[[bytes], object], items: Iterable[bytes]) -> None:
+def _each(function, items):
     for item in items:
         function(item)
 
 
-def _compressed_depth(depth: np.ndarray) -> bytes:
+def _compressed_depth(depth):
     # As compressed_depth_image_transport does: steps of the inverse depth.
     slope = _QUANTIZATION * (_QUANTIZATION + 1)
     with np.errstate(divide='ignore', invalid='ignore'):
@@ -103,7 +102,7 @@ def _compressed_depth(depth: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def _print_bags(images: Mapping[str, np.ndarray], rounds: int) -> None:
+def _print_bags(images, rounds):
     where = topics_of(_CAMERA)
     topics = dict(zip(images, (where.depth, where.clean, where.reflectivity), strict=True))
     frames = len(images['clean'])
@@ -116,7 +115,7 @@ def _print_bags(images: Mapping[str, np.ndarray], rounds: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         sizes = {}
 
-        def write(storage: str, compression: str) -> None:
+        def write(storage, compression):
             path = Path(folder) / f'{storage}_{compression}_{len(list(Path(folder).iterdir()))}'
             with BagWriter(path, storage, compression) as writer:
                 for topic, stamp, data in encoded:

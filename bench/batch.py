@@ -1,6 +1,5 @@
 """The cost of many cameras at once on a CPU: on one core, and on all."""
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from itertools import count
@@ -9,7 +8,6 @@ import os
 from pathlib import Path
 import resource
 import time
-from typing import Any
 
 from bench.scenes import room
 from bench.timing import one_core, side_by_side
@@ -31,7 +29,7 @@ _KEPT_ENVS = 256
 _PERIOD = 33_333_333
 
 
-def run(rounds: int = 20) -> None:
+def run(rounds=20):
     """Print milliseconds, frames a second, ratios, and memory."""
     wp.config.log_level = wp.LOG_WARNING
     _cpu(64, rounds)
@@ -39,11 +37,11 @@ def run(rounds: int = 20) -> None:
     _memory()
 
 
-def _cpu(num_envs: int, rounds: int) -> None:
+def _cpu(num_envs, rounds):
     scenes = np.stack([room(8 + i % 9) for i in range(num_envs)])
     matrix = flexx2().intrinsics.matrix
     moving = [scenes, scenes - np.float32(0.01)]
-    sets: dict[str, dict[str, Any]] = {
+    sets = {
         'no effects': {},
         _LATE: _DELAYED,
         **{name: {name: None} for name in _ALONE},
@@ -51,20 +49,18 @@ def _cpu(num_envs: int, rounds: int) -> None:
     }
     ticks, turns = count(), count()
 
-    def one_by_one(camera: Camera) -> None:
+    def one_by_one(camera):
         now = moving[next(turns) % 2]
         for scene in now:
             camera.capture(scene, matrix, next(ticks) * _PERIOD)
 
-    functions: dict[str, Callable[[], object]] = {}
+    functions = {}
     for name, effects in sets.items():
         alone = Camera(_MODE, effects=effects, seed=1)
         step_s = _STEP_S if name == _LATE else None
         batch = BatchCamera(num_envs, _MODE, effects=effects, step_s=step_s, device='cpu')
         functions[f'{name}, one'] = partial(one_by_one, alone)
-        functions[f'{name}, batch'] = lambda batch=batch: batch(  # type: ignore[misc]
-            moving[next(turns) % 2]
-        )
+        functions[f'{name}, batch'] = lambda batch=batch: batch(moving[next(turns) % 2])
     torch = imported_torch()
     if torch:
         torch.set_num_threads(1)
@@ -91,11 +87,11 @@ def _cpu(num_envs: int, rounds: int) -> None:
     print('wanted: / Camera at most 1')
 
 
-def _threads(num_envs: int, rounds: int) -> None:
+def _threads(num_envs, rounds):
     # The environments divided among threads, each with a camera of its own.
     scenes = np.stack([room(8 + i % 9) for i in range(num_envs)])
     cores = len(os.sched_getaffinity(0))
-    functions: dict[str, Callable[[], object]] = {}
+    functions = {}
     with ThreadPoolExecutor(cores) as pool:
         for number in sorted({1, 2, cores}):
             parts = np.array_split(scenes, number)
@@ -112,13 +108,11 @@ def _threads(num_envs: int, rounds: int) -> None:
         )
 
 
-def _call_all(
-    pool: ThreadPoolExecutor, cameras: list[BatchCamera], parts: list[np.ndarray]
-) -> None:
+def _call_all(pool, cameras, parts):
     list(pool.map(call, cameras, parts))
 
 
-def _memory() -> None:
+def _memory():
     # What is kept of an environment: of the process, all cameras kept, beyond an effect that keeps
     # nothing.
     clean = np.repeat(room()[None], _KEPT_ENVS, axis=0)
@@ -137,13 +131,13 @@ def _memory() -> None:
         print(f'{name:26s} {taken[name] - taken["offset"]:6.2f}')
 
 
-def _resident() -> float:
+def _resident():
     # MB.
     pages = int(Path('/proc/self/statm').read_text().split()[1])
     return pages * resource.getpagesize() / 1e6
 
 
-def imported_torch() -> Any:
+def imported_torch():
     """Return torch, or None where it is not installed."""
     try:
         import torch
@@ -152,7 +146,7 @@ def imported_torch() -> Any:
     return torch
 
 
-def plain_torch(torch: Any, depth: Any, matrix: np.ndarray) -> Any:
+def plain_torch(torch, depth, matrix):
     """
     Add the noise as one writes it in an hour with torch: the yardstick for speed, not for truth.
 

@@ -1,6 +1,5 @@
 """The cost of many cameras at once on a GPU, beside copying the frames there and plain torch."""
 
-from collections.abc import Callable
 import gc
 from unittest import mock
 
@@ -21,7 +20,7 @@ _FOR_LISTED = (256, 512, 2048)
 _WANTED = {'no effects': 1e6, 'all effects': 150e3}  # frames a second of the largest batch
 
 
-def run(rounds: int = 20) -> None:
+def run(rounds=20):
     """Print frames a second, launches, and the share of the rate of copying."""
     wp.config.log_level = wp.LOG_WARNING
     if not wp.is_cuda_available():
@@ -54,7 +53,7 @@ def run(rounds: int = 20) -> None:
                     _row(name, largest, rounds, 0.0)
 
 
-def _row(name: str, num_envs: int, rounds: int, wanted: float) -> None:
+def _row(name, num_envs, rounds, wanted):
     gc.collect()  # The memory of the row before; several do not fit.
     torch, against = imported_torch(), 'none'
     if torch:
@@ -63,7 +62,7 @@ def _row(name: str, num_envs: int, rounds: int, wanted: float) -> None:
     near, far = (_images(num_envs, step) for step in (0.0, 0.01))
     camera = BatchCamera(num_envs, _MODE, effects=effects, device='cuda')
 
-    def steps() -> None:
+    def steps():
         camera(near)
         camera(far)
 
@@ -84,7 +83,7 @@ def _row(name: str, num_envs: int, rounds: int, wanted: float) -> None:
     )
 
 
-def _images(num_envs: int, nearer: float) -> wp.array:
+def _images(num_envs, nearer):
     scenes = wp.array(np.stack([room(8 + i) for i in range(_SCENES)]) - np.float32(nearer))
     out = wp.empty((num_envs, *scenes.shape[1:]), dtype=wp.float32)
     for i in range(num_envs):
@@ -92,7 +91,7 @@ def _images(num_envs: int, nearer: float) -> wp.array:
     return out
 
 
-def milliseconds(function: Callable[[], object], rounds: int, captured: bool = True) -> float:
+def milliseconds(function, rounds, captured=True):
     """Return the median on the device, by its own events; ``captured`` as one graph."""
     function()
     call = function

@@ -12,7 +12,6 @@ Answers exist only after a run was scored. No threshold is chosen from them.
 """
 
 import argparse
-from collections.abc import Sequence
 import lzma
 from pathlib import Path
 import tempfile
@@ -20,13 +19,12 @@ import tempfile
 import numpy as np
 from scipy.stats import fisher_exact
 from study.benchmark.answers import read_answers
-from study.benchmark.scoring import Answer
 
 _PUBLISHED = Path(__file__).with_name('benchmark_answers.jsonl.xz')
 _LARGEST = 8  # errors and times to list
 
 
-def main() -> None:
+def main():
     """Print the lists."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
     parser.add_argument('--answers', type=Path, default=_PUBLISHED)
@@ -63,7 +61,7 @@ def main() -> None:
     print('slowest: ' + ', '.join(f'{seconds:.0f}' for seconds in slowest) + ' s of a core')
 
 
-def _read(path: Path) -> Sequence[Answer]:
+def _read(path):
     if path.suffix != '.xz':
         return read_answers(path).answers
     with tempfile.TemporaryDirectory() as folder:
@@ -72,13 +70,13 @@ def _read(path: Path) -> Sequence[Answer]:
         return read_answers(plain).answers
 
 
-def _usual(one: Answer) -> bool:
+def _usual(one):
     planned = one.planned
     strengths = set(planned.effects.values())
     return planned.pose_mm == 2.0 and not planned.hidden and strengths <= {0.5, 1.0}
 
 
-def _name(one: Answer) -> str:
+def _name(one):
     return ' + '.join(f'{name} {strength:g}' for name, strength in one.planned.effects.items())
 
 

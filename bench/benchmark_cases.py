@@ -14,18 +14,16 @@ python -m bench.benchmark_cases --effects intrinsics_error,wiggling --strengths 
 """
 
 import argparse
-from collections.abc import Iterator
 from concurrent.futures import as_completed
 from dataclasses import replace
 import json
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros import processes
 from flexx2_sim_ros.atomic import output_folder
 import numpy as np
 from study.benchmark.answers import code_digest
-from study.benchmark.design import make_design, MODES, Planned
+from study.benchmark.design import make_design, MODES
 from study.benchmark.physics import is_physical
 from study.benchmark.runner import DIAGNOSE, MEASURE, run_case
 from study.benchmark.seeds import DEVELOPMENT
@@ -34,7 +32,7 @@ from study.blind import SceneKey, SceneSet
 _SCENES = range(2000, 2400)  # development seeds that no case of the benchmark uses
 
 
-def main() -> None:
+def main():
     """Run the chosen cases and print one line for each."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--effects', required=True, help='names; none: cases without an effect')
@@ -68,14 +66,14 @@ def main() -> None:
         print(_line(name, planned, json.loads((results / f'{name}.json').read_text())))
 
 
-def _elsewhere(cases: list[Planned], count: int) -> Iterator[Planned]:
+def _elsewhere(cases, count):
     # The cases in turn, each with scenes and a camera that no case of the benchmark has.
     for i, scene_seed in enumerate(_SCENES[: count if cases else 0]):
         planned = cases[i % len(cases)]
         yield replace(planned, seed=planned.seed + i, scene_seed=scene_seed)
 
 
-def _chosen(arguments: argparse.Namespace) -> Iterator[tuple[str, Planned]]:
+def _chosen(arguments):
     names = set(arguments.effects.split(','))
     strengths = {float(one) for one in arguments.strengths.split(',')}
     groups = set(arguments.groups.split(','))
@@ -98,21 +96,21 @@ def _chosen(arguments: argparse.Namespace) -> Iterator[tuple[str, Planned]]:
         yield name, replace(planned, realise=bool(planned.effects) and not planned.without)
 
 
-def _alike(pose_mm: float) -> list[int]:
+def _alike(pose_mm):
     # The seeds of the two sets of scenes whose mean pose error is largest beside its scatter.
-    def likeness(seed: int) -> float:
+    def likeness(seed):
         twists = SceneSet(SceneKey(MODES[0], seed, pose_mm)).twists
         return float(np.max(np.abs(twists.mean(axis=0)) / twists.std(axis=0, ddof=1)))
 
     return sorted(_SCENES, key=likeness)[-2:]
 
 
-def _run(call: tuple[Path, str, dict[str, Any]]) -> str:
+def _run(call):
     run_case(*call, DIAGNOSE, MEASURE)
     return call[1]
 
 
-def _line(name: str, planned: Planned, result: dict[str, Any]) -> str:
+def _line(name, planned, result):
     table = result['diagnosis']
     if table is None:
         return f'{name:45s} {result["error"].splitlines()[-1]}'
@@ -129,7 +127,7 @@ def _line(name: str, planned: Planned, result: dict[str, Any]) -> str:
     )
 
 
-def _number(value: float | None) -> str:
+def _number(value):
     return '  - ' if value is None else f'{value:.2f}'
 
 

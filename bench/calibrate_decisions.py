@@ -30,13 +30,11 @@ With ``--any`` besides, it is those in which any of them was named, alone or wit
 """
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence, Set
 from concurrent.futures import ProcessPoolExecutor
 import datetime
 from multiprocessing import get_context
 from pathlib import Path
 import time
-from typing import Any
 
 from bench.decision_campaigns import (
     code,
@@ -54,13 +52,13 @@ from bench.decision_campaigns import (
     STRENGTHS,
 )
 from bench.decision_counts import before, counted
-from bench.decision_fit import calibrate, campaign, COVERED, DiagnosedCampaign
+from bench.decision_fit import calibrate, campaign, COVERED
 from bench.decision_lines import keep, KEPT, kept_arguments
 from bench.journal import entries, Journal
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import whole, write_text
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.gap.calibration.decisions import Decisions, FILE, KEYS
+from flexx2_sim_ros.gap.calibration.decisions import FILE, KEYS
 from flexx2_sim_ros.paths import config_dir
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -77,7 +75,7 @@ _NO_END = 1e9  # minutes
 _ALL = ('all',)  # of ``--anew``
 _AT_ONCE = 8  # campaigns of a process before the time is looked at
 # What the table says of each list of `counted`: in words, and the wanted range.
-_RATES: dict[str, tuple[str, float, float]] = {
+_RATES = {
     'false_alarms': ('a gap without an effect', 0.0, _MOST_ERRORS),
     'wrong': ('effects named, and no true one among them and the alternatives', 0.0, _MOST_ERRORS),
     'covered': ('a true effect among named and alternatives', COVERED, 1.0),
@@ -85,7 +83,7 @@ _RATES: dict[str, tuple[str, float, float]] = {
     'held': ('interval of the reduction holds', 0.85, 0.95),
     'named': ('a true effect named first', 0.0, 1.0),
 }
-_CURVES: dict[str, tuple[str, Callable[[DiagnosedCampaign], float], tuple[float, ...]]] = {
+_CURVES = {
     'strength': (
         '',
         lambda one: max(one.planned['effects'].values(), default=0.0),
@@ -98,7 +96,7 @@ _CURVES: dict[str, tuple[str, Callable[[DiagnosedCampaign], float], tuple[float,
 }
 
 
-def main() -> None:
+def main():
     """Diagnose campaigns, fit the rule, print how often it is right."""
     arguments = _arguments()
     if arguments.kept:
@@ -117,7 +115,7 @@ def main() -> None:
     report(_lines(arguments), arguments.write, chosen)
 
 
-def _arguments() -> argparse.Namespace:
+def _arguments():
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
     parser.add_argument('--lines', type=Path, default=Path('build/decisions.jsonl'))
     parser.add_argument(
@@ -164,7 +162,7 @@ def _arguments() -> argparse.Namespace:
     return arguments
 
 
-def _lines(arguments: argparse.Namespace) -> list[dict[str, Any]]:
+def _lines(arguments):
     # Those of the campaigns that were diagnosed until the time was over.
     design, large, no_effect = (
         {name: list(map(list, table.items())) for name, table in one.items()}
@@ -198,9 +196,7 @@ def _lines(arguments: argparse.Namespace) -> list[dict[str, Any]]:
     return lines
 
 
-def _with_anew(
-    lines: Sequence[dict[str, Any]], arguments: argparse.Namespace
-) -> list[dict[str, Any]]:
+def _with_anew(lines, arguments):
     # The lines, with those of campaigns with effects of `arguments.anew` diagnosed again.
     journal = Journal(
         arguments.lines.with_suffix('.anew.jsonl'),
@@ -222,14 +218,14 @@ def _with_anew(
     return [newer.get(line['index'], line) for line in lines]
 
 
-def _is_named(line: Mapping[str, Any], names: Set[str], or_other: bool) -> bool:
+def _is_named(line, names, or_other):
     # Whether its reduction was measured, and these effects were named: no others, or any of them.
     named = {row['name'] for row in line['diagnosis']['effects']}
     chosen = bool(named & names) if or_other else named <= names
     return (line['realised'] or {}).get('shrink') is not None and chosen
 
 
-def _diagnose(journal: Journal, left: Sequence[int], jobs: int, ends: float) -> None:
+def _diagnose(journal, left, jobs, ends):
     # Adds a line for each index, until the time is over.
     with ProcessPoolExecutor(jobs, get_context('spawn')) as pool:
         for start in track(range(0, len(left), _AT_ONCE * jobs), 'diagnosing'):
@@ -239,7 +235,7 @@ def _diagnose(journal: Journal, left: Sequence[int], jobs: int, ends: float) -> 
                 journal.add(line)
 
 
-def report(lines: Sequence[Mapping[str, Any]], write: bool, chosen: str) -> None:
+def report(lines, write, chosen):
     """
     Fit the rule to lines of a run, print how often it is right, and write it on demand.
 
@@ -278,7 +274,7 @@ def report(lines: Sequence[Mapping[str, Any]], write: bool, chosen: str) -> None
         _draw(checked['confidence'])
 
 
-def _print_rates(checked: Mapping[str, Any], earlier: Mapping[str, Any]) -> None:
+def _print_rates(checked, earlier):
     print('| | wanted | measured | 95 % interval | with the rule of the run |')
     print('|---|---|---|---|---|')
     for name, (words, low, high) in _RATES.items():
@@ -292,17 +288,13 @@ def _print_rates(checked: Mapping[str, Any], earlier: Mapping[str, Any]) -> None
         print(f'| {words} | {wanted} | {now} | {ends} % | {then} |')
 
 
-def _counted(
-    rules: Sequence[Decisions], folds: Sequence[Sequence[DiagnosedCampaign]]
-) -> dict[str, list[Any]]:
+def _counted(rules, folds):
     # Of each fold, by the rule that was fitted to the other folds.
     parts = [counted(rule, fold) for rule, fold in zip(rules, folds, strict=True)]
     return {name: [one for part in parts for one in part[name]] for name in parts[0]}
 
 
-def _print_curves(
-    rules: Sequence[Decisions], folds: Sequence[Sequence[DiagnosedCampaign]]
-) -> None:
+def _print_curves(rules, folds):
     # The same rates by how the campaigns were recorded.
     print('| | | false alarms | wrong | right first | calibration error |')
     print('|---|---|---|---|---|---|')
@@ -318,14 +310,8 @@ def _print_curves(
             print(f'| {name} | {low:g} to {high:g} {unit} | {" | ".join(cells)} | {error:.2f} |')
 
 
-def _yaml(
-    rule: Decisions,
-    lines: Sequence[Mapping[str, Any]],
-    checked: Mapping[str, Any],
-    error: float,
-    chosen: str,
-) -> str:
-    def logistic(name: str, threshold: float) -> dict[str, Any]:
+def _yaml(rule, lines, checked, error, chosen):
+    def logistic(name, threshold):
         model = getattr(rule, name)
         return {'threshold': threshold, 'constant': model.constant, 'weights': dict(model.weights)}
 
@@ -369,7 +355,7 @@ def _yaml(
     return head + yaml.safe_dump(table, sort_keys=False)
 
 
-def _draw(pairs: Sequence[tuple[float, bool]]) -> None:
+def _draw(pairs):
     # The reliability diagram: how often effects with a confidence are present.
     with mpl.rc_context({'font.size': 9}):
         figure = Figure(figsize=(4.6, 4.6), layout='constrained')

@@ -6,10 +6,8 @@ both. The stages and constants are those of ``utils/noise`` in
 https://github.com/project-instinct/InstinctLab (commit ef1e920), written anew from what they do.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 import sys
-from typing import Any
 
 from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.batch import depth_noise
@@ -29,7 +27,7 @@ _PATCHES, _SIDE, _SPREAD = 1e-4, 2.0, 0.5  # probability in a pixel; pixels
 _BLUR = 1.0  # pixels, in a kernel of 3 x 3
 
 
-def copied(clean: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def copied(clean, rng):
     """
     Return an image as the copied pipeline makes it: contours, patches, stereo noise, blur.
 
@@ -58,11 +56,10 @@ def copied(clean: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         (top, left), (end, right) = np.rint([(y, x) - half, (y, x) + half]).astype(int).clip(0)
         depth[top:end, left:right] = 0
     depth += rng.random(depth.shape) * np.where(depth > _BEYOND, _FAR, _NEAR)
-    blurred: np.ndarray = gaussian_filter(depth, _BLUR, radius=1).astype(np.float32)
-    return blurred
+    return gaussian_filter(depth, _BLUR, radius=1).astype(np.float32)
 
 
-def table(clean: np.ndarray, seen: dict[str, np.ndarray]) -> Iterator[str]:
+def table(clean, seen):
     """Yield lines of a table of the errors of (T, H, W) depths, NaN or 0 where invalid."""
     yield '| | below 2 m: mean error, sigma | beyond 2 m | invalid | wrong by more than 0.1 m |'
     yield '|---|---|---|---|---|'
@@ -80,7 +77,7 @@ def table(clean: np.ndarray, seen: dict[str, np.ndarray]) -> Iterator[str]:
         yield f'| {" | ".join([name, *parts])} |'
 
 
-def draw(path: Path, clean: np.ndarray, seen: dict[str, np.ndarray]) -> None:
+def draw(path, clean, seen):
     """Write a picture of the clean image, and of one image and its error for each way."""
     import matplotlib
 
@@ -91,7 +88,7 @@ def draw(path: Path, clean: np.ndarray, seen: dict[str, np.ndarray]) -> None:
     dark = '#3a3a3a'
     depths = pyplot.get_cmap('turbo_r').with_extremes(bad=dark)
     errors = pyplot.get_cmap('RdBu').with_extremes(bad=dark)
-    images: dict[str, Any] = {'clean': clean}
+    images = {'clean': clean}
     images |= {name: depth[0] for name, depth in seen.items()}
     for axis, (name, image) in zip(axes[0], images.items(), strict=True):
         valid = np.where(image > 0.1, image, np.nan)
@@ -119,7 +116,7 @@ def draw(path: Path, clean: np.ndarray, seen: dict[str, np.ndarray]) -> None:
         pyplot.close(figure)
 
 
-def main(words: list[str]) -> None:
+def main(words):
     """Draw and print."""
     scene, rng = room(), np.random.default_rng(0)
     clean, light = (image.astype(np.float32) for image in (scene.depth, scene.reflectivity))

@@ -8,13 +8,11 @@ effects are named, checked on other scenes of the same camera. Development seeds
 effects are those of `bench.gap_novel`, not the benchmark's.
 """
 
-from collections.abc import Mapping, Sequence
 from functools import cache
 import math
 from pathlib import Path
 import subprocess
 import time
-from typing import Any
 
 from bench.gap_campaigns import write_campaign
 from bench.gap_novel import NOVEL
@@ -30,7 +28,7 @@ from study.blind import BlindCamera
 from study.blind.catalogue import CATALOGUE
 
 # What is drawn, and how often.
-DESIGN: dict[str, dict[Any, float]] = {
+DESIGN = {
     'group': {'none': 0.26, 'single': 0.44, 'pair': 0.12, 'left_out': 0.08, 'novel': 0.10},
     'camera': {'blind': 0.75, 'own': 0.25},
     'usecase': dict.fromkeys(MODES, 0.5),
@@ -45,7 +43,7 @@ DESIGN: dict[str, dict[Any, float]] = {
 STRENGTHS = 0.1, 3.0  # log-uniform
 # Campaigns of the benchmark's size, from index `SMALL` on: what the errors of poses leave grows
 # with the number of pixels and frames.
-LARGE: dict[str, dict[Any, float]] = {
+LARGE = {
     **DESIGN,
     'group': {'none': 0.36, 'single': 0.38, 'pair': 0.08, 'left_out': 0.1, 'novel': 0.08},
     'camera': {'blind': 1.0},
@@ -59,14 +57,10 @@ LARGE: dict[str, dict[Any, float]] = {
 LARGE_STRENGTHS = 0.25, 2.0
 # From index `QUIET` on, campaigns of full size without an effect: few of them leave a large loss,
 # and these few are the false alarms.
-NO_EFFECT: dict[str, dict[Any, float]] = {
-    **LARGE,
-    'group': {'none': 1.0},
-    'pose_mm': {0.0: 0.05, 2.0: 0.7, 5.0: 0.25},
-}
+NO_EFFECT = {**LARGE, 'group': {'none': 1.0}, 'pose_mm': {0.0: 0.05, 2.0: 0.7, 5.0: 0.25}}
 # What differs inside a camera with an effect: for each field of `Internals` the lowest and highest
 # value (log-uniform), or the values. For other effects: one modulation frequency.
-INSIDE: dict[str, dict[str, tuple[Any, ...]]] = {
+INSIDE = {
     'wiggling': {'wave_m': (0.25, 2.0)},
     'offset': {'axial': (True,)},
     'warm_up_drift': {'axial': (True,)},
@@ -89,7 +83,7 @@ MOST = 3 * SMALL
 _DEGREES_PER_MM = 0.0625
 
 
-def plan(index: int) -> tuple[Planned, dict[str, Any]]:
+def plan(index):
     """
     Draw a campaign.
 
@@ -148,7 +142,7 @@ def plan(index: int) -> tuple[Planned, dict[str, Any]]:
     return case, more
 
 
-def _inside(names: Sequence[str], rng: np.random.Generator) -> dict[str, Any]:
+def _inside(names, rng):
     # What differs inside the camera, for its first effect.
     out = {}
     for field, values in INSIDE.get(names[0] if names else '', _MHZ).items():
@@ -160,7 +154,7 @@ def _inside(names: Sequence[str], rng: np.random.Generator) -> dict[str, Any]:
     return out
 
 
-def run(index: int) -> dict[str, Any]:
+def run(index):
     """
     Record and diagnose a campaign.
 
@@ -204,7 +198,7 @@ def run(index: int) -> dict[str, Any]:
     }
 
 
-def counts_anew(line: Mapping[str, Any]) -> bool:
+def counts_anew(line):
     """
     Say whether the campaign of a line should be diagnosed again when the method has changed.
 
@@ -215,11 +209,11 @@ def counts_anew(line: Mapping[str, Any]) -> bool:
     return line['index'] >= SMALL or reduction is not None
 
 
-def _record(case: Planned, more: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def _record(case, more, folder):
     # Returns the true parameters of the effects.
     table = {name: {'strength': value} for name, value in case.effects.items()}
     pose = case.pose_mm / 1000, case.pose_mm * _DEGREES_PER_MM
-    parameters: dict[str, Any] = table
+    parameters = table
     if more['scene'] == 'walls':
         write_walls(
             folder,
@@ -254,7 +248,7 @@ def _record(case: Planned, more: Mapping[str, Any], folder: Path) -> dict[str, A
     return parameters
 
 
-def _change(folder: Path, novel: str, seed: int) -> None:
+def _change(folder, novel, seed):
     # Gives the recordings an effect outside the catalogue.
     rng = np.random.default_rng([seed, 7])
     for i, path in enumerate(sorted(folder.glob('*.npz'))):
@@ -265,13 +259,13 @@ def _change(folder: Path, novel: str, seed: int) -> None:
 
 
 @cache
-def code() -> str:
+def code():
     """Return the hash of the committed files of the diagnosis, with ``+`` if some differ."""
     folder = 'flexx2_sim_ros/gap'
     return _git('rev-parse', f'HEAD:{folder}') + '+' * bool(_git('status', '-s', folder))
 
 
-def _git(*arguments: str) -> str:
+def _git(*arguments):
     done = subprocess.run(
         ['git', *arguments],
         cwd=Path(__file__).parent.parent,

@@ -1,17 +1,13 @@
 """Count how often a rule of the verdict is right about simulated campaigns."""
 
-from collections.abc import Sequence
-from typing import Any
-
-from bench.decision_fit import DiagnosedCampaign, first, is_wrong
-from flexx2_sim_ros.gap.calibration.decisions import Decisions
+from bench.decision_fit import first, is_wrong
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED, judge
 
 _UNEXPLAINED = 'unknown', 'partly'  # right where the diagnosis does not know the effect
 _COUNTED = 'false_alarms', 'wrong', 'named', 'covered', 'size', 'unexplained', 'held'
 
 
-def counted(rule: Decisions, campaigns: Sequence[DiagnosedCampaign]) -> dict[str, Any]:
+def counted(rule, campaigns):
     """
     Count how often a rule is right about campaigns it was not fitted to.
 
@@ -25,7 +21,7 @@ def counted(rule: Decisions, campaigns: Sequence[DiagnosedCampaign]) -> dict[str
         ``confidence`` of (probability, present) of each named effect.
 
     """
-    out: dict[str, list[Any]] = {name: [] for name in (*_COUNTED, 'confidence')}
+    out = {name: [] for name in (*_COUNTED, 'confidence')}
     for one in campaigns:
         said = judge(one.support, rule)
         finds, names = said.verdict != 'none', said.verdict in EXPLAINED
@@ -57,9 +53,9 @@ def counted(rule: Decisions, campaigns: Sequence[DiagnosedCampaign]) -> dict[str
     return out
 
 
-def before(campaigns: Sequence[DiagnosedCampaign]) -> dict[str, Any]:
+def before(campaigns):
     """Count the same of the rule with which the campaigns were diagnosed."""
-    out: dict[str, list[Any]] = {name: [] for name in _COUNTED}
+    out = {name: [] for name in _COUNTED}
     for one in campaigns:
         finds = one.verdict not in ('none', 'not_decidable', 'too_little')
         if not one.present:

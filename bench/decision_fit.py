@@ -1,6 +1,6 @@
 """Fit the rule of the verdict to simulated campaigns."""
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import math
 from typing import Any
@@ -23,7 +23,6 @@ from flexx2_sim_ros.gap.inference.probability import (
     gap_evidence,
     has_gap,
     judge,
-    Rows,
 )
 from flexx2_sim_ros.gap.inference.support import Support, support_from
 import numpy as np
@@ -92,15 +91,12 @@ class DiagnosedCampaign:
     reduction: tuple[float, float, float, float] | None
 
     @property
-    def plain(self) -> bool:
+    def plain(self):
         """Whether the camera has no effect; its poses may be wrong by any amount."""
         return bool(self.planned['group'] == 'none')
 
 
-Judged = tuple[DiagnosedCampaign, Mapping[str, float]]  # and the probability of each effect
-
-
-def campaign(line: Mapping[str, Any]) -> DiagnosedCampaign:
+def campaign(line):
     """Read a line of `decision_campaigns.run`."""
     planned, table = line['planned'], line['diagnosis']
     depths = planned['width'] * planned['height'] * planned['frames']
@@ -129,7 +125,7 @@ def campaign(line: Mapping[str, Any]) -> DiagnosedCampaign:
     )
 
 
-def calibrate(campaigns: Sequence[DiagnosedCampaign]) -> Decisions:
+def calibrate(campaigns):
     """
     Fit the rule.
 
@@ -170,9 +166,7 @@ def calibrate(campaigns: Sequence[DiagnosedCampaign]) -> Decisions:
     return replace(rule, margins=_margins(campaigns, rule))
 
 
-def _of_effects(
-    campaigns: Sequence[DiagnosedCampaign], rows: Sequence[Rows]
-) -> tuple[Logistic, list[dict[str, float]]]:
+def _of_effects(campaigns, rows):
     # The model of effects with these rows for each campaign, and their probabilities.
     pairs = [(k, name) for k, of_one in enumerate(rows) for name in of_one]
     model, probabilities = _logistic(
@@ -180,15 +174,13 @@ def _of_effects(
         [name in campaigns[k].true for k, name in pairs],
         [k for k, _ in pairs],
     )
-    out: list[dict[str, float]] = [{} for _ in campaigns]
+    out = [{} for _ in campaigns]
     for (k, name), p in zip(pairs, probabilities, strict=True):
         out[k][name] = p
     return model, out
 
 
-def _logistic(
-    rows: Sequence[Mapping[str, float]], labels: Sequence[bool], groups: Sequence[int]
-) -> tuple[Logistic, np.ndarray]:
+def _logistic(rows, labels, groups):
     # The model, and the probability of each row by models of the other folds.
     x, y = np.array([[*row.values()] for row in rows]), np.array(labels)
     model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=_MOST_STEPS))
@@ -201,7 +193,7 @@ def _logistic(
     return Logistic(constant, dict(zip(rows[0], map(float, weights), strict=True))), left_out
 
 
-def _thresholds(campaigns: Sequence[DiagnosedCampaign], odds: np.ndarray) -> GapThresholds:
+def _thresholds(campaigns, odds):
     # Of all thresholds with which at most `FALSE_ALARMS` of the campaigns without an effect have a
     # gap, those with which most of the campaigns with an effect have one.
     present = np.array([one.present for one in campaigns])
@@ -221,7 +213,7 @@ def _thresholds(campaigns: Sequence[DiagnosedCampaign], odds: np.ndarray) -> Gap
     return best
 
 
-def _slopes(campaigns: Sequence[DiagnosedCampaign], odds: np.ndarray) -> GapThresholds:
+def _slopes(campaigns, odds):
     # How the evidence of campaigns without an effect depends on the scatter of the poses and on
     # how many depths there are; the other thresholds are 0, but no campaign without an effect
     # reaches that of the agreement.
@@ -250,9 +242,7 @@ def _slopes(campaigns: Sequence[DiagnosedCampaign], odds: np.ndarray) -> GapThre
     )
 
 
-def _without_slopes(
-    campaigns: Sequence[DiagnosedCampaign], odds: np.ndarray, slopes: GapThresholds
-) -> tuple[np.ndarray, np.ndarray]:
+def _without_slopes(campaigns, odds, slopes):
     # The odds and excess losses that mean as much in a campaign with most depths.
     fewer = [fewer_by(one.support.depths, slopes.most_depths) for one in campaigns]
     excess = [
@@ -263,17 +253,17 @@ def _without_slopes(
     return np.array(list(map(times_odds, odds, lower))), np.array(excess)
 
 
-def _allowed(rate: float, group: np.ndarray) -> int:
+def _allowed(rate, group):
     # How many alarms there may be in a group so that further ones have about this rate.
     return max(math.floor(rate * (group.sum() + 1)), 1) - 1
 
 
-def _above(ordered: np.ndarray, count: int) -> float:
+def _above(ordered, count):
     # The smallest value that at most so many of these reach.
     return float(np.nextafter(ordered[count], np.inf)) if count < len(ordered) else 0.0
 
 
-def _least_effect(gaps: Sequence[Judged], count: int, rule: Decisions) -> float:
+def _least_effect(gaps, count, rule):
     # The probability from which on effects are named: at most `WRONG` of the campaigns with an
     # effect, which are so many, are then named wrongly.
     wrong = []
@@ -289,7 +279,7 @@ def _least_effect(gaps: Sequence[Judged], count: int, rule: Decisions) -> float:
     return float(np.nextafter(wrong[allowed - 1], 2.0)) if len(wrong) >= allowed else 0.0
 
 
-def is_wrong(one: DiagnosedCampaign, listed: Set[str], partly: bool) -> bool:
+def is_wrong(one, listed, partly):
     """
     Say whether an answer that lists effects is wrong.
 
@@ -299,12 +289,12 @@ def is_wrong(one: DiagnosedCampaign, listed: Set[str], partly: bool) -> bool:
     return one.present and not listed & one.true and (one.findable or not partly)
 
 
-def first(one: DiagnosedCampaign, effects: Mapping[str, float]) -> str:
+def first(one, effects):
     """Return the most probable one of the chosen effects."""
     return max((c.name for c in one.support.chosen), key=lambda name: effects[name])
 
 
-def _least_alternative(gaps: Sequence[Judged]) -> float:
+def _least_alternative(gaps):
     # The probability that a true effect reaches in `COVERED` of the campaigns with a gap.
     reached = np.sort(
         [
@@ -317,7 +307,7 @@ def _least_alternative(gaps: Sequence[Judged]) -> float:
     return float(reached[at]) if at >= 0 else 0.0
 
 
-def _margins(campaigns: Sequence[DiagnosedCampaign], rule: Decisions) -> tuple[Margin, ...]:
+def _margins(campaigns, rule):
     # Conformalised quantile regression (Romano et al., 2019): by how much intervals must be
     # widened so that they hold in `HELD` of further campaigns.
     verdicts = [judge(one.support, rule).verdict for one in campaigns]
@@ -335,7 +325,7 @@ def _margins(campaigns: Sequence[DiagnosedCampaign], rule: Decisions) -> tuple[M
     return tuple(out)
 
 
-def _group(support: Support) -> tuple[int, float, float]:
+def _group(support):
     # The group of a campaign.
     return next(
         group

@@ -5,11 +5,9 @@ It has what `decision_fit.campaign` reads of a line, so that the rule can be fit
 again in a minute, without hours of diagnoses.
 """
 
-from collections.abc import Mapping, Sequence
 import json
 import lzma
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.atomic import whole
 
@@ -17,7 +15,7 @@ KEPT = Path(__file__).parent / 'decisions.jsonl.xz'
 _DIGITS = 6
 
 
-def keep(lines: Sequence[Mapping[str, Any]], chosen: str, path: Path = KEPT) -> None:
+def keep(lines, chosen, path=KEPT):
     """
     Write lines of `decision_campaigns.run`.
 
@@ -37,13 +35,13 @@ def keep(lines: Sequence[Mapping[str, Any]], chosen: str, path: Path = KEPT) -> 
         part.write_bytes(data)
 
 
-def kept_arguments(path: Path = KEPT) -> str:
+def kept_arguments(path=KEPT):
     """Return the arguments that chose the campaigns of the file."""
     with lzma.open(path, 'rt') as file:
         return str(json.loads(file.readline())['chosen'])
 
 
-def _brief(line: Mapping[str, Any]) -> dict[str, Any]:
+def _brief(line):
     table, realised = line['diagnosis'], line['realised']
     gap = table['gap']
     by = gap['measured_by']
@@ -64,7 +62,7 @@ def _brief(line: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _short(value: Any) -> Any:
+def _short(value):
     # A number, or several, or nothing.
     if isinstance(value, list):
         return [_short(one) for one in value]

@@ -1,6 +1,5 @@
 """The cost of every effect a frame, on one core, relative to the base model in the same run."""
 
-from collections.abc import Callable
 from itertools import count
 import time
 
@@ -15,7 +14,7 @@ _PERIOD = 33_333_333
 _ALLOWED = {'multipath': 10.0, 'stray_light': 10.0}
 
 
-def run(rounds: int = 60) -> None:
+def run(rounds=60):
     """Print milliseconds a frame and ratios, in the mode with two frequencies."""
     names = list(registry())
     with one_core():
@@ -45,7 +44,7 @@ def run(rounds: int = 60) -> None:
     )
 
 
-def _frames(effects: dict[str, None], fresh: bool = False) -> Callable[[], object]:
+def _frames(effects, fresh=False):
     # A scene that comes nearer, so that effects of motion have something to do; but one that
     # stands still for what is kept of a scene, unless `fresh`.
     camera = Camera('Mode_9_30fps', effects=effects, seed=1)
@@ -57,7 +56,7 @@ def _frames(effects: dict[str, None], fresh: bool = False) -> Callable[[], objec
     scenes = [scene if still else scene - np.float32(0.01 * i) for i in range(2)]
     ticks = count()
 
-    def frame() -> object:
+    def frame():
         tick = next(ticks)
         return camera.capture(scenes[tick % 2], matrix, tick * _PERIOD, reflectivity)
 

@@ -5,7 +5,7 @@ Head-on, sigma_z^2 = s0^2 + (h / t)^2, floor and read noise, t the longest expos
 pair of modes, Mode_5 at 30 and at 60 fps, gives s0 and h at every distance.
 """
 
-from flexx2_sim_ros.camera import flexx2, NoiseModel
+from flexx2_sim_ros.camera import flexx2
 import numpy as np
 
 # Longest exposures of another vendor's module with the same imager and mode names, microseconds.
@@ -25,7 +25,7 @@ _NEAREST = 0.3  # metres; a, b and c are fitted to larger distances
 _POINTS = 200
 
 
-def run() -> None:
+def run():
     """Print the noise of every mode."""
     print(f'sigma_x goes as t^{_edge_exponent():.2f}')
     for usecase in EXPOSURE_US:
@@ -33,11 +33,11 @@ def run() -> None:
         print(f'{usecase}: noise: {{{", ".join(f"{k}: {_plain(v)}" for k, v in row.items())}}}')
 
 
-def _plain(value: float) -> str:
+def _plain(value):
     return f'{value:.6f}'.rstrip('0').rstrip('.')
 
 
-def noise_by_exposure(usecase: str) -> dict[str, float]:
+def noise_by_exposure(usecase):
     """
     Return a mode's a, b, c, d, n and sigma_x, to the digits of the paper.
 
@@ -66,27 +66,25 @@ def noise_by_exposure(usecase: str) -> dict[str, float]:
     }
 
 
-def _pair() -> tuple[tuple[float, NoiseModel], tuple[float, NoiseModel]]:
+def _pair():
     slow, fast = ((EXPOSURE_US[name], flexx2().mode(name).noise) for name in _PAIR)
     return slow, fast
 
 
-def _floor_share(z: np.ndarray, time: float) -> np.ndarray:
+def _floor_share(z, time):
     # The fraction of the floor in Mode_5's variance at an exposure, by distance.
     (slow, at_slow), (fast, at_fast) = _pair()
     calm, noisy = at_slow.sigma_z(z, 0.0) ** 2, at_fast.sigma_z(z, 0.0) ** 2
     read = (noisy - calm) / (fast**-2 - slow**-2)
     floor = np.maximum(calm - read / slow**2, 0.0)
-    share: np.ndarray = floor / (floor + read / time**2)
-    return share
+    return floor / (floor + read / time**2)
 
 
-def _edge_exponent() -> float:
+def _edge_exponent():
     (slow, at_slow), (fast, at_fast) = _pair()
     return round(float(np.log(at_fast.sigma_x / at_slow.sigma_x) / np.log(fast / slow)), 2)
 
 
-def _relative_least_squares(z: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+def _relative_least_squares(z, sigma):
     design = np.stack([np.ones_like(z), z, z**2], axis=1) / sigma[:, None]
-    solution: np.ndarray = np.linalg.lstsq(design, np.ones_like(z), rcond=None)[0]
-    return solution
+    return np.linalg.lstsq(design, np.ones_like(z), rcond=None)[0]

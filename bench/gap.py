@@ -1,6 +1,5 @@
 """Time and memory of a diagnosis, by the number of recordings and frames."""
 
-from collections.abc import Sequence
 from pathlib import Path
 import tempfile
 import time
@@ -13,7 +12,7 @@ from flexx2_sim_ros.gap import diagnose
 _SIZES = ((8, 20), (4, 20), (8, 10), (8, 40), (16, 20))
 
 
-def run(sizes: Sequence[tuple[int, int]] = _SIZES) -> None:
+def run(sizes=_SIZES):
     """Print time and memory."""
     usual = sizes[0]
     with tempfile.TemporaryDirectory() as name:

@@ -1,11 +1,8 @@
 """Simulated campaigns for the development of the diagnosis: rooms of boxes, with wrong poses."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
-from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
 from flexx2_sim_ros.effects import ageing, registry
@@ -35,7 +32,7 @@ class BoxRoom:
     squares: np.ndarray
 
 
-def make_room(rng: np.random.Generator) -> BoxRoom:
+def make_room(rng):
     """Draw a room with some boxes in front of the camera at its origin."""
     near = rng.uniform(1.2, 4.5)
     room = [-1.5, -rng.uniform(0.8, 2.5), 0.0, near, rng.uniform(0.8, 2.5), 2.6]
@@ -52,13 +49,13 @@ def make_room(rng: np.random.Generator) -> BoxRoom:
 
 
 def look(
-    room: BoxRoom,
-    K: np.ndarray,
-    size: tuple[int, int],  # noqa: N803
-    rotation: np.ndarray,
-    position: np.ndarray,
-    distortion: tuple[float, ...] = (0.0,) * 5,
-) -> tuple[np.ndarray, np.ndarray]:
+    room,
+    K,
+    size,  # noqa: N803
+    rotation,
+    position,
+    distortion=(0.0,) * 5,
+):
     """
     Render depth and reflectivity.
 
@@ -102,7 +99,7 @@ def look(
     return (best.reshape(size).astype(np.float32), albedo.reshape(size).astype(np.float32))
 
 
-def optical(yaw: float, pitch: float, roll: float) -> np.ndarray:
+def optical(yaw, pitch, roll):
     """Return the rotation from the optical frame to the world; angles in radians."""
     base = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (math.cos, math.sin))
@@ -113,21 +110,21 @@ def optical(yaw: float, pitch: float, roll: float) -> np.ndarray:
 
 
 def write_campaign(
-    folder: Path,
+    folder,
     *,
-    effects: dict[str, Any] | None = None,
-    seed: int = 0,
-    recordings: int = 8,
-    frames: int = 20,
-    usecase: str = 'Mode_9_30fps',
-    pose: tuple[float, float] = (0.002, 0.125),
-    reflectivity: float = 0.2,
-    sigma: float = 0.05,
-    scale: float = 1.0,
-    novel: Callable[[np.ndarray, dict[str, Any]], np.ndarray] | None = None,
-    moving: int = 3,
-    distortion: tuple[float, ...] = (0.0,) * 5,
-) -> None:
+    effects=None,
+    seed=0,
+    recordings=8,
+    frames=20,
+    usecase='Mode_9_30fps',
+    pose=(0.002, 0.125),
+    reflectivity=0.2,
+    sigma=0.05,
+    scale=1.0,
+    novel=None,
+    moving=3,
+    distortion=(0.0,) * 5,
+):
     """
     Write recordings of a camera with effects; the user knows pose, noise and albedo inexactly.
 
@@ -192,9 +189,7 @@ class _CameraPath:
     turn: np.ndarray  # radians
 
     @classmethod
-    def draw(
-        cls, rng: np.random.Generator, moving: bool, pose: tuple[float, float]
-    ) -> '_CameraPath':
+    def draw(cls, rng, moving, pose):
         speed, turning = np.zeros(3), 0.0
         if moving:
             speed = np.array(
@@ -207,7 +202,7 @@ class _CameraPath:
         turn = np.radians(rng.standard_normal(3) * pose[1])
         return cls(start, speed, yaw, pitch, turning, shift, turn)
 
-    def poses(self, t: float) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    def poses(self, t):
         # Rotation and position at a time: those that the user believes, and the real ones.
         rotation = optical(self.yaw + self.turning * t, self.pitch, 0.0)
         position = self.start + self.speed * t
@@ -217,16 +212,7 @@ class _CameraPath:
 
 
 @lru_cache(maxsize=8)
-def render_views(
-    seed: int,
-    recordings: int,
-    frames: int,
-    usecase: str,
-    pose: tuple[float, float],
-    scale: float,
-    moving: int,
-    distortion: tuple[float, ...] = (0.0,) * 5,
-) -> list[tuple[dict[str, Any], np.ndarray, np.ndarray]]:
+def render_views(seed, recordings, frames, usecase, pose, scale, moving, distortion=(0.0,) * 5):
     """Return each recording's arrays as the user has them, and the real depth and albedo."""
     rng = np.random.default_rng(seed)
     camera = flexx2().intrinsics

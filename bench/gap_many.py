@@ -10,13 +10,11 @@ python -m bench.gap_many --count 4 --seeds 1-5
 """
 
 import argparse
-from collections.abc import Iterator
 from dataclasses import replace
 import json
 import math
 from pathlib import Path
 import time
-from typing import Any
 
 from flexx2_sim_ros.atomic import scratch_folder, whole
 from flexx2_sim_ros.gap import diagnose, measure
@@ -35,7 +33,7 @@ _NEVER = ('pose_error',)  # no effect of a camera
 _SHOWN = 3  # frames of each recording that say what an effect contributes
 # What differs inside: each field of `Internals` with probability 0.5, between two values or one of
 # several.
-_INSIDE: dict[str, tuple[Any, ...]] = {
+_INSIDE = {
     'mhz': (25.0, 105.0),
     'wave_m': (0.25, 2.0),
     'footprint': ('round', 'gauss'),
@@ -52,7 +50,7 @@ _INSIDE: dict[str, tuple[Any, ...]] = {
 }
 
 
-def main() -> None:
+def main():
     """Print a line for each camera, and the means."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
     parser.add_argument('--count', default='4', help='effects of each camera, as 1,4,8')
@@ -77,7 +75,7 @@ def main() -> None:
     print(_summary(rows))
 
 
-def plan(arguments: argparse.Namespace, count: int, seed: int) -> Planned:
+def plan(arguments, count, seed):
     """Draw a camera with so many effects."""
     index = _FIRST + 100 * count + seed
     rng = np.random.default_rng([DEVELOPMENT.seed(index), 9])
@@ -87,7 +85,7 @@ def plan(arguments: argparse.Namespace, count: int, seed: int) -> Planned:
         str(name): round(float(np.exp(rng.uniform(low, high))), 3)
         for name in sorted(rng.choice(names, count, replace=False))
     }
-    inside: dict[str, Any] = {}
+    inside = {}
     for field, values in _INSIDE.items():
         if rng.random() < 0.5:
             continue
@@ -112,7 +110,7 @@ def plan(arguments: argparse.Namespace, count: int, seed: int) -> Planned:
     )
 
 
-def _row(arguments: argparse.Namespace, count: int, seed: int, cache: Path) -> dict[str, Any]:
+def _row(arguments, count, seed, cache):
     case = plan(arguments, count, seed)
     folder = cache / f'many_{count}_{seed}_{case.width}_{case.recordings}_{case.frames}'
     campaign = folder / 'campaign'
@@ -151,7 +149,7 @@ def _row(arguments: argparse.Namespace, count: int, seed: int, cache: Path) -> d
     }
 
 
-def _order(effects: list[dict[str, Any]], true: dict[str, float]) -> float | None:
+def _order(effects, true):
     # Rank correlation of what named effects take off with what they contribute.
     rows = [one for one in effects if one['name'] in true and one['takes_off']]
     if len(rows) < 3:
@@ -160,12 +158,12 @@ def _order(effects: list[dict[str, Any]], true: dict[str, float]) -> float | Non
     return float(spearmanr(taken, [true[one['name']] for one in rows]).statistic)
 
 
-def _contributions(case: Planned, cache: Path) -> dict[str, float]:
+def _contributions(case, cache):
     # By how much the images of fresh scenes change when the camera loses each effect.
     key = replace(case.case.scenes, seed=case.scene_seed + FRESH, pose_mm=0.0, frames=_SHOWN)
     scenes = SceneSet(key, cache)
 
-    def recorded(folder: Path, lost: str) -> list[Path]:
+    def recorded(folder, lost):
         folder.mkdir()
         camera = BlindCamera(replace(case.case, scenes=key), scenes)
         camera.effects = tuple(one for one in camera.effects if one.name != lost)
@@ -182,7 +180,7 @@ def _contributions(case: Planned, cache: Path) -> dict[str, float]:
     return out
 
 
-def _line(row: dict[str, Any]) -> str:
+def _line(row):
     true = ', '.join(
         f'{name} {value:.1f}' for name, value in sorted(row['true'].items(), key=lambda x: -x[1])
     )
@@ -198,7 +196,7 @@ def _line(row: dict[str, Any]) -> str:
     )
 
 
-def _summary(rows: list[dict[str, Any]]) -> str:
+def _summary(rows):
     gaps = [one['realised'] for one in rows]
     shrink = [0.0 if one is None else one['shrink'] or 0.0 for one in gaps]
     off = [row['predicted'] - value for row, value in zip(rows, shrink, strict=True)]
@@ -213,7 +211,7 @@ def _summary(rows: list[dict[str, Any]]) -> str:
     )
 
 
-def _numbers(text: str) -> Iterator[int]:
+def _numbers(text):
     for part in text.split(','):
         low, _, high = part.partition('-')
         yield from range(int(low), int(high or low) + 1)

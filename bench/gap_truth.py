@@ -1,8 +1,5 @@
 """Kinds of ground truth in place of the exact one of a simulated campaign: see `TRUTHS`."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.gap.data.planes import plane_shifts
 import numpy as np
@@ -15,31 +12,31 @@ TAPE, SQUARE = 0.003, 0.3  # metres, degrees: accuracy of a plane measured by ha
 LOOSE = 0.1, 5.0  # without a measurement
 
 
-def hide(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
+def hide(content, seed):
     """Return a recording with its edges and some patches unknown, about 30 % of the image."""
     clean = content['clean_depth']
     known = known_part(clean, seed)
     return {**content, 'known': known, 'clean_depth': np.where(known, clean, np.float32(np.nan))}
 
 
-def constrain(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
+def constrain(content, seed):
     """Return a recording with planes as measured by a tape measure and a set square."""
     return _as_planes(content, content['clean_depth'], 0.001, TAPE, SQUARE, seed, exact=False)
 
 
-def fit_planes(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
+def fit_planes(content, seed):
     """Return a recording with planes that are only fitted to its own frames."""
     depth = np.nanmedian(content['depth'], axis=0)
     return _as_planes(content, depth, 0.012, *LOOSE, seed, exact=True)
 
 
-def fit_as_exact(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
+def fit_as_exact(content, seed):
     """Return a recording with planes fitted to its frames, declared exact."""
     out = fit_planes(content, seed)
     return {key: value for key, value in out.items() if not key.startswith('plane')}
 
 
-def exact(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
+def exact(content, seed):
     """Return the recording unchanged."""
     return content
 
@@ -47,7 +44,7 @@ def exact(content: dict[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
 # `masked`: edges and some patches are unknown, about 30 %. `constrained`: planes that a tape
 # measure and a set square constrain. `fitted`: planes fitted to the recorded frames, given as
 # loose, or as exact.
-TRUTHS: dict[str, Callable[[dict[str, np.ndarray], int], dict[str, np.ndarray]]] = {
+TRUTHS = {
     'exact': exact,
     'masked': hide,
     'constrained': constrain,
@@ -56,15 +53,7 @@ TRUTHS: dict[str, Callable[[dict[str, np.ndarray], int], dict[str, np.ndarray]]]
 }
 
 
-def _as_planes(
-    content: dict[str, np.ndarray],
-    depth: np.ndarray,
-    tolerance: float,
-    offset: float,
-    degrees: float,
-    seed: int,
-    exact: bool,
-) -> dict[str, np.ndarray]:
+def _as_planes(content, depth, tolerance, offset, degrees, seed, exact):
     # Planes (p = a u + b v + c in inverse depth) that depth contains; other pixels are unknown.
     rng = np.random.default_rng(seed)
     plane, clean = find_planes(depth, tolerance, rng)
@@ -85,9 +74,7 @@ def _as_planes(
     }
 
 
-def find_planes(
-    depth: np.ndarray, tolerance: float, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def find_planes(depth, tolerance, rng):
     """
     Find planes in a depth image by RANSAC.
 
@@ -133,15 +120,13 @@ def find_planes(
     return plane, fitted
 
 
-def _near(
-    columns: np.ndarray, some: np.ndarray, values: np.ndarray, depth: np.ndarray, tolerance: float
-) -> np.ndarray:
+def _near(columns, some, values, depth, tolerance):
     inverse = np.linalg.lstsq(some, 1 / values, rcond=None)[0]
     with np.errstate(divide='ignore', invalid='ignore'):
         return np.asarray(np.abs(1 / (columns @ inverse) - depth) < tolerance)
 
 
-def rewrite(folder: Path, truth: str, seed: int = 0) -> None:
+def rewrite(folder, truth, seed=0):
     """Replace the ground truth of all recordings of a campaign."""
     for i, path in enumerate(sorted(folder.glob('*.npz'))):
         with np.load(path) as archive:

@@ -1,10 +1,8 @@
 """The results of a long measurement, in a file that survives an interruption."""
 
-from collections.abc import Iterator
 import json
 import lzma
 from pathlib import Path
-from typing import Any
 
 FOLDER = Path('build/torture')
 
@@ -22,7 +20,7 @@ class Journal:
 
     """
 
-    def __init__(self, path: Path, **settings: Any) -> None:
+    def __init__(self, path, **settings):
         """Read the existing entries."""
         self._path = path
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -35,22 +33,22 @@ class Journal:
         path.write_text(''.join(f'{line}\n' for line in lines))
         self._entries = [json.loads(line) for line in lines[1:]]
 
-    def __iter__(self) -> Iterator[dict[str, Any]]:
+    def __iter__(self):
         """Iterate over the entries."""
         return iter(self._entries)
 
-    def __len__(self) -> int:
+    def __len__(self):
         """Return the number of entries."""
         return len(self._entries)
 
-    def add(self, entry: dict[str, Any]) -> None:
+    def add(self, entry):
         """Write an entry."""
         self._entries.append(entry)
         with self._path.open('a') as file:
             file.write(json.dumps(entry) + '\n')
 
 
-def entries(path: Path) -> list[dict[str, Any]]:
+def entries(path):
     """Return the entries of a file, whatever its settings are; it may be compressed (``.xz``)."""
     data = path.read_bytes()
     text = (lzma.decompress(data) if path.suffix == '.xz' else data).decode()

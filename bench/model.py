@@ -6,15 +6,12 @@ import time
 from bench.scenes import room
 from bench.timing import one_core, peak_megabytes, side_by_side
 from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
 
 _STACK = 20  # frames, as in a recording of a diagnosis
 
 
-def straightforward(
-    depth: np.ndarray, fx: float, fy: float, mode: Mode, generator: np.random.Generator
-) -> np.ndarray:
+def straightforward(depth, fx, fy, mode, generator):
     """
     Add sigma_z(z, theta) after shifting every pixel by a Gaussian offset of its own.
 
@@ -40,7 +37,7 @@ def straightforward(
     return out
 
 
-def run(rounds: int = 400) -> None:
+def run(rounds=400):
     """Print milliseconds and ratios."""
     profile = flexx2()
     scene = room()

@@ -26,7 +26,7 @@ ROOMS = ('camera',), ('physics',), ('nodes',), ('gap/inference', 'gap/features')
 # Test files of a change that run: that of its module, then those that name its function.
 FILES = 5
 UNNAMED = 'test', '__init__'  # in the name by which a file is imported
-FLIPPED: dict[type, type] = {
+FLIPPED = {
     ast.Lt: ast.GtE,
     ast.GtE: ast.Lt,
     ast.Gt: ast.LtE,
@@ -47,7 +47,7 @@ FLIPPED: dict[type, type] = {
 }
 
 
-def places(node: ast.AST) -> list[ast.expr]:
+def places(node):
     """Return what can be changed in a tree, without annotations and the texts of errors."""
     found = []
     for child in ast.iter_child_nodes(node):
@@ -60,7 +60,7 @@ def places(node: ast.AST) -> list[ast.expr]:
     return [node, *found] if number or operator else found
 
 
-def change(node: ast.expr) -> str:
+def change(node):
     """Change a place, and return what changed."""
     before = ast.unparse(node)
     if isinstance(node, ast.Compare):
@@ -72,7 +72,7 @@ def change(node: ast.expr) -> str:
     return f'{before} -> {ast.unparse(node)}'
 
 
-def imported(path: Path) -> set[str]:
+def imported(path):
     """Return the modules that a file may import, by dotted name."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):
@@ -82,10 +82,10 @@ def imported(path: Path) -> set[str]:
     return found
 
 
-def tests_of(path: Path, name: str, imports: dict[Path, set[str]]) -> list[str]:
+def tests_of(path, name, imports):
     """Return the test files that import a module, or else those of its nearest users."""
 
-    def users(files: set[Path]) -> set[Path]:
+    def users(files):
         parts = [one.relative_to(ROOT).with_suffix('').parts for one in files]
         names = {'.'.join(part for part in one if part not in UNNAMED) for one in parts}
         return {one for one, uses in imports.items() if uses & names}
@@ -104,7 +104,7 @@ def tests_of(path: Path, name: str, imports: dict[Path, set[str]]) -> list[str]:
     return [str(one.relative_to(ROOT)) for one in tests[:FILES]]
 
 
-def run(copy: Path, tests: list[str], seconds: float) -> tuple[str, str]:
+def run(copy, tests, seconds):
     """Return what the tests did, and the first that failed."""
     words = [
         sys.executable,
@@ -120,7 +120,7 @@ def run(copy: Path, tests: list[str], seconds: float) -> tuple[str, str]:
     return ('survived', 'noticed')[done.returncode not in (0, 5)], failed[1] if failed else ''
 
 
-def draw(count: int, seed: int) -> list[tuple[Path, str, int]]:
+def draw(count, seed):
     """Return files, their texts and the number of a place in each: as many from each room."""
     chosen, draws = [], random.Random(seed)
     for room in ROOMS:
@@ -131,7 +131,7 @@ def draw(count: int, seed: int) -> list[tuple[Path, str, int]]:
     return chosen
 
 
-def main() -> None:
+def main():
     """Print each change, and whether its tests notice it within ``--seconds``."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
     for option, default in (('--count', 40), ('--seed', 0), ('--seconds', 240)):

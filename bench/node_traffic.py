@@ -1,7 +1,6 @@
 """The traffic of camera nodes that are measured: their input, and what comes back."""
 
 import time
-from typing import Any
 
 from bench.scenes import room
 from flexx2_sim_ros.messages.decoding import stamp_nanoseconds
@@ -32,12 +31,12 @@ class Traffic:
 
     """
 
-    def __init__(self, cameras: tuple[str, ...], rate: int) -> None:
+    def __init__(self, cameras, rate):
         """Create publishers and subscriptions."""
         self._cameras, self._rate = cameras, rate
-        self.stamps: dict[str, list[int]] = {name: [] for name in cameras}
-        self.latencies: list[float] = []
-        self._sent: dict[tuple[str, int], float] = {}
+        self.stamps = {name: [] for name in cameras}
+        self.latencies = []
+        self._sent = {}
         self._node = rclpy.create_node('bench')
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -54,12 +53,12 @@ class Traffic:
                 10,
             )
 
-    def _receive(self, name: str, message: Any) -> None:
+    def _receive(self, name, message):
         stamp = stamp_nanoseconds(message.header.stamp)
         self.latencies.append(time.perf_counter() - self._sent[name, stamp])
         self.stamps[name].append(stamp)
 
-    def _matched(self) -> bool:
+    def _matched(self):
         return all(
             publisher.get_subscription_count()
             for pair in self._inputs.values()
@@ -69,13 +68,13 @@ class Traffic:
             for name in self._cameras
         )
 
-    def wait_for_nodes(self) -> None:
+    def wait_for_nodes(self):
         """Wait until all publishers and subscriptions are matched, at most a minute."""
         deadline = time.monotonic() + 60
         while not self._matched() and time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=0.1)
 
-    def feed(self, frames: int) -> None:
+    def feed(self, frames):
         """Publish this many images to each camera and receive theirs."""
         intrinsics, scene = flexx2().intrinsics, room()
         start = time.perf_counter()

@@ -22,7 +22,7 @@ class _Cost:
     memory: float
 
 
-def run(seconds: int = 20) -> None:
+def run(seconds=20):
     """Print how many frames arrived, and how fast; what one process for both takes."""
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
     print(
@@ -38,7 +38,7 @@ def run(seconds: int = 20) -> None:
     )
 
 
-def _run(groups: list[list[str]], seconds: int) -> _Cost:
+def _run(groups, seconds):
     # Each group of cameras in a process of its own.
     node = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera']
     options = ['--ros-args', '-p', 'usecase:=Mode_5_60fps', '--log-level', 'warn']
@@ -52,12 +52,12 @@ def _run(groups: list[list[str]], seconds: int) -> _Cost:
             process.wait(10)
 
 
-def _measure(processes: list[subprocess.Popen[bytes]], seconds: int) -> _Cost:
+def _measure(processes, seconds):
     # ROS is imported where it is needed: other measurements run without it.
     from bench.node_traffic import Traffic
     import rclpy
 
-    def used() -> float:
+    def used():
         return sum(cpu_seconds(process.pid) for process in processes)
 
     rclpy.init(args=[])
@@ -92,13 +92,13 @@ def _measure(processes: list[subprocess.Popen[bytes]], seconds: int) -> _Cost:
     return cost
 
 
-def cpu_seconds(pid: int) -> float:
+def cpu_seconds(pid):
     """Return the CPU time that a process has used."""
     fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
 
 
-def megabytes(pid: int) -> float:
+def megabytes(pid):
     """Return the memory of a process, MB; what several share is divided among them."""
     text = Path(f'/proc/{pid}/smaps_rollup').read_text()
     return sum(map(int, re.findall(r'^Pss:\s+(\d+)', text, re.M))) / 1024

@@ -15,7 +15,7 @@ from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 
 
-def main() -> None:
+def main():
     """Publish, then print the number of images and the slowest publish call, as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('namespace')
@@ -63,7 +63,7 @@ def main() -> None:
     rclpy.shutdown()
 
 
-def wall(size: str, value: float) -> tuple[Image, CameraInfo]:
+def wall(size, value):
     """Return an image of one value and a camera 60 degrees wide."""
     width, height = (int(side) for side in size.split('x'))
     image = Image(width=width, height=height, encoding='32FC1', step=4 * width)

@@ -7,7 +7,6 @@ most, root mean square.
 
 from pathlib import Path
 import tempfile
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import registry
@@ -35,7 +34,7 @@ NAMES = 'left', 'right', 'floor'
 LASER, TAPE = 0.001, 0.003  # metres
 
 
-def corner(turn: float, tilt: float, roll: float) -> np.ndarray:
+def corner(turn, tilt, roll):
     """Return the (3, 3) normals of a room's corner that the camera looks into."""
     half = np.sqrt(0.5)
     normals = np.array([[-half, 0, half], [half, 0, half], [0, 1, 0]])
@@ -43,7 +42,7 @@ def corner(turn: float, tilt: float, roll: float) -> np.ndarray:
     return np.asarray(normals @ turned.T)
 
 
-def seen(normals: np.ndarray, distances: Any) -> tuple[np.ndarray, np.ndarray]:
+def seen(normals, distances):
     """Return depth and which plane it is of, (H, W) each."""
     along = RAYS @ normals.T
     with np.errstate(divide='ignore'):
@@ -51,13 +50,7 @@ def seen(normals: np.ndarray, distances: Any) -> tuple[np.ndarray, np.ndarray]:
     return depth.min(axis=-1).astype(np.float32), depth.argmin(axis=-1)
 
 
-def record(
-    folder: Path,
-    offset: float = 0.0,
-    views: Any = VIEWS,
-    reflectivity: float = 0.6,
-    others: tuple[str, ...] = (),
-) -> Path:
+def record(folder, offset=0.0, views=VIEWS, reflectivity=0.6, others=()):
     """Write a recording of each view, with an offset and with other effects of usual strength."""
     folder.mkdir()
     table = {'offset': {'bias': offset}} if offset else {}
@@ -69,12 +62,12 @@ def record(
         albedo = np.full_like(clean, reflectivity)
         stamp = np.arange(FRAMES) / 30
         depth = camera.capture(clean, K, stamp, albedo).depth
-        content: dict[str, Any] = {'depth': depth, 'K': K, 'stamp': stamp, 'usecase': MODE}
+        content = {'depth': depth, 'K': K, 'stamp': stamp, 'usecase': MODE}
         np.savez(folder / f'corner{i}.npz', **content, reflectivity=albedo)
     return folder
 
 
-def boxes(normals: np.ndarray, distances: Any) -> list[list[int]]:
+def boxes(normals, distances):
     """Return a part of each plane, as a person would draw it."""
     _, which = seen(normals, distances)
     out = []
@@ -84,9 +77,7 @@ def boxes(normals: np.ndarray, distances: Any) -> list[list[int]]:
     return out
 
 
-def describe(
-    path: Path, taped: float | None, square: bool = True, flat: float = 0.0, **changes: Any
-) -> Path:
+def describe(path, taped, square=True, flat=0.0, **changes):
     """
     Write what people measured of all views.
 
@@ -108,7 +99,7 @@ def describe(
     rng = np.random.default_rng(3)
     recordings = {}
     for i, (turns, distances) in enumerate(VIEWS):
-        rows: dict[str, dict[str, Any]] = {}
+        rows = {}
         for name, box, distance in zip(
             NAMES, boxes(corner(*turns), distances), distances, strict=True
         ):
@@ -117,7 +108,7 @@ def describe(
                 told = distance + taped * rng.standard_normal()
                 rows[name]['distance'] = f'{told:.4f} +- {taped}'
         recordings[f'corner{i}'] = rows
-    planes: list[dict[str, Any]] = [{'name': name, 'flat': flat} for name in NAMES]
+    planes = [{'name': name, 'flat': flat} for name in NAMES]
     if square:
         planes[0]['angles'] = {'right': '90 +- 0.2', 'floor': '90 +- 0.2'}
         planes[1]['angles'] = {'floor': '90 +- 0.2'}
@@ -126,7 +117,7 @@ def describe(
     return path
 
 
-def main() -> None:
+def main():
     """Print by how much each effect bends the planes."""
     print('| effect | mm rms |\n|---|---|')
     for effect in registry():

@@ -4,7 +4,7 @@ from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 
 
-def room(boxes: int = 12) -> np.ndarray:
+def room(boxes=12):
     """Return clean depth (172, 224) float32: a wall, a floor and slanted boxes."""
     camera = flexx2().intrinsics
     generator = np.random.default_rng(0)

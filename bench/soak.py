@@ -5,7 +5,6 @@ Two camera nodes for an hour, at 60 Hz each with four effects: memory and losses
 so the results of an interrupted run are kept.
 """
 
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 import json
 import os
@@ -14,7 +13,6 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any
 
 from bench.journal import FOLDER
 from flexx2_sim_ros.processes import end_with_parent, watched_environment
@@ -38,10 +36,9 @@ _FATES = (
     'inputs rejected',
 )
 _LOST = 'messages lost (clean/depth_image)'
-Sample = dict[str, Any]
 
 
-def run(minutes: float = 60.0, seed: int = 0, out: Path = FOLDER) -> Sample:
+def run(minutes=60.0, seed=0, out=FOLDER):
     """
     Run the nodes, a publisher and a reader; print a line each minute and a table at the end.
 
@@ -68,7 +65,7 @@ def run(minutes: float = 60.0, seed: int = 0, out: Path = FOLDER) -> Sample:
     path = out / 'soak.jsonl'
     path.unlink(missing_ok=True)
     console = Console()
-    samples: list[Sample] = []
+    samples = []
     with _children(out, seed) as processes, _Reports() as reports:
         publisher = processes['publisher']
         reports.spin(time.monotonic() + _PATIENCE, lambda: bool(_last(out / 'publisher.log')))
@@ -96,7 +93,7 @@ def run(minutes: float = 60.0, seed: int = 0, out: Path = FOLDER) -> Sample:
 class _Reports:
     # The latest counters that each node reports on /diagnostics.
 
-    def __init__(self) -> None:
+    def __init__(self):
         from diagnostic_msgs.msg import DiagnosticArray
         import rclpy
 
@@ -104,31 +101,31 @@ class _Reports:
         self._spin_once, self._shutdown = rclpy.spin_once, rclpy.try_shutdown
         self._node = rclpy.create_node('soak')
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._hear, 10)
-        self.values: dict[str, dict[str, str]] = {name: {} for name in _CAMERAS}
+        self.values = {name: {} for name in _CAMERAS}
         self._count = dict.fromkeys(_CAMERAS, 0)
 
-    def __enter__(self) -> '_Reports':
+    def __enter__(self):
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         self._node.destroy_node()
         self._shutdown()
 
-    def _hear(self, array: Any) -> None:
+    def _hear(self, array):
         for status in array.status:
             name = status.name.partition('/')[0]
             if name in self.values:
                 self.values[name] = {pair.key: pair.value for pair in status.values}
                 self._count[name] += 1
 
-    def spin(self, until: float, done: Callable[[], bool] = lambda: False) -> None:
+    def spin(self, until, done=lambda: False):
         while (left := until - time.monotonic()) > 0 and not done():
             self._spin_once(self._node, timeout_sec=min(left, 0.5))
 
-    def settle(self) -> None:
+    def settle(self):
         # When two reports of each node agree, it has received everything.
         end = time.monotonic() + _PATIENCE
-        before: Any = None
+        before = None
         while time.monotonic() < end:
             wanted = {name: count + 2 for name, count in self._count.items()}
             while time.monotonic() < end and any(
@@ -142,8 +139,8 @@ class _Reports:
 
 
 @contextmanager
-def _children(out: Path, seed: int) -> Iterator[dict[str, subprocess.Popen[bytes]]]:
-    processes: dict[str, subprocess.Popen[bytes]] = {}
+def _children(out, seed):
+    processes = {}
     try:
         for name in _CAMERAS:
             words = ['-r', f'__ns:=/{name}', '-p', 'usecase:=Mode_5_60fps', '-p', f'seed:={seed}']
@@ -167,7 +164,7 @@ def _children(out: Path, seed: int) -> Iterator[dict[str, subprocess.Popen[bytes
                 process.kill()
 
 
-def _start(words: list[str], log: Path) -> subprocess.Popen[bytes]:
+def _start(words, log):
     with log.open('wb') as file:
         return subprocess.Popen(
             [sys.executable, '-m', *words],
@@ -178,9 +175,7 @@ def _start(words: list[str], log: Path) -> subprocess.Popen[bytes]:
         )
 
 
-def _sample(
-    begun: float, processes: dict[str, subprocess.Popen[bytes]], reports: _Reports, out: Path
-) -> Sample:
+def _sample(begun, processes, reports, out):
     sent, read = _last(out / 'publisher.log'), _last(out / 'reader.log')
     cameras = {}
     for name in _CAMERAS:
@@ -200,20 +195,20 @@ def _sample(
     return {'seconds': round(time.monotonic() - begun, 1), 'load': os.getloadavg(), **cameras}
 
 
-def _keep(path: Path, samples: list[Sample], sample: Sample) -> None:
+def _keep(path, samples, sample):
     samples.append(sample)
     with path.open('a') as file:
         file.write(json.dumps(sample) + '\n')
 
 
-def _last(log: Path) -> dict[str, int]:
+def _last(log):
     # The last complete line of counters that a child process printed.
     lines = [line for line in log.read_text().splitlines(True) if line.startswith('{')]
     whole = [line for line in lines if line.endswith('}\n')]
     return json.loads(whole[-1]) if whole else {}
 
 
-def _line(sample: Sample) -> str:
+def _line(sample):
     parts = [f'{sample["seconds"] / 60:5.1f} min, load {sample["load"][0]:.1f}']
     for name in _CAMERAS:
         camera = sample[name]
@@ -224,8 +219,8 @@ def _line(sample: Sample) -> str:
     return '; '.join(parts)
 
 
-def _result(samples: list[Sample]) -> Sample:
-    result: Sample = {'minutes': round(samples[-1]['seconds'] / 60, 1)}
+def _result(samples):
+    result = {'minutes': round(samples[-1]['seconds'] / 60, 1)}
     for name in _CAMERAS:
         warm = [
             (sample['seconds'] / 3600, sample[name]['resident_mb'])
@@ -243,14 +238,14 @@ def _result(samples: list[Sample]) -> Sample:
     return result
 
 
-def _print(console: Console, result: Sample) -> None:
+def _print(console, result):
     table = Table(
         box=box.SIMPLE, title=f'{result["minutes"]} minutes of two cameras at {_RATE} Hz'
     )
     table.add_column('')
     for name in _CAMERAS:
         table.add_column(name, justify='right')
-    rows: tuple[tuple[str, Callable[[Sample], object]], ...] = (
+    rows = (
         ('images sent', lambda camera: camera['sent']),
         ('received', lambda camera: camera['received']),
         ('lost, as the node reports', lambda camera: camera['lost']),
@@ -265,7 +260,7 @@ def _print(console: Console, result: Sample) -> None:
     console.print(table)
 
 
-def resident_mb(pid: int) -> float:
+def resident_mb(pid):
     """Return a process's resident memory in MB, NaN when it has ended."""
     try:
         pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
@@ -274,7 +269,7 @@ def resident_mb(pid: int) -> float:
     return pages * os.sysconf('SC_PAGE_SIZE') / 2**20
 
 
-def _publish(seed: int) -> None:
+def _publish(seed):
     # Sends both cameras the same images; prints how many, once a second and at the end.
     from bench.plain_publisher import wall
     from bench.scenes import room
@@ -282,7 +277,7 @@ def _publish(seed: int) -> None:
     from rclpy.signals import SignalHandlerOptions
     from sensor_msgs.msg import CameraInfo, Image
 
-    told: list[int] = []
+    told = []
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda number, _frame: told.append(number))
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -320,7 +315,7 @@ def _publish(seed: int) -> None:
     rclpy.try_shutdown()
 
 
-def _read() -> None:
+def _read():
     # Receives the depth of both cameras; prints how many frames, once a second.
     import rclpy
     from rclpy.executors import ExternalShutdownException
@@ -330,7 +325,7 @@ def _read() -> None:
     node = rclpy.create_node('soak_reader')
     counts = dict.fromkeys(_CAMERAS, 0)
 
-    def count(name: str) -> None:
+    def count(name):
         counts[name] += 1
 
     for name in _CAMERAS:

@@ -1,6 +1,5 @@
 """Time several functions side by side."""
 
-from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 import os
 import resource
@@ -9,7 +8,7 @@ import time
 
 
 @contextmanager
-def one_core() -> Iterator[None]:
+def one_core():
     """Keep this process on one core within the block."""
     cores = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {min(cores)})
@@ -19,11 +18,7 @@ def one_core() -> Iterator[None]:
         os.sched_setaffinity(0, cores)
 
 
-def side_by_side(
-    functions: Mapping[str, Callable[[], object]],
-    rounds: int,
-    clock: Callable[[], float] = time.perf_counter,
-) -> dict[str, float]:
+def side_by_side(functions, rounds, clock=time.perf_counter):
     """
     Return the median milliseconds of each function; they are called in turns.
 
@@ -32,7 +27,7 @@ def side_by_side(
     """
     for function in functions.values():
         function()
-    times: dict[str, list[float]] = {name: [] for name in functions}
+    times = {name: [] for name in functions}
     for _ in range(rounds):
         for name, function in functions.items():
             start = clock()
@@ -41,6 +36,6 @@ def side_by_side(
     return {name: 1e3 * statistics.median(values) for name, values in times.items()}
 
 
-def peak_megabytes() -> float:
+def peak_megabytes():
     """Return the largest resident memory of this process so far, MB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -5,7 +5,6 @@ Damaged and hostile files through every command that reads them.
 """
 
 from collections import Counter
-from collections.abc import Callable
 from concurrent.futures import as_completed, ProcessPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout
 import io
@@ -20,8 +19,6 @@ import tempfile
 import threading
 import time
 import traceback
-from types import FrameType
-from typing import Any
 import zipfile
 
 from bench.journal import FOLDER, Journal
@@ -69,26 +66,26 @@ _HOSTILE_KEYS = (
 _HOSTILE_TYPES = ('<f4', '|O', '<U1000000000', '<M8[ns]', '|V2147483647', '>c16', '')
 
 
-def _flip(data: bytearray, rng: np.random.Generator) -> None:
+def _flip(data, rng):
     for _ in range(int(rng.choice([1, 1, 1, 8]))):
         data[int(rng.integers(len(data)))] ^= 1 << int(rng.integers(8))
 
 
-def _flip_structure(data: bytearray, rng: np.random.Generator) -> None:
+def _flip_structure(data, rng):
     at = int(rng.integers(min(4096, len(data))))
     data[at if rng.random() < 0.5 else -1 - at] ^= 1 << int(rng.integers(8))
 
 
-def _cut(data: bytearray, rng: np.random.Generator) -> None:
+def _cut(data, rng):
     del data[int(rng.integers(len(data))) :]
 
 
-def _zero(data: bytearray, rng: np.random.Generator) -> None:
+def _zero(data, rng):
     at = int(rng.integers(len(data))) // 4096 * 4096
     data[at : at + 4096] = bytes(len(data[at : at + 4096]))
 
 
-def _swap(data: bytearray, rng: np.random.Generator) -> None:
+def _swap(data, rng):
     size = int(rng.choice([512, 4096]))
     one, other = (int(rng.integers(max(1, len(data) // size))) * size for _ in range(2))
     first, second = data[one : one + size], data[other : other + size]
@@ -96,23 +93,16 @@ def _swap(data: bytearray, rng: np.random.Generator) -> None:
         data[one : one + size], data[other : other + size] = second, first
 
 
-def _noise(data: bytearray, rng: np.random.Generator) -> None:
+def _noise(data, rng):
     at = int(rng.integers(len(data)))
     size = min(64, len(data) - at)
     data[at : at + size] = rng.bytes(size)
 
 
-_DAMAGES: tuple[Callable[[bytearray, np.random.Generator], None], ...] = (
-    _flip,
-    _flip_structure,
-    _cut,
-    _zero,
-    _swap,
-    _noise,
-)
+_DAMAGES = (_flip, _flip_structure, _cut, _zero, _swap, _noise)
 
 
-def _hostile(path: Path, whole: Path, rng: np.random.Generator) -> None:
+def _hostile(path, whole, rng):
     """Write an archive with one array of an unusual shape, type and key."""
     key = _HOSTILE_KEYS[int(rng.integers(len(_HOSTILE_KEYS)))]
     text = (
@@ -128,7 +118,7 @@ def _hostile(path: Path, whole: Path, rng: np.random.Generator) -> None:
         new.writestr(f'{key}.npy', header + bytes(int(rng.choice([0, 1000, 1 << 26]))))
 
 
-def _words(index: int, kind: str, path: Path, whole: Path, folder: Path) -> list[str]:
+def _words(index, kind, path, whole, folder):
     """Return a command that reads the file; slow commands are rare."""
     out = folder / 'out'
     if path.suffix == '.yaml':
@@ -150,16 +140,16 @@ class _Hang(BaseException):
     pass
 
 
-def _hang(number: int, frame: FrameType | None) -> None:
+def _hang(number, frame):
     raise _Hang
 
 
-def _limit(computing: float, waiting: float) -> None:
+def _limit(computing, waiting):
     signal.setitimer(signal.ITIMER_PROF, computing)
     signal.setitimer(signal.ITIMER_REAL, waiting)
 
 
-def _one(task: tuple[int, int, dict[str, Path]]) -> dict[str, Any]:
+def _one(task):
     """Damage a file and read it; return the journal's entry."""
     index, seed, kinds = task
     rng = np.random.default_rng([seed, index])
@@ -205,7 +195,7 @@ def _one(task: tuple[int, int, dict[str, Path]]) -> dict[str, Any]:
     return entry
 
 
-def _call(words: list[str]) -> tuple[str, str]:
+def _call(words):
     said = io.StringIO()
     for number in (signal.SIGALRM, signal.SIGPROF):
         signal.signal(number, _hang)
@@ -222,9 +212,9 @@ def _call(words: list[str]) -> tuple[str, str]:
     return outcome, said.getvalue()
 
 
-def _end_with(parent: int) -> None:
+def _end_with(parent):
     # Forked processes keep each other's pipes open, so a pipe does not show that the parent ended.
-    def watch() -> None:
+    def watch():
         while os.getppid() == parent:
             time.sleep(0.5)
         os._exit(1)
@@ -232,7 +222,7 @@ def _end_with(parent: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _warm(kinds: dict[str, Path]) -> None:
+def _warm(kinds):
     # What the commands import, and compile, counts for no file. No `replay`: what it starts does
     # not survive a fork.
     with tempfile.TemporaryDirectory() as name:
@@ -250,7 +240,7 @@ def _warm(kinds: dict[str, Path]) -> None:
                 main([*words, *jobs])
 
 
-def run(files: int = 10_000, seed: int = 0, out: Path = FOLDER) -> dict[str, Any]:
+def run(files=10_000, seed=0, out=FOLDER):
     """
     Run the commands on damaged files; print and return the outcomes.
 
@@ -289,7 +279,7 @@ def run(files: int = 10_000, seed: int = 0, out: Path = FOLDER) -> dict[str, Any
     return _summary([entry for entry in journal if entry['index'] < files], seed)
 
 
-def _kinds(folder: Path) -> dict[str, Path]:
+def _kinds(folder):
     kinds = every_kind(folder, _FRAMES)
     for name, source in (('effects', 'effects/typical.yaml'), ('profile', 'flexx2.yaml')):
         kinds[name] = folder / f'{name}.yaml'
@@ -297,7 +287,7 @@ def _kinds(folder: Path) -> dict[str, Path]:
     return kinds
 
 
-def _summary(entries: list[dict[str, Any]], seed: int) -> dict[str, Any]:
+def _summary(entries, seed):
     counts = Counter(entry['outcome'] for entry in entries)
     commands = Counter(entry['command'] for entry in entries)
     bad = [entry['text'] for entry in entries if entry['outcome'] in _BAD]

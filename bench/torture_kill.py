@@ -5,7 +5,6 @@ Kill every command that writes files or starts processes at random moments; chec
 """
 
 from collections import Counter
-from collections.abc import Callable
 from contextlib import suppress
 import os
 from pathlib import Path
@@ -16,34 +15,32 @@ import subprocess
 import sys
 import tempfile
 import time
-from typing import Any
 import zipfile
 
 from bench.journal import FOLDER, Journal
 from flexx2_sim_ros.recording import open_recording
 import numpy as np
 
-_MARK = 'FLEXX2_TORTURE'
+MARK = 'FLEXX2_TORTURE'
 _PATIENCE = 30.0  # seconds until children have ended
 _SHARE_KILLED = 0.5  # the others get SIGINT or SIGTERM
 _WRONG = ('orphans', 'damaged', 'leftovers', 'loud')
 _QUIET = ('Traceback', 'Exception', 'Error', 'Warning')
-Check = Callable[[Path], object]
 
 
-def _whole_archive(path: Path) -> None:
+def _whole_archive(path):
     with zipfile.ZipFile(path) as archive:
         if archive.testzip() is not None:
             raise ValueError(f'{path}: damaged')
 
 
-def _whole_png(path: Path) -> None:
+def _whole_png(path):
     if not path.read_bytes().endswith(b'IEND\xaeB`\x82'):
         raise ValueError(f'{path}: cut off')
 
 
 # Command, seconds until it has started everything, and a check of each output.
-_COMMANDS: dict[str, tuple[tuple[str, ...], float, dict[str, Check]]] = {
+_COMMANDS = {
     'simulate': (
         ('simulate', 'campaign/a.npz', 'out.npz', '--frames', '4000'),
         4,
@@ -83,7 +80,7 @@ _COMMANDS: dict[str, tuple[tuple[str, ...], float, dict[str, Check]]] = {
 }
 
 
-def run(kills: int = 240, seed: int = 0, out: Path = FOLDER) -> dict[str, Any]:
+def run(kills=240, seed=0, out=FOLDER):
     """
     Start commands, end each at a random moment, half of them with kill -9; print a table.
 
@@ -130,7 +127,7 @@ def run(kills: int = 240, seed: int = 0, out: Path = FOLDER) -> dict[str, Any]:
     return result
 
 
-def _write_inputs(folder: Path, seed: int) -> None:
+def _write_inputs(folder, seed):
     rng = np.random.default_rng(seed)
     clean = np.full((43, 56), 1.5, np.float32)
     matrix = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
@@ -147,16 +144,16 @@ def _write_inputs(folder: Path, seed: int) -> None:
         )
 
 
-def _kill_one(folder: Path, command: str, number: int, moment: float) -> dict[str, Any]:
+def _kill_one(folder, command, number, moment):
     words, seconds, checks = _COMMANDS[command]
     for path in folder.glob('out*'):
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     scratch = folder / 'tmp'
     scratch.mkdir(exist_ok=True)
-    env = {**os.environ, _MARK: str(folder), 'TMPDIR': str(scratch)}
+    env = {**os.environ, MARK: str(folder), 'TMPDIR': str(scratch)}
     name = signal.Signals(number).name
     said = f'{command}, {name} after {moment * seconds:.2f} s'
-    result: dict[str, Any] = {'command': command, 'signal': name, **{key: [] for key in _WRONG}}
+    result = {'command': command, 'signal': name, **{key: [] for key in _WRONG}}
     with subprocess.Popen(
         [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
         env=env,
@@ -165,16 +162,16 @@ def _kill_one(folder: Path, command: str, number: int, moment: float) -> dict[st
         stderr=subprocess.PIPE,
         text=True,
     ) as process:
-        _wait(lambda: _handles_signals(process.pid) or process.poll() is not None)
+        _wait(lambda: handles_signals(process.pid) or process.poll() is not None)
         with suppress(subprocess.TimeoutExpired):
             process.wait(moment * seconds)
         finished = process.poll() is not None
         process.send_signal(number)
         _, errors = process.communicate()
     result['finished'] = finished
-    if not _wait(lambda: not _family(folder)):
+    if not _wait(lambda: not family(folder)):
         result['orphans'].append(said)
-        for pid in _family(folder):
+        for pid in family(folder):
             os.kill(pid, signal.SIGKILL)
     for pattern, check in checks.items():
         for path in folder.glob(pattern):
@@ -193,8 +190,9 @@ def _kill_one(folder: Path, command: str, number: int, moment: float) -> dict[st
     return result
 
 
-def _family(folder: Path) -> list[int]:
-    mark = f'{_MARK}={folder}\0'.encode()
+def family(folder):
+    """Return the processes that come of commands with this mark, zombies left out."""
+    mark = f'{MARK}={folder}\0'.encode()
     found = []
     for entry in Path('/proc').iterdir():
         with suppress(OSError):
@@ -203,14 +201,16 @@ def _family(folder: Path) -> list[int]:
     return found
 
 
-def _handles_signals(pid: int) -> bool:
+def handles_signals(pid, numbers=(signal.SIGINT, signal.SIGTERM)):
+    """Say whether a process handles these signals; Python alone handles SIGINT only."""
     with suppress(OSError):
         status = Path(f'/proc/{pid}/status').read_text()
-        return bool(int(status.split('SigCgt:')[1].split()[0], 16) & 1 << (signal.SIGTERM - 1))
+        caught = int(status.split('SigCgt:')[1].split()[0], 16)
+        return all(caught & 1 << (number - 1) for number in numbers)
     return False
 
 
-def _wait(condition: Callable[[], bool]) -> bool:
+def _wait(condition):
     end = time.monotonic() + _PATIENCE
     while not condition():
         if time.monotonic() > end:

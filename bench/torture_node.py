@@ -4,7 +4,6 @@ A camera node in a separate process that gets hostile messages and parameter cal
 ``python -m bench.torture_node [MESSAGES [SEED]]``
 """
 
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import os
 from pathlib import Path
@@ -13,7 +12,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from typing import Any
 
 from bench.soak import resident_mb
 from flexx2_sim_ros.effects import registry
@@ -60,7 +58,7 @@ _FILES = {
 }
 
 
-def run(messages: int = 100_000, seed: int = 0) -> dict[str, Any]:
+def run(messages=100_000, seed=0):
     """
     Send a node hostile messages, every third one a parameter call, and a good image every 100.
 
@@ -90,7 +88,7 @@ def run(messages: int = 100_000, seed: int = 0) -> dict[str, Any]:
 
 
 @contextmanager
-def _node(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+def _node(folder):
     log = folder / 'node.log'
     with log.open('wb') as file:
         process = subprocess.Popen(
@@ -121,13 +119,13 @@ def _node(folder: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
 class _User:
     # Sends to the node and listens to it.
 
-    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+    def __init__(self, process):
         import rclpy
         from sensor_msgs.msg import CameraInfo, Image
 
         self._process, self._spin_once = process, rclpy.spin_once
         self.node = rclpy.create_node('torture')
-        self.heard: list[Image] = []
+        self.heard = []
         self.node.create_subscription(Image, f'/{_NODE}/depth_image_0', self.heard.append, 10)
         self.topics = {
             name: self.node.create_publisher(kind, f'/torture/clean/{name}', 10)
@@ -138,10 +136,10 @@ class _User:
             )
         }
         self.clients = _clients(self.node)
-        self.waiting: list[Any] = []
+        self.waiting = []
         self.calls = self.answered = self.received = 0
 
-    def ready(self) -> bool:
+    def ready(self):
         return self.spin_until(
             lambda: (
                 self.node.count_publishers(f'/{_NODE}/depth_image_0')
@@ -150,13 +148,13 @@ class _User:
             )
         )
 
-    def spin_until(self, condition: Callable[[], Any]) -> bool:
+    def spin_until(self, condition):
         deadline = time.monotonic() + _ANSWER_SECONDS
         while not condition() and time.monotonic() < deadline and self._process.poll() is None:
             self._spin_once(self.node, timeout_sec=0.02)
         return bool(condition())
 
-    def show(self, stamp: int) -> None:
+    def show(self, stamp):
         from flexx2_sim_ros.nodes import messages
 
         head = messages.header(stamp, 'camera')
@@ -164,7 +162,7 @@ class _User:
         self.topics['camera_info'].publish(messages.camera_info_message(head, flexx2().intrinsics))
         self.topics['depth_image'].publish(messages.image_message(head, wall, '32FC1'))
 
-    def send(self, count: int, rng: random.Random, folder: str) -> None:
+    def send(self, count, rng, folder):
         if count % 3 == 0:
             client, make = self.clients[self.calls % len(self.clients)]
             self.waiting.append(client.call_async(make(rng, folder)))
@@ -178,28 +176,26 @@ class _User:
         self.received += len(self.heard)
         self.heard.clear()
 
-    def all_answered(self, left: int) -> bool:
+    def all_answered(self, left):
         # Waits until at most this many requests are pending.
         self.spin_until(lambda: sum(not future.done() for future in self.waiting) <= left)
         self.answered += sum(future.done() for future in self.waiting)
         self.waiting = [future for future in self.waiting if not future.done()]
         return len(self.waiting) <= left
 
-    def still_publishes(self) -> bool:
+    def still_publishes(self):
         self.heard.clear()
         # Stamps that were not used before.
         stamps = iter(range(2 * 10**18, 3 * 10**18, 10**9))
 
-        def came() -> bool:
+        def came():
             self.show(next(stamps))
             return any(message.header.stamp.sec >= 2 * 10**9 for message in self.heard)
 
         return self.spin_until(came)
 
 
-def _torture(
-    process: subprocess.Popen[bytes], folder: Path, messages: int, rng: random.Random
-) -> dict[str, Any]:
+def _torture(process, folder, messages, rng):
     import rclpy
 
     for name, text in _FILES.items():
@@ -233,20 +229,20 @@ def _torture(
         rclpy.try_shutdown()
 
 
-def _clients(node: Any) -> list[tuple[Any, Callable[[random.Random, str], Any]]]:
+def _clients(node):
     from rcl_interfaces import srv
 
-    def values(kind: Any) -> Callable[[random.Random, str], Any]:
+    def values(kind):
         return lambda rng, folder: kind.Request(
             parameters=[_parameter(rng, folder) for _ in range(rng.randrange(4))]
         )
 
-    def names(kind: Any) -> Callable[[random.Random, str], Any]:
+    def names(kind):
         return lambda rng, folder: kind.Request(
             names=[_name(rng) for _ in range(rng.choice((0, 1, 3, 2000)))]
         )
 
-    def listed(rng: random.Random, folder: str) -> Any:
+    def listed(rng, folder):
         return srv.ListParameters.Request(
             prefixes=[_name(rng) for _ in range(rng.randrange(3))],
             depth=rng.choice((0, 1, 2, 2**63, 2**64 - 1)),
@@ -267,7 +263,7 @@ def _clients(node: Any) -> list[tuple[Any, Callable[[random.Random, str], Any]]]
     return [(node.create_client(kind, f'/{_NODE}/{name}'), make) for name, kind, make in made]
 
 
-def _name(rng: random.Random) -> str:
+def _name(rng):
     effect = f'effect.{rng.choice(list(registry()))}.strength'
     return rng.choice(
         (
@@ -291,7 +287,7 @@ def _name(rng: random.Random) -> str:
     )
 
 
-def _parameter(rng: random.Random, folder: str) -> Any:
+def _parameter(rng, folder):
     from rcl_interfaces.msg import Parameter, ParameterValue
 
     text = rng.choice(_TEXTS)
@@ -312,14 +308,14 @@ def _parameter(rng: random.Random, folder: str) -> Any:
     )
 
 
-def _header(rng: random.Random, message: Any) -> Any:
+def _header(rng, message):
     message.header.stamp.sec = rng.choice((-(2**31), -1, 0, rng.randrange(10**6), 2**31 - 1))
     message.header.stamp.nanosec = rng.choice((0, 1, 10**9 - 1, 10**9, 2**32 - 1))
     message.header.frame_id = rng.choice(('camera', '', '\x1b[31m', 'x' * 3000))
     return message
 
 
-def _image(rng: random.Random) -> Any:
+def _image(rng):
     from sensor_msgs.msg import Image
 
     width, height = (224, 172) if rng.random() < 0.3 else (rng.choice(_SIZES), rng.choice(_SIZES))
@@ -335,7 +331,7 @@ def _image(rng: random.Random) -> Any:
     return _header(rng, message)
 
 
-def _info(rng: random.Random) -> Any:
+def _info(rng):
     from sensor_msgs.msg import CameraInfo
 
     message = CameraInfo(

@@ -4,7 +4,6 @@ Kill recordings with kill -9 at random moments; measure how many seconds of them
 ``python -m bench.torture_record [KILLS [SEED]]``
 """
 
-from collections.abc import Callable
 import os
 from pathlib import Path
 import random
@@ -12,7 +11,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.processes import watched_environment
@@ -26,7 +24,7 @@ _SHORTEST = 1.5
 _PATIENCE = 60.0
 
 
-def run(kills: int = 20, seed: int = 0) -> dict[str, list[float]]:
+def run(kills=20, seed=0):
     """
     Record two cameras at 60 Hz in each storage, kill, and print what is missing.
 
@@ -74,7 +72,7 @@ def run(kills: int = 20, seed: int = 0) -> dict[str, list[float]]:
     return lost
 
 
-def _publisher(node: Any, cameras: list[str]) -> Callable[[], int]:
+def _publisher(node, cameras):
     # Returns a function that publishes a frame of each camera, and returns the number of topics
     # that nobody subscribes to.
     from bench.plain_publisher import wall
@@ -93,7 +91,7 @@ def _publisher(node: Any, cameras: list[str]) -> Callable[[], int]:
         )
     ]
 
-    def publish() -> int:
+    def publish():
         stamp = time.time_ns()
         for publisher, message in topics:
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
@@ -103,7 +101,7 @@ def _publisher(node: Any, cameras: list[str]) -> Callable[[], int]:
     return publish
 
 
-def _kill_one(bag: Path, storage: str, seconds: float) -> list[float]:
+def _kill_one(bag, storage, seconds):
     import rclpy
 
     # Names of their own: a killed recorder stays on the graph for a while.
@@ -132,7 +130,7 @@ def _kill_one(bag: Path, storage: str, seconds: float) -> list[float]:
     return [_missing(bag, name, killed, seconds) for name in cameras]
 
 
-def _missing(bag: Path, camera: str, killed: float, seconds: float) -> float:
+def _missing(bag, camera, killed, seconds):
     try:
         return killed - float(open_recording(bag, camera).stamp[-1])
     except InputError as error:

@@ -1,13 +1,11 @@
 """Frames and their times, asked for line by line: the processes of `bench.versions`."""
 
-from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import count
 from pathlib import Path
 import sys
 import tempfile
 import time
-from typing import Any
 
 from bench.scenes import room
 from bench.timing import one_core
@@ -23,11 +21,11 @@ _COMPARED_MODES = 'Mode_9_30fps', 'Mode_5_30fps'
 _COMPARED_FRAMES = 4
 
 
-def main() -> None:
+def main():
     """Answer ``cases``, ``time`` and ``frames`` (a case each, after a tab) until input ends."""
     wp.config.log_level = wp.LOG_ERROR
     makers = dict(_makers())
-    running: dict[str, Callable[[], object]] = {}
+    running = {}
     with one_core(), tempfile.TemporaryDirectory() as folder:
         for line in sys.stdin:
             what, case = line.rstrip('\n').split('\t')
@@ -45,47 +43,46 @@ def main() -> None:
             print(answer, flush=True)
 
 
-def _makers() -> Iterator[tuple[str, Callable[[str], Callable[[], np.ndarray]]]]:
+def _makers():
     # What makes, for a mode, a function that returns one frame after the other.
     names = list(registry())
-    sets: dict[str, dict[str, Any]] = {'no effects': {}, **{name: {name: None} for name in names}}
+    sets = {'no effects': {}, **{name: {name: None} for name in names}}
     for name, effects in {**sets, 'all effects': dict.fromkeys(names)}.items():
         yield f'Camera: {name}', partial(_one, effects)
         yield f'BatchCamera: {name}', partial(_many, effects)
 
 
-def _scenes() -> tuple[list[np.ndarray], np.ndarray]:
+def _scenes():
     # A scene at two moments, so that effects of motion have something to do, and reflectivity.
     scene = room()
     shades = np.random.default_rng(1).uniform(0.2, 0.9, scene.shape).astype(np.float32)
     return [scene, scene - np.float32(0.01)], shades
 
 
-def _one(effects: dict[str, Any], mode: str) -> Callable[[], np.ndarray]:
+def _one(effects, mode):
     camera, matrix = Camera(mode, effects=effects, seed=1), flexx2().intrinsics.matrix
     (scenes, shades), ticks = _scenes(), count()
 
-    def frame() -> np.ndarray:
+    def frame():
         tick = next(ticks)
         return camera.capture(scenes[tick % 2], matrix, tick * _PERIOD, shades).depth
 
     return frame
 
 
-def _many(effects: dict[str, Any], mode: str) -> Callable[[], np.ndarray]:
+def _many(effects, mode):
     camera = BatchCamera(_ENVS, mode, effects=effects, seed=1, device='cpu')
     (scenes, shades), ticks = _scenes(), count()
     depth = [np.repeat(scene[None], _ENVS, axis=0) for scene in scenes]
     reflectivity = np.repeat(shades[None], _ENVS, axis=0)
 
-    def frames() -> np.ndarray:
-        seen: np.ndarray = camera(depth[next(ticks) % 2], reflectivity)
-        return seen
+    def frames():
+        return camera(depth[next(ticks) % 2], reflectivity)
 
     return frames
 
 
-def _frames(make: Callable[[str], Callable[[], np.ndarray]]) -> np.ndarray:
+def _frames(make):
     made = []
     for mode in _COMPARED_MODES:
         look = make(mode)

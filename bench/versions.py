@@ -19,7 +19,6 @@ import subprocess
 import sys
 import tarfile
 import tempfile
-from typing import IO
 
 import numpy as np
 
@@ -27,7 +26,7 @@ _BENCH = Path(__file__).resolve().parent
 _SAME = 1e-6  # metres
 
 
-def main() -> None:
+def main():
     """Print a line for each case."""
     parser = argparse.ArgumentParser(description='Compare the frames of two versions.')
     parser.add_argument('revision', help='the other version, e.g. HEAD~1')
@@ -51,8 +50,8 @@ def main() -> None:
             _compare(case, before, after, arguments.rounds)
 
 
-def _compare(case: str, before: '_Version', after: '_Version', rounds: int) -> None:
-    times: dict[_Version, list[float]] = {before: [], after: []}
+def _compare(case, before, after, rounds):
+    times = {before: [], after: []}
     for turn in range(rounds + 2):
         for version, taken in times.items():
             seconds = float(version.ask('time', case))
@@ -66,14 +65,14 @@ def _compare(case: str, before: '_Version', after: '_Version', rounds: int) -> N
     )
 
 
-def _difference(before: np.ndarray, after: np.ndarray) -> tuple[float, int]:
+def _difference(before, after):
     # In pixels that both see; and how many differ by more than `_SAME`, or in validity.
     seen = np.isfinite(before)
     apart = np.abs(np.where(seen & np.isfinite(after), before - after, 0))
     return float(apart.max()), int(((apart > _SAME) | (seen != np.isfinite(after))).sum())
 
 
-def _export(revision: str, tree: Path) -> None:
+def _export(revision, tree):
     # The other version's package, with the measurements of this one.
     archive = subprocess.run(
         ['git', 'archive', revision, 'flexx2_sim_ros', 'config'],
@@ -89,7 +88,7 @@ def _export(revision: str, tree: Path) -> None:
 class _Version:
     # A process that runs the package in a folder.
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         self._process = subprocess.Popen(
             [sys.executable, '-m', 'bench.version_frames'],
             cwd=folder,
@@ -98,26 +97,20 @@ class _Version:
             text=True,
         )
 
-    def __enter__(self) -> '_Version':
+    def __enter__(self):
         return self
 
-    def __exit__(self, *_: object) -> None:
-        _opened(self._process.stdin).close()
+    def __exit__(self, *_):
+        self._process.stdin.close()
         self._process.wait()
 
-    def ask(self, what: str, case: str = '') -> str:
-        questions = _opened(self._process.stdin)
-        questions.write(f'{what}\t{case}\n')
-        questions.flush()
-        answer = _opened(self._process.stdout).readline().rstrip('\n')
+    def ask(self, what, case=''):
+        self._process.stdin.write(f'{what}\t{case}\n')
+        self._process.stdin.flush()
+        answer = self._process.stdout.readline().rstrip('\n')
         if not answer:
             raise SystemExit(f'{what} {case}: the process ended')
         return answer
-
-
-def _opened(pipe: IO[str] | None) -> IO[str]:
-    assert pipe is not None
-    return pipe
 
 
 if __name__ == '__main__':

@@ -1,14 +1,10 @@
 """Simulated campaigns of bare walls, one in each recording, of the cameras that are shipped."""
 
-from collections.abc import Mapping
 import math
-from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import ageing, registry
 from flexx2_sim_ros.profiles.files import find_profile
-from flexx2_sim_ros.profiles.modes import Profile
 import numpy as np
 
 PROFILES = 'flexx2', 'azure_kinect_nfov', 'kinect_v2', 'realsense_d435'
@@ -34,7 +30,7 @@ _LARGEST_ANGLE = 50.0  # degrees about the vertical, uniform
 _UPTIMES = 5.0, 60.0, 300.0, 900.0, 2400.0  # seconds
 
 
-def profile_for(seed: int, effects: Mapping[str, Any]) -> Profile:
+def profile_for(seed, effects):
     """Return a camera that can have the effects: the one of this seed, or the Flexx2."""
     profile = find_profile(PROFILES[seed % len(PROFILES)])
     stereo = any(not mode.modulation_hz for mode in profile.modes)
@@ -43,17 +39,7 @@ def profile_for(seed: int, effects: Mapping[str, Any]) -> Profile:
     return profile
 
 
-def write_walls(
-    folder: Path,
-    *,
-    profile: Profile,
-    effects: Mapping[str, Any],
-    seed: int,
-    recordings: int,
-    frames: int,
-    width: int,
-    pose: tuple[float, float],
-) -> None:
+def write_walls(folder, *, profile, effects, seed, recordings, frames, width, pose):
     """
     Write recordings of walls; the user knows their distance and angle inexactly.
 
@@ -105,11 +91,11 @@ def write_walls(
 
 
 def wall(
-    distance: float,
-    angle_deg: float,
-    K: np.ndarray,  # noqa: N803
-    size: tuple[int, int],
-) -> np.ndarray:
+    distance,
+    angle_deg,
+    K,  # noqa: N803
+    size,
+):
     """Return (H, W) float32 metres of a wall turned about a vertical line on the optical axis."""
     u = (np.arange(size[1]) - K[0, 2]) / K[0, 0]
     row = distance / (1 - math.tan(math.radians(angle_deg)) * u)

@@ -14,7 +14,7 @@ WAYS = [('cpu', False), ('cpu', True), pytest.param('cuda', True, marks=DEVICES[
 V, U = np.mgrid[:172, :224]
 
 
-def scenes(count: int) -> np.ndarray:
+def scenes(count):
     """Return different scenes, each 172 x 224: slants, boxes, holes, what is no depth."""
     generator = np.random.default_rng(4)
     out = np.empty((count, 172, 224), np.float32)
@@ -30,7 +30,7 @@ def scenes(count: int) -> np.ndarray:
     return out
 
 
-def look(device: str, camera: object, *images: np.ndarray, **how: int) -> np.ndarray:
+def look(device, camera, *images, **how):
     """Return a copy of what a batch of cameras sees of NumPy arrays, put on its device."""
     given = [wp.array(one, dtype=wp.float32, device=device) for one in images]
     return camera(*given, **how).numpy().copy()

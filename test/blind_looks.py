@@ -1,6 +1,5 @@
 """What blind cameras see of small scenes, with effects and without."""
 
-from collections.abc import Mapping
 from functools import lru_cache
 
 import numpy as np
@@ -14,7 +13,7 @@ MODES = ('Mode_5_30fps', 'Mode_9_30fps')
 
 
 @lru_cache(maxsize=4)
-def scenes(usecase: str, pose_mm: float = 0.0) -> SceneSet:
+def scenes(usecase, pose_mm=0.0):
     """Return small scenes, rendered once."""
     return SceneSet(SceneKey(usecase, 5, pose_mm, 112, 86, frames=8))
 
@@ -22,13 +21,7 @@ def scenes(usecase: str, pose_mm: float = 0.0) -> SceneSet:
 class Look:
     """A camera's residuals on one recording, over the paper's sigma; (T, H, W)."""
 
-    def __init__(
-        self,
-        effects: Mapping[str, float],
-        recording: int,
-        usecase: str = MODES[0],
-        inside: Internals | None = None,
-    ) -> None:
+    def __init__(self, effects, recording, usecase=MODES[0], inside=None):
         """Take the frames."""
         here = scenes(usecase)
         case = Case(here.key, dict(effects), 3, sigma_error=0.0, internals=inside or Internals())
@@ -46,12 +39,12 @@ class Look:
         # Where the paper's sigma is a small share of the range: no phase but a Gaussian one.
         self.flat = ~self.edge & (self.sigma < 0.1) & (self.sigma > 0)
 
-    def bias(self, where: np.ndarray | None = None) -> float:
+    def bias(self, where=None):
         """Return the median error on surfaces, metres."""
         chosen = self.flat if where is None else self.flat & where
         return float(np.nanmedian(self.error[chosen]))
 
-    def spread(self) -> float:
+    def spread(self):
         """Return the spread over time, in sigmas."""
         around = self.residual - np.nanmean(self.residual, axis=0)
         chosen = self.flat & np.isfinite(around)
@@ -59,11 +52,11 @@ class Look:
 
 
 @lru_cache(maxsize=16)
-def plain(recording: int, usecase: str = MODES[0]) -> Look:
+def plain(recording, usecase=MODES[0]):
     """Return what a camera without effects sees."""
     return Look({}, recording, usecase)
 
 
-def correlation(one: np.ndarray, other: np.ndarray, where: np.ndarray) -> float:
+def correlation(one, other, where):
     chosen = where & np.isfinite(one) & np.isfinite(other)
     return float(np.corrcoef(one[chosen], other[chosen])[0, 1])

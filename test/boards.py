@@ -34,14 +34,8 @@ class Board:
 
 
 def board(
-    distance: float,
-    angle_deg: float,
-    *,
-    half_width: float = math.inf,
-    background: float = math.nan,
-    size: tuple[int, int] = (172, 224),
-    turn: str = 'yaw',
-) -> Board:
+    distance, angle_deg, *, half_width=math.inf, background=math.nan, size=(172, 224), turn='yaw'
+):
     """
     Draw a board.
 
@@ -82,7 +76,7 @@ def board(
     )
 
 
-def mean_kl(samples: np.ndarray, clean: np.ndarray, sigma: np.ndarray) -> float:
+def mean_kl(samples, clean, sigma):
     """Return the mean divergence of frames from the model, nats: each pixel has a Gaussian."""
     error = samples.astype(np.float64) - clean
     variance = error.var(axis=0, ddof=1)

@@ -1,15 +1,12 @@
 """A headless Chromium, driven over its DevTools protocol."""
 
 import asyncio
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import itertools
 import json
-from pathlib import Path
 import shutil
 import subprocess
 import time
-from typing import Any
 from urllib.request import urlopen
 
 import pytest
@@ -44,9 +41,9 @@ class Browser:
 
     """
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port):
         """Take the page that the browser has opened."""
-        self.events: list[dict[str, Any]] = []
+        self.events = []
         self._numbers = itertools.count(1)
         self._loop = asyncio.new_event_loop()
         with urlopen(f'http://127.0.0.1:{port}/json/list') as answer:
@@ -55,13 +52,13 @@ class Browser:
         for domain in ('Page', 'Runtime', 'Log'):
             self.call(f'{domain}.enable')
 
-    def _run(self, begin: Callable[[], Any]) -> Any:
-        async def wait() -> Any:
+    def _run(self, begin):
+        async def wait():
             return await asyncio.wait_for(begin(), _PATIENCE)
 
         return self._loop.run_until_complete(wait())
 
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+    def call(self, method, **parameters):
         """Call the protocol; return its result."""
         number = next(self._numbers)
         message = json.dumps({'id': number, 'method': method, 'params': parameters})
@@ -73,12 +70,12 @@ class Browser:
                 return dict(answer['result'])
             self.events.append(answer)
 
-    def open(self, url: str) -> None:  # noqa: A003
+    def open(self, url):  # noqa: A003
         """Go to a page and wait until it is there."""
         self.call('Page.navigate', url=url)
         self.until('document.readyState === "complete"')
 
-    def evaluate(self, script: str) -> Any:
+    def evaluate(self, script):
         """Return what a script's value is."""
         result = self.call(
             'Runtime.evaluate', expression=script, returnByValue=True, awaitPromise=True
@@ -86,25 +83,25 @@ class Browser:
         assert 'exceptionDetails' not in result, result
         return result['result'].get('value')
 
-    def until(self, script: str) -> Any:
+    def until(self, script):
         """Return the script's value once that is true."""
         deadline = time.monotonic() + _PATIENCE
         while not (value := self.evaluate(script)):
             assert time.monotonic() < deadline, script
         return value
 
-    def key(self, kind: str, code: str, key: str) -> None:
+    def key(self, kind, code, key):
         """Press (keyDown) or release (keyUp) a key."""
         self.call('Input.dispatchKeyEvent', type=kind, code=code, key=key)
 
-    def said(self, method: str) -> list[dict[str, Any]]:
+    def said(self, method):
         """Return what the browser has reported under a name."""
         return [event['params'] for event in self.events if event.get('method') == method]
 
-    def close(self) -> None:
+    def close(self):
         """Leave the page."""
 
-        async def leave() -> None:
+        async def leave():
             self._socket.close()
 
         self._run(leave)
@@ -112,7 +109,7 @@ class Browser:
 
 
 @contextmanager
-def chromium(folder: Path) -> Iterator[Browser]:
+def chromium(folder):
     """Start a browser that ends with the block; skip where there is none."""
     found = next(filter(None, map(shutil.which, _NAMES)), None)
     if found is None:

@@ -1,12 +1,10 @@
 """ROS for the tests: a domain of their own, started once; and what may not be skipped."""
 
-from collections.abc import Generator, Iterator
 import os
 from pathlib import Path
 import re
 import socket
 import sys
-from typing import Any
 
 from hypothesis import settings
 import pytest
@@ -16,7 +14,7 @@ settings.register_profile('repeatable', deadline=None, derandomize=True)
 settings.load_profile('repeatable')
 
 
-def _domain() -> int:
+def _domain():
     """Return a ROS domain whose first ten participants' ports nobody on this machine uses."""
     for step in range(100):
         domain = 1 + (os.getpid() + step) % 100
@@ -46,7 +44,7 @@ _REQUIRED = [_REASONS[name] for name in os.environ.get('FLEXX2_REQUIRE', '').spl
 _OF_EXTRAS = 'cv2', 'h5py', 'mcap', 'trimesh', 'warp'
 
 
-def _require(report: Any) -> Any:
+def _require(report):
     if report.skipped and isinstance(report.longrepr, tuple):
         reason = report.longrepr[2]
         if any(words in reason for words in _REQUIRED):
@@ -56,13 +54,13 @@ def _require(report: Any) -> Any:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport() -> Generator[None, Any, Any]:
+def pytest_runtest_makereport():
     """Fail instead of skipping for want of what is required."""
     return _require((yield))
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, Any, Any]:
+def pytest_make_collect_report(collector):
     """Skip a file that imports a library of an extra which is not installed."""
     report = yield
     missing = report.failed and re.search(
@@ -75,7 +73,7 @@ def pytest_make_collect_report(collector: pytest.Collector) -> Generator[None, A
 
 
 @pytest.fixture(scope='session')
-def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def ros(tmp_path_factory):
     """Start ROS in this process; skip where there is none."""
     rclpy = pytest.importorskip('rclpy', reason='ROS 2 is not installed: no rclpy')
     from flexx2_sim_ros.nodes.runtime import make_room_for_images
@@ -90,7 +88,7 @@ def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture
-def child_env(ros: None) -> dict[str, str]:
+def child_env(ros):
     """Return the environment for nodes that run as processes, from this checkout."""
     root = str(Path(__file__).resolve().parents[1])
     paths = [root, *filter(None, [os.environ.get('PYTHONPATH')])]

@@ -1,8 +1,6 @@
 """Values of the parameter `effects` that are no file of effects."""
 
-from collections.abc import Iterator
 import os
-from pathlib import Path
 
 HOSTILE_FILES = {
     'date': 'a: 2024-13-45',
@@ -29,7 +27,7 @@ HOSTILE_FILES = {
 }
 
 
-def hostile_texts(tmp_path: Path) -> Iterator[str]:
+def hostile_texts(tmp_path):
     """Return values of `effects` that are no file of effects."""
     for name, text in HOSTILE_FILES.items():
         path = tmp_path / f'{name}.yaml'

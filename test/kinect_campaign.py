@@ -1,14 +1,13 @@
 """Real Kinect v2 frames of a chessboard as a campaign: its plane is the clean depth."""
 
 from dataclasses import replace
-from pathlib import Path
 
-from flexx2_sim_ros.camera import flexx2, NoiseModel, Profile
+from flexx2_sim_ros.camera import flexx2, NoiseModel
 import numpy as np
 from test_effects_real import board_plane, CENTRE, FOCAL, KINECT, square_coordinates, views
 
 
-def write_campaign(folder: Path, chosen: range) -> None:
+def write_campaign(folder, chosen):
     """Write single-frame recordings of some of the views; nothing off the board."""
     folder.mkdir(parents=True, exist_ok=True)
     with np.load(KINECT, allow_pickle=False) as data:
@@ -33,7 +32,7 @@ def write_campaign(folder: Path, chosen: range) -> None:
         )
 
 
-def profile(chosen: range) -> Profile:
+def profile(chosen):
     """Return the camera, its noise measured on some of the views."""
     spreads = []
     for k in chosen:

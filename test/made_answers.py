@@ -1,18 +1,14 @@
 """Answers of a diagnosis, and small cases of the benchmark, made by hand."""
 
-from typing import Any
-
 from study.benchmark import DEVELOPMENT, Planned
 
 MODE = 'Mode_5_30fps'
 
 
-def said(
-    verdict: str, effects: tuple[str, ...] = (), alternatives: tuple[str, ...] = (), **more: Any
-) -> dict[str, Any]:
+def said(verdict, effects=(), alternatives=(), **more):
     """Return a diagnosis."""
 
-    def listed(names: tuple[str, ...]) -> list[dict[str, Any]]:
+    def listed(names):
         return [
             {
                 'name': name,
@@ -52,7 +48,7 @@ def said(
     }
 
 
-def small(group: str, effects: dict[str, float], seed: int, **options: Any) -> Planned:
+def small(group, effects, seed, **options):
     return Planned(
         group,
         MODE,

@@ -1,10 +1,6 @@
 """Bags and recordings for the tests; bags as of others are made with rosbags alone."""
 
-from collections.abc import Iterable
-from pathlib import Path
-from typing import Any
-
-from flexx2_sim_ros.recording import Recording, RecordingWriter
+from flexx2_sim_ros.recording import RecordingWriter
 from flexx2_sim_ros.recording.convert import convert
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -25,15 +21,13 @@ EPOCH = 1_795_123_456_123_457_000
 # Frames of what `every_kind` writes.
 COUNT = 12
 
-Entry = tuple[str, str, int, Any]
 
-
-def make(kind: str, *values: Any) -> Any:
+def make(kind, *values):
     """Return a message."""
     return TYPES.types[kind](*values)
 
 
-def header(stamp: int, frame_id: str = 'pmd_royale_ros_camera_node_optical_frame') -> Any:
+def header(stamp, frame_id='pmd_royale_ros_camera_node_optical_frame'):
     """Return a header."""
     return make(
         'std_msgs/msg/Header',
@@ -42,13 +36,7 @@ def header(stamp: int, frame_id: str = 'pmd_royale_ros_camera_node_optical_frame
     )
 
 
-def image(
-    topic: str,
-    stamp: int,
-    pixels: np.ndarray,
-    encoding: str = '32FC1',
-    received: int | None = None,
-) -> Entry:
+def image(topic, stamp, pixels, encoding='32FC1', received=None):
     """Return an image, rows unpadded, bytes in the array's order."""
     height, width = pixels.shape
     big = pixels.dtype.byteorder == '>'
@@ -63,13 +51,7 @@ def image(
     )
 
 
-def info(
-    topic: str,
-    stamp: int,
-    size: tuple[int, int],
-    matrix: np.ndarray = MATRIX,
-    distortion: np.ndarray = DISTORTION,
-) -> Entry:
+def info(topic, stamp, size, matrix=MATRIX, distortion=DISTORTION):
     """Return a camera info for (height, width)."""
     projection = np.hstack([matrix, np.zeros((3, 1))]).ravel()
     region = make('sensor_msgs/msg/RegionOfInterest', 0, 0, 0, 0, False)
@@ -93,7 +75,7 @@ def info(
     )
 
 
-def driver_cloud(topic: str, stamp: int, z: np.ndarray) -> Entry:
+def driver_cloud(topic, stamp, z):
     """Return a cloud as the real driver fills it: points row by row, width and height swapped."""
     height, width = z.shape
     points = np.zeros((height, width, 4), '<f4')
@@ -121,9 +103,7 @@ def driver_cloud(topic: str, stamp: int, z: np.ndarray) -> Entry:
     )
 
 
-def usecase(
-    node: str, received: int, value: str, changed: bool = False, name: str = 'usecase'
-) -> Entry:
+def usecase(node, received, value, changed=False, name='usecase'):
     """Return the event of a node's mode, or of another text parameter."""
     content = make(
         'rcl_interfaces/msg/ParameterValue',
@@ -148,16 +128,11 @@ def usecase(
     )
 
 
-def write(
-    path: Path,
-    entries: Iterable[Entry],
-    storage: str = 'mcap',
-    compression: CompressionMode = CompressionMode.NONE,
-) -> Path:
+def write(path, entries, storage='mcap', compression=CompressionMode.NONE):
     """Write a bag."""
     writer = Writer(path, version=9, storage_plugin=PLUGINS[storage])
     writer.set_compression(compression, CompressionFormat.ZSTD)
-    connections: dict[str, Any] = {}
+    connections = {}
     with writer:
         for topic, kind, received, message in entries:
             if topic not in connections:
@@ -166,17 +141,17 @@ def write(
     return path
 
 
-def depths(count: int, height: int = 172, width: int = 224, seed: int = 0) -> np.ndarray:
+def depths(count, height=172, width=224, seed=0):
     """Return (count, height, width) float32 metres, every pixel another."""
     return np.random.default_rng(seed).uniform(0.1, 7.0, (count, height, width)).astype('f4')
 
 
-def driver_bag(path: Path, depth: np.ndarray, storage: str = 'mcap', **options: Any) -> Path:
+def driver_bag(path, depth, storage='mcap', **options):
     """Write what the real driver publishes, with its topics, encodings and stamps."""
     return write(path, driver_entries(depth), storage, **options)
 
 
-def driver_entries(depth: np.ndarray, node: str = DRIVER) -> list[Entry]:
+def driver_entries(depth, node=DRIVER):
     """Return what the real driver publishes for (T, H, W) metres, 0 for invalid."""
     entries = [usecase(node, EPOCH - SECOND, 'Mode_5_45fps')]
     for index, frame in enumerate(depth):
@@ -193,9 +168,7 @@ def driver_entries(depth: np.ndarray, node: str = DRIVER) -> list[Entry]:
     return entries
 
 
-def camera_entries(
-    name: str, depth: np.ndarray, clean: np.ndarray, start: int = SECOND, step: int = SECOND // 60
-) -> list[Entry]:
+def camera_entries(name, depth, clean, start=SECOND, step=SECOND // 60):
     """Return what a camera node and what feeds it publish."""
     node = f'/{name}/flexx2_camera'
     entries = [usecase(node, start, 'Mode_5_60fps')]
@@ -211,7 +184,7 @@ def camera_entries(
     return entries
 
 
-def same(a: np.ndarray | None, b: np.ndarray | None) -> bool:
+def same(a, b):
     """Say whether two arrays are the same to the last bit."""
     return (
         a is not None
@@ -222,7 +195,7 @@ def same(a: np.ndarray | None, b: np.ndarray | None) -> bool:
     )
 
 
-def every_kind(folder: Path, count: int = COUNT) -> dict[str, Path]:
+def every_kind(folder, count=COUNT):
     """Write the same recording as bags and archives of every kind."""
     paths = {'mcap': folder / 'one.mcap', 'db3': folder / 'one.db3', 'folder': folder / 'one'}
     paths |= {kind: folder / f'{kind}.npz' for kind in ('stored', 'deflated')}
@@ -245,7 +218,7 @@ def every_kind(folder: Path, count: int = COUNT) -> dict[str, Path]:
     return paths
 
 
-def unlike(one: Recording, other: Recording) -> list[str]:
+def unlike(one, other):
     """Return which arrays of two recordings differ."""
     names = ('depth', 'K', 'stamp', 'stamp_ns', 'clean_depth', 'amplitude')
     found = [name for name in names if not same(getattr(one, name), getattr(other, name))]

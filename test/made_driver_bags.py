@@ -1,9 +1,6 @@
 """Bags of other cameras' drivers, as these write them: topics, encodings, frames and lenses."""
 
-from pathlib import Path
-from typing import Any
-
-from made_bags import Entry, EPOCH, image, info, MATRIX, SECOND
+from made_bags import EPOCH, image, info, MATRIX, SECOND
 import numpy as np
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import get_typestore, Stores
@@ -16,24 +13,24 @@ COUNT = 3
 COLOUR_MATRIX = np.diag([2.0, 2.0, 1.0]) @ MATRIX
 
 
-def depths() -> np.ndarray:
+def depths():
     """Return (COUNT, H, W) float32 metres with zeros for invalid, whole millimetres."""
     metres = np.random.default_rng(0).integers(300, 4000, (COUNT, *SIZE)) / 1000
     metres[:, 0, :3] = 0
     return metres.astype(np.float32)
 
 
-def millimetres(metres: np.ndarray) -> np.ndarray:
+def millimetres(metres):
     return np.rint(1000 * metres).astype(np.uint16)
 
 
-def ros1_bag(path: Path, entries: list[Entry], compression: str = '') -> Path:
+def ros1_bag(path, entries, compression=''):
     """Write the same messages as ROS 1 does; compression: BZ2 or LZ4."""
     bag = Writer(path)
     if compression:
         bag.set_compression(Writer.CompressionFormat[compression])
     with bag as writer:
-        connections: dict[str, Any] = {}
+        connections = {}
         for topic, kind, received, message in entries:
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=ROS1)
@@ -54,7 +51,7 @@ def ros1_bag(path: Path, entries: list[Entry], compression: str = '') -> Path:
     return path
 
 
-def with_frame(entry: Entry, frame_id: str, **changes: Any) -> Entry:
+def with_frame(entry, frame_id, **changes):
     """Change a message's frame and other fields."""
     entry[3].header.frame_id = frame_id
     for name, value in changes.items():
@@ -62,11 +59,11 @@ def with_frame(entry: Entry, frame_id: str, **changes: Any) -> Entry:
     return entry
 
 
-def stamps() -> list[int]:
+def stamps():
     return [EPOCH + index * SECOND // 30 for index in range(COUNT)]
 
 
-def pico_flexx() -> list[Entry]:
+def pico_flexx():
     """Return what pico_flexx_driver publishes: metres, 0 for invalid, raw and shown gray."""
     entries = []
     for stamp, depth in zip(stamps(), depths(), strict=True):
@@ -82,7 +79,7 @@ def pico_flexx() -> list[Entry]:
     return [with_frame(entry, 'pico_flexx_optical_frame') for entry in entries]
 
 
-def realsense() -> list[Entry]:
+def realsense():
     """Return what realsense-ros publishes: millimetres, infrared, depth as colour sees it."""
     entries = []
     for stamp, depth in zip(stamps(), depths(), strict=True):
@@ -107,9 +104,7 @@ def realsense() -> list[Entry]:
     return entries
 
 
-def _as_colour_sees_it(
-    space: str, stamp: int, raw: np.ndarray, colour: bool, frame: str
-) -> list[Entry]:
+def _as_colour_sees_it(space, stamp, raw, colour, frame):
     # The colour image, or depth moved into its pixels; both have the camera info of colour.
     height, width = SIZE
     pixels = np.zeros((height, 3 * width), np.uint8) if colour else raw
@@ -120,7 +115,7 @@ def _as_colour_sees_it(
     ]
 
 
-def azure_kinect() -> list[Entry]:
+def azure_kinect():
     """Return what the driver of Azure Kinect publishes: millimetres, a rational lens."""
     entries = []
     for stamp, depth in zip(stamps(), depths(), strict=True):

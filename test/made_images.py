@@ -1,8 +1,5 @@
 """Folders of PNG files with a calibration."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 from PIL import Image
 import yaml
@@ -13,18 +10,18 @@ EIGHT = [0.1, -0.2, 0.001, 0.002, 0.05, 0.3, 0.2, 0.1]
 COUNT = 3
 
 
-def counts() -> np.ndarray:
+def counts():
     """Return (COUNT, H, W) uint16 millimetres, 0 for invalid."""
     images = np.random.default_rng(1).integers(300, 4000, (COUNT, *SIZE)).astype(np.uint16)
     images[:, 2, 3] = 0
     return images
 
 
-def metres(unit: float = 0.001) -> np.ndarray:
+def metres(unit=0.001):
     return np.where(counts() > 0, counts() * np.float32(unit), np.nan)
 
 
-def ost(**changes: Any) -> str:
+def ost(**changes):
     """Return a file as camera_calibration writes it."""
     height, width = SIZE
     content = {
@@ -40,12 +37,12 @@ def ost(**changes: Any) -> str:
     return yaml.safe_dump({k: v for k, v in (content | changes).items() if v is not None})
 
 
-def save(path: Path, pixels: np.ndarray) -> None:
+def save(path, pixels):
     path.parent.mkdir(exist_ok=True, parents=True)
     Image.fromarray(pixels).save(path)
 
 
-def folder_of(path: Path, names: list[str]) -> Path:
+def folder_of(path, names):
     for name, image in zip(names, counts(), strict=True):
         save(path / name, image)
     (path / 'ost.yaml').write_text(ost())

@@ -1,12 +1,9 @@
 """Forms of given effects, fitted to recordings as a diagnosis fits them."""
 
-from pathlib import Path
-from typing import Any
-
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.gap.data.campaign import read
 from flexx2_sim_ros.gap.data.registration import register
-from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, Simulator
+from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
 from flexx2_sim_ros.gap.work import find
 from flexx2_sim_ros.jobs import workers
 import numpy as np
@@ -14,9 +11,7 @@ import numpy as np
 PRIOR = (0.01,) * 3 + (0.5,) * 3
 
 
-def fitted_forms(
-    recordings: Path, named: dict[str, dict[str, Any]], quick: bool = False
-) -> Calibrated | None:
+def fitted_forms(recordings, named, quick=False):
     """Return the forms that a diagnosis with these effects would fit."""
     effects = parse_effects(named)
     with workers(1, None) as mapped:

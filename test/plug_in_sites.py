@@ -1,6 +1,5 @@
 """Plug-ins on a path of their own, as an installation leaves them there."""
 
-from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 import importlib
 from pathlib import Path
@@ -13,7 +12,7 @@ from flexx2_sim_ros.effects import loadable, registry
 EXAMPLE = Path(__file__).resolve().parents[1] / 'examples'
 
 
-def install_example(site: Path) -> Path:
+def install_example(site):
     """Put the example there with the metadata of its own pyproject.toml, and return the path."""
     project = tomllib.loads((EXAMPLE / 'pyproject.toml').read_text())
     (module,) = project['tool']['setuptools']['py-modules']
@@ -24,9 +23,7 @@ def install_example(site: Path) -> Path:
     return site
 
 
-def write_metadata(
-    site: Path, name: str, group: str = 'flexx2_sim_ros.effects', **points: str
-) -> Path:
+def write_metadata(site, name, group='flexx2_sim_ros.effects', **points):
     """Write a distribution's metadata with entry points, and return the folder."""
     folder = site / f'{name.replace("-", "_")}-1.0.dist-info'
     folder.mkdir(parents=True)
@@ -37,11 +34,11 @@ def write_metadata(
 
 
 @contextmanager
-def on_path(site: Path) -> Iterator[None]:
+def on_path(site):
     """Let this process find the plug-ins of a path, as long as the context lasts."""
-    before: Mapping[str, object] = dict(sys.modules)
+    before = dict(sys.modules)
 
-    def forget() -> None:
+    def forget():
         importlib.invalidate_caches()
         registry.cache_clear()
         loadable.cache_clear()

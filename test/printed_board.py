@@ -15,7 +15,7 @@ _RAYS = 8  # rays per pixel and axis
 _WALL = 0.4  # metres behind the board
 
 
-def sheet(name: str) -> np.ndarray:
+def sheet(name):
     """Return a sheet with 3 x 2 tags as an image, 1 for white."""
     width, height, tag, gap = (round(side * _FINE) for side in SHEETS[name])
     image = np.ones((height, width), np.float32)
@@ -28,20 +28,20 @@ def sheet(name: str) -> np.ndarray:
     return image
 
 
-def chessboard() -> np.ndarray:
+def chessboard():
     """Return a chessboard of 9 x 6 inner corners, 30 mm squares; the upper left one is white."""
     squares = np.add.outer(np.arange(7), np.arange(10)) % 2 == 0
     return np.kron(squares, np.ones((60, 60))).astype(np.float32)
 
 
-def charuco() -> np.ndarray:
+def charuco():
     """Return OpenCV's board of 5 x 7 squares of 40 mm with markers of 30 mm."""
     codes = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
     board = cv2.aruco.CharucoBoard((5, 7), 0.04, 0.03, codes)
     return np.asarray(board.generateImage((400, 560)), np.float32) / 255
 
 
-def april_grid() -> np.ndarray:
+def april_grid():
     """Return Kalibr's grid of 4 x 3 tags of 80 mm, numbered from below, 24 mm apart."""
     codes = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     side, gap = 160, 48
@@ -58,7 +58,7 @@ def april_grid() -> np.ndarray:
     return image
 
 
-def circles(columns: int, rows: int, step: float, wide: float, shifted: bool) -> np.ndarray:
+def circles(columns, rows, step, wide, shifted):
     """Return OpenCV's grid of circles; metres between rows, and across a circle."""
     rim = step * (0.5**0.5 if shifted else 0.5)
     y, x = np.mgrid[:rows, :columns] * step + rim
@@ -93,16 +93,7 @@ class Board:
 
     """
 
-    def __init__(
-        self,
-        distance: float,
-        tilt: float,
-        turn: float,
-        size: float = 1.0,
-        name: str = 'A3',
-        picture: np.ndarray | None = None,
-        glued: bool = False,
-    ) -> None:
+    def __init__(self, distance, tilt, turn, size=1.0, name='A3', picture=None, glued=False):
         """Place the board."""
         self.R = Rotation.from_euler('zxy', [3, tilt, turn], degrees=True).as_matrix()
         self.t = np.array([0.03, -0.02, distance])
@@ -114,9 +105,7 @@ class Board:
             self._picture = picture
             self._sides = np.array(picture.shape[::-1]) / _FINE
 
-    def look(
-        self, rng: np.random.Generator, blur: float = 0.6, lens: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def look(self, rng, blur=0.6, lens=None):
         """Return the light without noise and the depth, (H, W) each, of board and wall."""
         rays, across, down = _rays(np.zeros(5) if lens is None else lens)
         total = np.zeros((HEIGHT, WIDTH))
@@ -132,7 +121,7 @@ class Board:
                 total += self._trace(rays + u * across + v * down)[0]
         return total / _RAYS**2, self._trace(rays)[1]
 
-    def _trace(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _trace(self, rays):
         direction = np.concatenate([rays, np.ones((HEIGHT, WIDTH, 1))], axis=-1)
         normal = self.R[:, 2]
         depth = (normal @ self.t) / (direction @ normal)
@@ -151,15 +140,13 @@ class Board:
         return colour * cosine * lamp / (depth * length) ** 2, depth
 
 
-def gray_of(light: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarray:
+def gray_of(light, noise, rng):
     """Return the driver's gray image: 8 bit, a root of the light, saturated next to the camera."""
     light = light * (1 + noise * rng.standard_normal(light.shape))
     return np.clip(150 * np.sqrt(np.clip(light, 0, None)), 0, 255).astype(np.uint8)
 
 
-def expose_blind(
-    light: np.ndarray, depth: np.ndarray, frames: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def expose_blind(light, depth, frames, rng):
     """Return gray values of 16 bits and depth, (T, H, W), by the taps of the blind camera."""
     waves = wavenumbers((80.32e6, 60.24e6))
     length = np.sqrt(1 + (_rays(np.zeros(5))[0] ** 2).sum(axis=-1))
@@ -182,7 +169,7 @@ def expose_blind(
     return bright, np.stack(shown).astype(np.float32)
 
 
-def _rays(lens: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _rays(lens):
     # Rays of the pixel centres, and their differences to the next column and row.
     v, u = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
     return (
@@ -192,7 +179,7 @@ def _rays(lens: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     )
 
 
-def _ray(lens: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _ray(lens, u, v):
     if not lens.any():
         return (np.stack([u, v], axis=-1) - K[:2, 2]) / FOCAL
     enough = cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-10

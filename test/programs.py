@@ -1,47 +1,89 @@
 """Programs of this checkout, as tests run them: in this process or in one of their own."""
 
-from collections.abc import Mapping
+from contextlib import contextmanager, ExitStack
 import json
 from pathlib import Path
 import shlex
 import signal
 import subprocess
 import sys
-from typing import Any
+import time
 
 from flexx2_sim_ros.cli.main import main
 
 ROOT = Path(__file__).resolve().parents[1]
+# Far more than anything takes to start or end; a machine may be busy.
 PATIENCE = 60.0
 
 
-def run_python(*words: Any, **more: Any) -> subprocess.CompletedProcess[str]:
+def until(condition, what='it'):
+    """Wait for what other processes and threads do."""
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, f'{what}: did not come about within {PATIENCE} s'
+        time.sleep(0.01)
+
+
+@contextmanager
+def started(command, **more):
+    """Run a command as a process, which is over at the end of the block."""
+    usual = {'stdout': subprocess.PIPE, 'stderr': subprocess.PIPE, 'text': True}
+    with subprocess.Popen([*map(str, command)], **{**usual, **more}) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+@contextmanager
+def starting(**usual):
+    """Yield a function that runs commands as processes, which are over at the end of the block."""
+    with ExitStack() as stack:
+        yield lambda command, **more: stack.enter_context(started(command, **usual, **more))
+
+
+def finish(process, number=None, code=0):
+    """End a process, if it does not by itself, and return what it printed; all has to be well."""
+    if number is not None:
+        process.send_signal(number)
+    out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == code, f'{out}{err}'
+    assert 'Traceback' not in f'{out}{err}'
+    return out
+
+
+def run_python(*words, **more):
     """Run Python with these arguments, and return what it said."""
     usual = {'capture_output': True, 'text': True, 'timeout': 300, 'check': False}
     return subprocess.run([sys.executable, *map(str, words)], **{**usual, **more})
 
 
-def run_flexx2(*words: Any, **more: Any) -> subprocess.CompletedProcess[str]:
+def run_flexx2(*words, **more):
     """Run the command `flexx2`, and return what it said."""
-    return run_python('-m', 'flexx2_sim_ros.cli.main', *words, **more)
+    return run_python(*flexx2_words(*words)[1:], **more)
 
 
-def call_flexx2(words: str) -> None:
+def flexx2_words(*words):
+    """Return the command `flexx2` with these arguments."""
+    return [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)]
+
+
+def call_flexx2(words):
     """Run the command `flexx2` in this process; it has to succeed."""
     assert main(shlex.split(words)) == 0, words
 
 
-def node_words(name: str, *words: Any) -> list[str]:
+def node_words(name, *words):
     """Return the command that runs a node with these arguments of ROS."""
     return [sys.executable, '-m', f'flexx2_sim_ros.nodes.{name}', '--ros-args', *map(str, words)]
 
 
-def run_node(name: str, *words: Any, **more: Any) -> subprocess.CompletedProcess[str]:
+def run_node(name, *words, **more):
     """Run a node that ends by itself, and return what it said."""
     return run_python(*node_words(name, *words)[1:], **more)
 
 
-def measured(call: str, env: Mapping[str, str]) -> Any:
+def measured(call, env):
     """Return what a measurement of `bench` returns; `call` is Python: 'bench.soak.run()'."""
     module = call.partition('(')[0].rpartition('.')[0]
     code = f'import json; from pathlib import Path; import {module}; print(json.dumps({call}))'
@@ -50,15 +92,11 @@ def measured(call: str, env: Mapping[str, str]) -> Any:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def first_line(command: list[str], cwd: Path = ROOT) -> str:
+def first_line(command, cwd=ROOT):
     """Return the first line that a node logs; assert that it ends quietly on Ctrl-C."""
-    with subprocess.Popen(command, cwd=cwd, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
+    with started(command, cwd=cwd) as process:
         line = process.stderr.readline()
         while 'compiling the camera' in line:  # once, where nothing is compiled yet
             line = process.stderr.readline()
-        process.send_signal(signal.SIGINT)
-        rest = process.stderr.read()
-        assert process.wait(PATIENCE) == 0, line + rest
-    assert 'Traceback' not in rest
+        finish(process, signal.SIGINT)
     return line

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
 FOCAL, CENTRE = 365.5, (255.5, 211.5)
 
 
-def load(name: str) -> Any:
+def load(name):
     """Open a file of real frames, or skip the test."""
     path = DATA / name
     if not path.is_file():
@@ -47,7 +46,7 @@ class View:
     corners: np.ndarray
 
     @cached_property
-    def squares(self) -> tuple[np.ndarray, np.ndarray, float]:
+    def squares(self):
         """
         Return where each pixel is on the board, by its corners and 30 mm squares.
 
@@ -64,7 +63,7 @@ class View:
         grid = np.stack(np.meshgrid(np.arange(5), np.arange(7)), -1).reshape(-1, 2) * 0.03
         points = np.c_[grid, np.zeros(35)]
 
-        def error(pose: np.ndarray) -> np.ndarray:
+        def error(pose):
             seen = Rotation.from_rotvec(pose[:3]).apply(points) + pose[3:]
             pixels = seen[:, :2] / seen[:, 2:] * FOCAL + self.K[:2, 2]
             return (pixels - self.corners).ravel()
@@ -78,7 +77,7 @@ class View:
         return board[:2] / 0.03, depth, float((turn @ (0.06, 0.09, 0.0) + shift)[2])
 
 
-def _start(grid: np.ndarray, rays: np.ndarray) -> np.ndarray:
+def _start(grid, rays):
     """Return a pose to start from: that of the homography from the board to its image."""
     rows = [
         row
@@ -92,7 +91,7 @@ def _start(grid: np.ndarray, rays: np.ndarray) -> np.ndarray:
     return np.r_[Rotation.from_matrix(left @ right).as_rotvec(), matrix[:, 2]]
 
 
-def kinect_views() -> list[View]:
+def kinect_views():
     """Return the 102 views of the Kinect v2, each a crop around the board."""
     views = []
     with load('kinect2_chessboard.npz') as data:

@@ -1,25 +1,16 @@
 """Cameras whose topics are recorded, and the commands `flexx2 record` and `flexx2 replay`."""
 
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import itertools
-from pathlib import Path
-import signal
-import subprocess
-import sys
-import time
-from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
+import programs
+from programs import flexx2_words, PATIENCE, started
 from rclpy.duration import Duration
 import streams
-from streams import CameraInfo, Image, image_message, info_message
-
-ROOT = Path(__file__).resolve().parents[1]
-
-PATIENCE = 60.0
+from streams import CameraInfo, Image, image_message, info_message, listening
 
 SECOND = 1_000_000_000
 
@@ -30,44 +21,20 @@ CAMERAS = ('left', 'right')
 _numbers = itertools.count()
 
 
-def until(condition: Callable[[], Any], what: str) -> None:
-    """Wait for what another process does."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, f'{what}: did not come about within {PATIENCE} s'
-        time.sleep(0.01)
-
-
-@contextmanager
-def flexx2(child_env: dict[str, str], *words: object) -> Iterator[subprocess.Popen[str]]:
+def flexx2(child_env, *words):
     """Run the command as a process, which is over at the end of the block."""
-    with subprocess.Popen(
-        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=child_env | {'COLUMNS': '200'},
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
+    return started(flexx2_words(*words), env=child_env | {'COLUMNS': '200'})
 
 
-def finish(process: subprocess.Popen[str], number: signal.Signals | None = None) -> str:
-    """End a process, if it does not by itself, and return what it printed; all has to be well."""
-    if number is not None:
-        process.send_signal(number)
-    out, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == (0 if number is None else 128 + number), err
-    assert 'Traceback' not in err
-    return out
+def finish(process, number=None):
+    """End a command, if it does not by itself, and return what it printed; all has to be well."""
+    return programs.finish(process, number, 0 if number is None else 128 + number)
 
 
 class Source:
     """What two cameras publish, frame by frame; every frame is another."""
 
-    def __init__(self, listener: streams.Listener, depth: int = 1000) -> None:
+    def __init__(self, listener, depth=1000):
         """Open the topics; names are this source's own."""
         space = f'/source_{next(_numbers)}'
         self.cameras = [f'{space}/{name}' for name in CAMERAS]
@@ -84,14 +51,14 @@ class Source:
             for camera in self.cameras
             for topic, kind in kinds.items()
         }
-        self.sent: dict[str, list[Any]] = {topic: [] for topic in self.publishers}
+        self.sent = {topic: [] for topic in self.publishers}
 
     @property
-    def names(self) -> list[str]:
+    def names(self):
         """Return the cameras' names."""
         return [camera.strip('/') for camera in self.cameras]
 
-    def wait(self) -> None:
+    def wait(self):
         """Wait until every topic has a subscriber."""
         self.listener.spin_until(
             lambda: all(
@@ -100,7 +67,7 @@ class Source:
             'subscribers',
         )
 
-    def publish(self, count: int) -> None:
+    def publish(self, count):
         """Publish the next frames."""
         first = len(next(iter(self.sent.values())))
         for index in range(first, first + count):
@@ -108,24 +75,24 @@ class Source:
             for topic, publisher in self.publishers.items():
                 stamp = SECOND + index * STEP
                 if topic.endswith('info'):
-                    message: Any = info_message(streams.FLEXX2, stamp)
+                    message = info_message(streams.FLEXX2, stamp)
                 else:
                     pixels = rng.uniform(0.1, 7.0, (172, 224)).astype('f4')
                     message = image_message(pixels, stamp)
                 publisher.publish(message)
                 self.sent[topic].append(message)
 
-    def settle(self) -> None:
+    def settle(self):
         """Wait until everything has reached its subscribers."""
         for topic, publisher in self.publishers.items():
             assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE)), topic
 
-    def pixels(self, topic: str) -> np.ndarray:
+    def pixels(self, topic):
         """Return what was published, (T, H, W)."""
         return np.stack([streams.array_of(message) for message in self.sent[topic]])
 
 
-def rows(text: str) -> dict[str, list[str]]:
+def rows(text):
     """Return the report's cells by topic: messages, from, rate, MB, lost, gaps."""
     return {
         line.split()[0]: line.split()[1:] for line in text.splitlines() if line.startswith('/')
@@ -133,14 +100,13 @@ def rows(text: str) -> dict[str, list[str]]:
 
 
 @contextmanager
-def open_source() -> Iterator[Source]:
+def open_source():
     """Yield cameras that are there and have published nothing yet."""
-    listener = streams.Listener()
-    yield Source(listener)
-    listener.close()
+    with listening() as listener:
+        yield Source(listener)
 
 
-def whole(bag: Path, count: int) -> bool:
+def whole(bag, count):
     """Say whether a bag that is being written has so many frames, all else, and the mode."""
     try:
         recording = load_recording(bag)

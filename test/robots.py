@@ -1,10 +1,8 @@
 """A robot node in this process, and what drives it and listens to it, over real DDS."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing
 import itertools
 import math
-from typing import Any
 import unittest
 
 try:
@@ -47,12 +45,11 @@ __all__ = [
 USUAL = {'scene': 'corner', 'renderer': 'ray'}
 _numbers = itertools.count()
 _legs = load_robot().legs
-assert _legs is not None
 JOINTS = _legs.all_names
 RATE = 60  # hertz
 
 
-def exact(stamps: Sequence[int], rate: int = RATE) -> bool:
+def exact(stamps, rate=RATE):
     """Say whether stamps are those of ticks that follow each other."""
     first = round(stamps[0] * rate / 1e9)
     return stamps == [k * 10**9 // rate for k in range(first, first + len(stamps))]
@@ -61,7 +58,7 @@ def exact(stamps: Sequence[int], rate: int = RATE) -> bool:
 class RobotUnderTest(Listener):
     """The node under test in a namespace of its own, and a user of its topics."""
 
-    def __init__(self, *remappings: str, **values: Any) -> None:
+    def __init__(self, *remappings, **values):
         """Start the node; values are of its parameters."""
         super().__init__()
         self.space = f'/robot_{next(_numbers)}'
@@ -75,7 +72,7 @@ class RobotUnderTest(Listener):
         self.add(self.robot)
         self.clients = AsyncParameterClient(self.node, f'{self.space}/go1_cameras')
 
-    def to(self, topic: str, kind: type) -> Any:
+    def to(self, topic, kind):
         """Return a publisher that the node listens to."""
         publisher = self.node.create_publisher(kind, f'{self.space}/{topic}', 10)
         # Each side learns of the other at its own time; what comes before is lost.
@@ -89,7 +86,7 @@ class RobotUnderTest(Listener):
         )
         return publisher
 
-    def hear(self, topic: str, kind: type) -> list[Any]:
+    def hear(self, topic, kind):
         """Return the list that fills with what the node publishes."""
         name = topic if topic.startswith('/') else f'{self.space}/{topic}'
         heard = self.listen(name, kind)
@@ -103,25 +100,25 @@ class RobotUnderTest(Listener):
         )
         return heard
 
-    def more(self, heard: list[Any], count: int) -> list[Any]:
+    def more(self, heard, count):
         """Wait for some more messages; return them."""
         start = len(heard)
         self.spin_until(lambda: len(heard) >= start + count, f'{count} messages')
         return heard[start : start + count]
 
-    def change(self, **values: Any) -> Any:
+    def change(self, **values):
         """Set parameters through the node's service; return the last one's result."""
         self.spin_until(self.clients.services_are_ready, 'parameter services')
         parameters = [Parameter(name, value=value) for name, value in values.items()]
         return self.wait(self.clients.set_parameters(parameters)).results[-1]
 
-    def reset(self) -> Any:
+    def reset(self):
         """Call the reset service."""
         client = self.node.create_client(Trigger, f'{self.space}/go1_cameras/reset')
         self.spin_until(client.service_is_ready, 'reset service')
         return self.wait(client.call_async(Trigger.Request()))
 
-    def logged(self, *parts: str) -> list[str]:
+    def logged(self, *parts):
         """Return what the node logged with all these parts in it."""
         name = self.robot.get_logger().name
         return [
@@ -130,38 +127,31 @@ class RobotUnderTest(Listener):
             if entry.name == name and all(part in entry.msg for part in parts)
         ]
 
-    def close(self) -> None:
+    def close(self):
         """Stop the node and leave the graph."""
         super().close()
         self.robot.destroy_node()
 
 
-@contextmanager
-def robot_node(*remappings: str, **values: Any) -> Iterator[RobotUnderTest]:
+def robot_node(*remappings, **values):
     """Return a `RobotUnderTest` that is closed at the end of the block."""
-    made = RobotUnderTest(*remappings, **values)
-    try:
-        yield made
-    finally:
-        made.close()
+    return closing(RobotUnderTest(*remappings, **values))
 
 
-def twist(x: float = 0.0, y: float = 0.0, turn: float = 0.0) -> Twist:
+def twist(x=0.0, y=0.0, turn=0.0):
     """Return a command."""
     message = Twist()
     message.linear.x, message.linear.y, message.angular.z = x, y, turn
     return message
 
 
-def place(message: Odometry) -> tuple[np.ndarray, float]:
+def place(message):
     """Return an odometry's position and yaw."""
     at, turn = message.pose.pose.position, message.pose.pose.orientation
     return np.array([at.x, at.y, at.z]), 2 * math.atan2(turn.z, turn.w)
 
 
-def odometry(
-    stamp: int, position: Sequence[float], yaw: float = 0.0, child: str = 'trunk'
-) -> Odometry:
+def odometry(stamp, position, yaw=0.0, child='trunk'):
     """Return another simulator's pose."""
     message = Odometry(child_frame_id=child)
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
@@ -171,7 +161,7 @@ def odometry(
     return message
 
 
-def joints(stamp: int, positions: Sequence[float], names: Sequence[str] = JOINTS) -> JointState:
+def joints(stamp, positions, names=JOINTS):
     """Return another simulator's joints."""
     message = JointState(name=list(names), position=list(map(float, positions)))
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)

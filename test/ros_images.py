@@ -1,8 +1,5 @@
 """Images and camera infos as ROS messages, and back."""
 
-from typing import Any
-
-from flexx2_sim_ros.camera import Intrinsics
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image
 
@@ -14,26 +11,20 @@ _ENCODINGS = {
 }
 
 
-def nanoseconds(message: Any) -> int:
+def nanoseconds(message):
     """Return a stamped message's stamp."""
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
 
 
-def _stamp(message: Any, stamp: int, frame_id: str) -> Any:
+def _stamp(message, stamp, frame_id):
     message.header.frame_id = frame_id
     message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
     return message
 
 
 def image_message(
-    array: np.ndarray,
-    stamp: int = 0,
-    *,
-    encoding: str = '32FC1',
-    big_endian: bool = False,
-    padding: int = 0,
-    frame_id: str = 'optical',
-) -> Image:
+    array, stamp=0, *, encoding='32FC1', big_endian=False, padding=0, frame_id='optical'
+):
     """Encode an (H, W) image of metres; ``padding`` bytes of rubbish end each row."""
     kind, scale = _ENCODINGS[encoding]
     values = array if scale == 1.0 else np.rint(np.nan_to_num(array) * scale)
@@ -55,7 +46,7 @@ def image_message(
     return _stamp(message, stamp, frame_id)
 
 
-def info_message(camera: Intrinsics, stamp: int = 0, frame_id: str = 'optical') -> CameraInfo:
+def info_message(camera, stamp=0, frame_id='optical'):
     """Describe the camera that clean depth comes from."""
     message = CameraInfo(
         width=camera.width,
@@ -67,7 +58,7 @@ def info_message(camera: Intrinsics, stamp: int = 0, frame_id: str = 'optical') 
     return _stamp(message, stamp, frame_id)
 
 
-def array_of(message: Image) -> np.ndarray:
+def array_of(message):
     """Return a little-endian 32FC1 or mono8 image's pixels, checking its layout."""
     kind, _ = _ENCODINGS[message.encoding]
     dtype = np.dtype(f'<{kind}')

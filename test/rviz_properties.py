@@ -5,14 +5,12 @@ Read from the source of ros2/rviz, branch jazzy (591594e): names that its classe
 properties and load from a layout. RViz ignores other names without a word.
 """
 
-from typing import Any
 
 # A type is the type of a value, a tuple its options. A dict is a group: its properties by name,
 # and the value of the group itself as `Value`.
-Kind = Any
 
-VECTOR: Kind = {'X': float, 'Y': float, 'Z': float}
-TOPIC: Kind = {
+VECTOR = {'X': float, 'Y': float, 'Z': float}
+TOPIC = {
     'Value': str,
     'Depth': int,
     'History Policy': ('System Default', 'Keep Last', 'Keep All'),
@@ -20,9 +18,9 @@ TOPIC: Kind = {
     'Durability Policy': ('System Default', 'Transient Local', 'Volatile'),
     'Filter size': int,
 }
-DISPLAY: Kind = {'Class': str, 'Name': str, 'Enabled': bool, 'Value': bool}
+DISPLAY = {'Class': str, 'Name': str, 'Enabled': bool, 'Value': bool}
 
-DISPLAYS: dict[str, Kind] = {
+DISPLAYS = {
     'rviz_default_plugins/Grid': {
         'Reference Frame': str,
         'Plane Cell Count': int,
@@ -87,7 +85,7 @@ TOOLS = {
     f'rviz_default_plugins/{name}'
     for name in ('MoveCamera', 'Select', 'Measure', 'FocusCamera', 'Interact', 'PublishPoint')
 }
-VIEWS: dict[str, Kind] = {
+VIEWS = {
     'rviz_default_plugins/Orbit': {
         'Class': str,
         'Name': str,
@@ -99,14 +97,14 @@ VIEWS: dict[str, Kind] = {
         'Focal Point': VECTOR,
     }
 }
-PANELS: dict[str, Kind] = {
+PANELS = {
     'rviz_common/Displays': {'Property Tree Widget': {'Splitter Ratio': float}},
     'rviz_common/Time': {'SyncMode': int, 'SyncSource': str},
 }
-GLOBAL: Kind = {'Background Color': str, 'Fixed Frame': str, 'Frame Rate': int}
+GLOBAL = {'Background Color': str, 'Fixed Frame': str, 'Frame Rate': int}
 
 
-def problems(kind: Kind, value: Any, where: str) -> list[str]:
+def problems(kind, value, where):
     """Return what RViz would ignore in a part of a layout, a line each."""
     if isinstance(kind, dict):
         if not isinstance(value, dict):

@@ -1,8 +1,5 @@
 """Recordings of a blind camera in a room that is known as a mesh."""
 
-from pathlib import Path
-from typing import Any
-
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.poses import Pose
 import numpy as np
@@ -16,7 +13,7 @@ SMALL_K = np.array([[25.0, 0, 15.5], [0, 25, 11.5], [0, 0, 1]])
 SMALL = {'frames': 8, 'width': WIDTH, 'height': HEIGHT}
 
 
-def record(folder: Path, effects: dict[str, float], **changes: Any) -> ScannedCamera:
+def record(folder, effects, **changes):
     """Write `in/*.npz` and `room.ply`; return the camera."""
     camera = ScannedCamera(SEED, effects, **{'recordings': RECORDINGS, **SMALL, **changes})
     (folder / 'in').mkdir(parents=True)
@@ -25,13 +22,13 @@ def record(folder: Path, effects: dict[str, float], **changes: Any) -> ScannedCa
     return camera
 
 
-def scaled(mesh: trimesh.Trimesh, factor: float) -> trimesh.Trimesh:
+def scaled(mesh, factor):
     """Return the mesh in another scale."""
     mesh.apply_scale(factor)
     return mesh
 
 
-def box(folder: Path) -> tuple[str, np.ndarray]:
+def box(folder):
     """Write `room.ply`, a bare box; return a pose in it, as for --pose, and 24 x 32 depths."""
     mesh = trimesh.creation.box((4.0, 3.0, 2.5))
     mesh.invert()

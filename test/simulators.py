@@ -1,6 +1,6 @@
 """What the tests of the examples of simulators share."""
 
-from flexx2_sim_ros.camera import Camera, Intrinsics
+from flexx2_sim_ros.camera import Camera
 import numpy as np
 import pytest
 from scipy.ndimage import laplace, maximum_filter
@@ -10,7 +10,7 @@ NORMAL_MEDIAN = 0.6745  # of the size of normal numbers of sigma 1
 LEAST = 6000  # pixels: their median size has a standard error of 1.5 % or less
 
 
-def exact_room(lens: Intrinsics = LENS, off_centre: np.ndarray | float = 0.0) -> np.ndarray:
+def exact_room(lens=LENS, off_centre=0.0):
     """
     Return the exact depth of the room of the examples.
 
@@ -38,7 +38,7 @@ def exact_room(lens: Intrinsics = LENS, off_centre: np.ndarray | float = 0.0) ->
     return np.where(np.isfinite(depth), depth, np.nan)
 
 
-def assert_same_depth(found: np.ndarray, exact: np.ndarray, share: float = 0.99) -> None:
+def assert_same_depth(found, exact, share=0.99):
     """Assert that depth is within 1 mm in all but a few pixels, which may be edges."""
     there = np.isfinite(exact)
     assert 0.1 < there.mean() < 1
@@ -46,9 +46,7 @@ def assert_same_depth(found: np.ndarray, exact: np.ndarray, share: float = 0.99)
     assert (np.abs(found - exact)[there] < 1e-3).mean() > share
 
 
-def assert_noise_is_sigma(
-    clean: np.ndarray, noisy: np.ndarray, lens: Intrinsics, usecase: str
-) -> None:
+def assert_noise_is_sigma(clean, noisy, lens, usecase):
     """
     Assert that the noise on planes has the sigma of the base model.
 

@@ -1,7 +1,5 @@
 """A small camera in a scene with an edge, a slant, a hole and a corner."""
 
-from typing import Any
-
 from boards import K
 from flexx2_sim_ros.camera import Camera
 import numpy as np
@@ -9,7 +7,7 @@ import numpy as np
 FIELDS = ('depth', 'sigma', 'amplitude', 'confidence')
 
 
-def same(one: Any, other: Any) -> bool:
+def same(one, other):
     """Say whether two frames are equal to the last bit."""
     return all(
         np.array_equal(getattr(one, field), getattr(other, field), equal_nan=True)
@@ -17,7 +15,7 @@ def same(one: Any, other: Any) -> bool:
     )
 
 
-def scenes(count: int = 1) -> np.ndarray:
+def scenes(count=1):
     """Return (count, 24, 32) metres: an edge, a slant, a hole, a corner; they move on."""
     v, u = np.mgrid[:24, :32].astype(float)
     depth = 1.0 + 0.01 * u
@@ -31,15 +29,7 @@ SMALL = K - [[0, 0, 95.5], [0, 0, 73.5], [0, 0, 0]]
 SHADES = np.linspace(0.02, 1.0, 32) * np.ones((24, 1))
 
 
-def capture(
-    effects: Any,
-    clean: Any,
-    stamps: Any,
-    *,
-    seed: int = 3,
-    name: str = '',
-    usecase: str = 'Mode_9_30fps',
-) -> Any:
+def capture(effects, clean, stamps, *, seed=3, name='', usecase='Mode_9_30fps'):
     """Return what a new camera sees."""
     return Camera(usecase, effects=effects, seed=seed, name=name).capture(
         clean, SMALL, stamps, SHADES

@@ -5,14 +5,13 @@ The node has the driver's name, parameter `usecase` and topics. It waits until s
 publishes each frame once, and ends when nobody subscribes any more.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 import sys
 
 from flexx2_sim_ros.nodes.messages import camera_info_message, header, image_message
 from flexx2_sim_ros.nodes.runtime import make_room_for_images
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.recording import load_recording, Recording
+from flexx2_sim_ros.recording import load_recording
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -35,7 +34,7 @@ class StandIn(Node):
 
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording):
         """Open the topics."""
         super().__init__(DRIVER)
         self.declare_parameter('usecase', recording.usecase or '')
@@ -46,22 +45,21 @@ class StandIn(Node):
         self._gray = self.create_publisher(Image, '~/gray_image_0', 10)
         self._info = self.create_publisher(CameraInfo, '~/camera_info', 10)
 
-    def publish(self, index: int) -> None:
+    def publish(self, index):
         """Publish a frame with the stamp that it has in the recording."""
-        assert self.recording.amplitude is not None
         head = header(int(self.recording.stamp_ns[index]), _FRAME_ID)
         depth = np.nan_to_num(self.recording.depth[index])
         self._info.publish(camera_info_message(head, self._lens))
         self._gray.publish(image_message(head, self.recording.amplitude[index], 'mono8'))
         self._depth.publish(image_message(head, depth, '32FC1'))
 
-    def heard(self) -> int:
+    def heard(self):
         """Return how many of the topics somebody subscribes to."""
         topics = self._depth, self._gray, self._info
         return sum(topic.get_subscription_count() > 0 for topic in topics)
 
 
-def main(path: Path) -> None:
+def main(path):
     """Publish until nobody listens any more."""
     make_room_for_images()
     rclpy.init(args=[])
@@ -69,7 +67,7 @@ def main(path: Path) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
 
-    def spin_while(condition: Callable[[], bool]) -> None:
+    def spin_while(condition):
         while condition():
             executor.spin_once(timeout_sec=_SECONDS)
 

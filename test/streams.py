@@ -1,10 +1,8 @@
 """A camera node in this process, what feeds it, and what listens to it, over real DDS."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing
 import itertools
 import time
-from typing import Any
 import unittest
 
 try:
@@ -13,17 +11,16 @@ except ImportError as error:
     raise unittest.SkipTest('ROS 2 is not installed: rclpy cannot be imported') from error
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from flexx2_sim_ros.camera import Camera, Intrinsics
+from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
 from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
-from rcl_interfaces.msg import Log, SetParametersResult
+from rcl_interfaces.msg import Log
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.task import Future
 from ros_images import array_of, image_message, info_message, nanoseconds
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
@@ -93,14 +90,14 @@ class Listener:
 
     """
 
-    def __init__(self) -> None:
+    def __init__(self):
         """Join the graph."""
         self.node = Node(f'user_{next(_numbers)}')
-        self.heard: dict[str, list[Any]] = {}
-        self.log: list[Log] = []
+        self.heard = {}
+        self.log = []
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-        self._subscriptions: dict[str, Any] = {}
+        self._subscriptions = {}
         self.node.create_subscription(
             Log,
             '/rosout',
@@ -108,11 +105,11 @@ class Listener:
             QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL),
         )
 
-    def add(self, node: Node) -> None:
+    def add(self, node):
         """Let a node under test run in this executor."""
         self._executor.add_node(node)
 
-    def spin_until(self, condition: Callable[[], Any], what: str = 'condition') -> None:
+    def spin_until(self, condition, what='condition'):
         """Handle messages until the condition holds; fail when it does not in time."""
         deadline = time.monotonic() + _PATIENCE
         while not condition():
@@ -120,11 +117,11 @@ class Listener:
             assert left > 0, f'{what}: did not come about within {_PATIENCE} s'
             self._executor.spin_once(timeout_sec=min(left, 0.05))
 
-    def spin_for_a_message(self) -> None:
+    def spin_for_a_message(self):
         """Handle what comes next, or nothing after a while."""
         self._executor.spin_once(timeout_sec=0.02)
 
-    def listen(self, topic: str, kind: type) -> list[Any]:
+    def listen(self, topic, kind):
         """Subscribe and wait for the publisher; return the list that will fill."""
         heard = self.heard[topic] = []
         subscription = self.node.create_subscription(kind, topic, heard.append, 50)
@@ -132,20 +129,25 @@ class Listener:
         self.spin_until(lambda: subscription.get_publisher_count() > 0, f'publisher of {topic}')
         return heard
 
-    def ignore(self, topic: str) -> None:
+    def ignore(self, topic):
         """Unsubscribe."""
         self.node.destroy_subscription(self._subscriptions.pop(topic))
         del self.heard[topic]
 
-    def wait(self, future: Future) -> Any:
+    def wait(self, future):
         """Return what a future brings."""
         self.spin_until(future.done, 'answer')
         return future.result()
 
-    def close(self) -> None:
+    def close(self):
         """Leave the graph."""
         self._executor.shutdown()
         self.node.destroy_node()
+
+
+def listening():
+    """Return a `Listener` that leaves at the end of the block."""
+    return closing(Listener())
 
 
 class Stream(Listener):
@@ -174,14 +176,7 @@ class Stream(Listener):
 
     """
 
-    def __init__(
-        self,
-        *topics: str,
-        source: Intrinsics = FLEXX2,
-        namespace: str = '',
-        feed: bool = True,
-        **values: Any,
-    ) -> None:
+    def __init__(self, *topics, source=FLEXX2, namespace='', feed=True, **values):
         """Start the node and wait until everybody knows everybody."""
         super().__init__()
         namespace = namespace or f'/stream_{next(_numbers)}'
@@ -193,15 +188,15 @@ class Stream(Listener):
         self.name = f'{namespace}/flexx2_camera'
         self.add(self.camera)
         self.clients = AsyncParameterClient(self.node, self.name)
-        self._clean: dict[str, Any] = {}
-        self._missed: dict[str, int] = {}
+        self._clean = {}
+        self._missed = {}
         for topic in topics:
             self.listen_to(topic)
         if feed:
             self._feed(namespace)
         self.spin_until(self.clients.services_are_ready, 'parameter services')
 
-    def _feed(self, namespace: str) -> None:
+    def _feed(self, namespace):
         self._clean = {
             topic: self.node.create_publisher(kind, f'{namespace}/clean/{topic}', 10)
             for topic, kind in (
@@ -224,7 +219,7 @@ class Stream(Listener):
             lambda: all(subscription.get_publisher_count() for subscription in inputs), 'inputs'
         )
 
-    def listen_to(self, topic: str) -> None:
+    def listen_to(self, topic):
         """Listen to one of the node's outputs."""
         self.listen(f'{self.name}/{topic}', OUTPUTS[topic])
         publisher = next(
@@ -236,25 +231,25 @@ class Stream(Listener):
         self._missed[topic] = self.published
 
     @property
-    def published(self) -> int:
+    def published(self):
         """How many frames the node has published."""
         return self.camera._statistics.published
 
     @property
-    def answered(self) -> int:
+    def answered(self):
         """How many images the node has dealt with, one way or the other."""
         statistics, gate = self.camera._statistics, self.camera._gate
         return statistics.published + statistics.rejected + gate.early + gate.repeats
 
-    def messages(self, topic: str) -> list[Any]:
+    def messages(self, topic):
         """Return what has come on one of the node's outputs."""
         return self.heard[f'{self.name}/{topic}']
 
-    def depths(self) -> list[np.ndarray]:
+    def depths(self):
         """Return the depth images that have come."""
         return [array_of(message) for message in self.messages(DEPTH)]
 
-    def logged(self, *parts: str) -> list[str]:
+    def logged(self, *parts):
         """Return what the node logged with all these parts in it."""
         name = self.camera.get_logger().name
         return [
@@ -263,13 +258,7 @@ class Stream(Listener):
             if entry.name == name and all(part in entry.msg for part in parts)
         ]
 
-    def publish(
-        self,
-        *,
-        image: Image | None = None,
-        info: CameraInfo | None = None,
-        reflectivity: Image | None = None,
-    ) -> None:
+    def publish(self, *, image=None, info=None, reflectivity=None):
         """Send what is given, companions first."""
         for topic, message in (
             ('camera_info', info),
@@ -279,7 +268,7 @@ class Stream(Listener):
             if message is not None:
                 self._clean[topic].publish(message)
 
-    def settle(self) -> None:
+    def settle(self):
         """Wait until all that the node has published has come."""
         self.spin_until(
             lambda: all(
@@ -289,9 +278,7 @@ class Stream(Listener):
             'published frames',
         )
 
-    def send(
-        self, image: Image, info: CameraInfo | None = None, reflectivity: Image | None = None
-    ) -> bool:
+    def send(self, image, info=None, reflectivity=None):
         """Send an image and its companions; say whether it became a frame."""
         answered, published = self.answered, self.published
         self.publish(image=image, info=info, reflectivity=reflectivity)
@@ -299,9 +286,7 @@ class Stream(Listener):
         self.settle()
         return self.published > published
 
-    def show(
-        self, depth: np.ndarray, stamp: int, reflectivity: np.ndarray | None = None, **layout: Any
-    ) -> bool:
+    def show(self, depth, stamp, reflectivity=None, **layout):
         """Send clean depth with its camera info; say whether it became a frame."""
         return self.send(
             image_message(depth, stamp, **layout),
@@ -309,17 +294,17 @@ class Stream(Listener):
             None if reflectivity is None else image_message(reflectivity, stamp),
         )
 
-    def set(self, **values: Any) -> SetParametersResult:  # noqa: A003
+    def set(self, **values):  # noqa: A003
         """Set parameters through the node's service; return the last one's result."""
         parameters = [Parameter(name, value=value) for name, value in values.items()]
         return self.wait(self.clients.set_parameters(parameters)).results[-1]
 
-    def get(self, name: str) -> Any:
+    def get(self, name):
         """Get a parameter through the node's service."""
         values = self.wait(self.clients.get_parameters([name])).values
         return parameter_value_to_python(values[0])
 
-    def next_diagnostics(self) -> DiagnosticStatus:
+    def next_diagnostics(self):
         """Wait for the node's next report."""
         heard = self.heard.get('/diagnostics')
         if heard is None:
@@ -327,7 +312,7 @@ class Stream(Listener):
         heard.clear()
         name = self.name.lstrip('/')
 
-        def mine() -> list[DiagnosticStatus]:
+        def mine():
             return [
                 status
                 for array in heard
@@ -338,51 +323,40 @@ class Stream(Listener):
         self.spin_until(mine, 'diagnostics')
         return mine()[0]
 
-    def close(self) -> None:
+    def close(self):
         """Stop the node and leave the graph."""
         super().close()
         self.camera.destroy_node()
 
 
-@contextmanager
-def stream(*topics: str, **options: Any) -> Iterator[Stream]:
+def stream(*topics, **options):
     """Return a `Stream` that is closed at the end of the block."""
-    made = Stream(*topics, **options)
-    try:
-        yield made
-    finally:
-        made.close()
+    return closing(Stream(*topics, **options))
 
 
-def boards() -> np.ndarray:
+def boards():
     """Draw four boards: one in every mode's range, one in some, one too far, one too near."""
     return np.repeat(np.array(list(BOARDS), np.float32), 56)[None].repeat(172, axis=0)
 
 
-def plane(rays: np.ndarray) -> np.ndarray:
+def plane(rays):
     """Return the depth of a slanted plane along rays (x/z, y/z)."""
     return (1.4 / (1.0 + 0.5 * rays[0] + 0.3 * rays[1])).astype(np.float32)
 
 
-def library(
-    seen: Stream,
-    depth: np.ndarray,
-    stamp: int,
-    usecase: str = '',
-    reflectivity: np.ndarray | None = None,
-) -> Any:
+def library(seen, depth, stamp, usecase='', reflectivity=None):
     """Return what the library makes of the same scene."""
     settings = seen.camera.settings
     camera = Camera(usecase or settings.usecase, seed=settings.seed, name=settings.camera_name)
     return camera.capture(depth, settings.intrinsics.matrix, stamp, reflectivity)
 
 
-def same(one: np.ndarray, other: np.ndarray) -> bool:
+def same(one, other):
     """Say whether two images are equal to the last bit, NaN included."""
     return np.array_equal(one, other, equal_nan=True)
 
 
-def input_stamps(count: int, hz: float = INPUT_HZ, start: int = START) -> list[int]:
+def input_stamps(count, hz=INPUT_HZ, start=START):
     """Return stamps of a clock that rounds either way."""
     wobble = np.random.default_rng(count).integers(-1, 2, count)
     return [start + round(i * SECOND / hz) + int(wobble[i]) for i in range(count)]

@@ -16,18 +16,18 @@ CODE = [
 ]
 
 
-def test_ament_flake8() -> None:
+def test_ament_flake8():
     main = pytest.importorskip('ament_flake8.main')
     code, errors = main.main_with_errors(argv=['--config', str(ROOT / '.flake8'), *CODE])
     assert code == 0, '\n'.join(errors)
 
 
-def test_ament_pep257() -> None:
+def test_ament_pep257():
     main = pytest.importorskip('ament_pep257.main')
     assert main.main(argv=CODE) == 0
 
 
-def test_no_file_has_a_copyright_header_and_the_licence_is_said_once() -> None:
+def test_no_file_has_a_copyright_header_and_the_licence_is_said_once():
     files = [path for folder in CODE for path in Path(folder).rglob('*.py')]
     assert len(files) > 300
     with_header = [path.name for path in files if 'Copyright' in path.read_text()[:300]]

@@ -20,7 +20,7 @@ ROOMS = (
 )  # fmt: skip
 
 
-def module_name(path: Path) -> str:
+def module_name(path):
     """Return a file's module name, without the package's."""
     parts = path.relative_to(PACKAGE).with_suffix('').parts
     return '.'.join(part for part in parts if part != '__init__')
@@ -29,7 +29,7 @@ def module_name(path: Path) -> str:
 MODULES = {module_name(path): path for path in PACKAGE.rglob('*.py')}
 
 
-def imports(path: Path) -> set[str]:
+def imports(path):
     """Return the modules of this package that a file imports, also inside its functions."""
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):
@@ -47,18 +47,18 @@ def imports(path: Path) -> set[str]:
     return found & MODULES.keys()
 
 
-def room(module: str) -> str:
+def room(module):
     """Return the room that a module is in."""
     inside = [name for name in ROOMS if module == name or module.startswith(f'{name}.')]
     return max(inside, key=len) if inside else 'base'
 
 
-def test_every_folder_is_a_room() -> None:
+def test_every_folder_is_a_room():
     folders = {module_name(path) for path in PACKAGE.rglob('__init__.py')} - {''}
     assert folders == set(ROOMS) - {'base'}
 
 
-def test_rooms_import_only_rooms_below_them() -> None:
+def test_rooms_import_only_rooms_below_them():
     up = [
         f'{module} -> {target}'
         for module, path in MODULES.items()
@@ -68,13 +68,13 @@ def test_rooms_import_only_rooms_below_them() -> None:
     assert not up
 
 
-def test_imports_have_no_cycles() -> None:
+def test_imports_have_no_cycles():
     # A package's own __init__ imports what it offers, and nothing in the package imports it back.
     graph = {module: imports(path) - {module} for module, path in MODULES.items()}
     assert list(TopologicalSorter(graph).static_order())  # raises CycleError with the circle
 
 
-def test_nothing_that_is_installed_imports_what_is_not() -> None:
+def test_nothing_that_is_installed_imports_what_is_not():
     users = {
         module
         for module, path in MODULES.items()
@@ -85,13 +85,13 @@ def test_nothing_that_is_installed_imports_what_is_not() -> None:
     assert not users
 
 
-def test_the_drawing_shows_every_room() -> None:
+def test_the_drawing_shows_every_room():
     text = (ROOT / 'ARCHITECTURE.md').read_text()
     drawn = set(re.findall(r'^\| `([\w/]+)/`', text, re.M))
     assert drawn == {name.replace('.', '/') for name in ROOMS} - {'base', 'gap'}
 
 
-def test_only_loop_keeps_what_is_compiled() -> None:
+def test_only_loop_keeps_what_is_compiled():
     """Assert nothing stops where the cache of numba cannot be written; see `physics.compiled`."""
     assert [name for name, path in MODULES.items() if 'cache=True' in path.read_text()] == []
 
@@ -107,7 +107,7 @@ BUDGETS = {
 SMALL_FILES = 40
 
 
-def test_the_house_stays_small() -> None:
+def test_the_house_stays_small():
     lines = dict.fromkeys(BUDGETS, 0)
     small = 0
     for name, path in MODULES.items():

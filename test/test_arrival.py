@@ -1,12 +1,9 @@
 """When images arrive: in recordings and bags, and what the diagnosis makes of it."""
 
-from pathlib import Path
-from typing import Any
-
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.data.campaign import check, Found
+from flexx2_sim_ros.gap.data.campaign import check
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.bag_messages import header_stamp
@@ -18,19 +15,19 @@ import pytest
 MS = SECOND // 1000
 
 
-def late(path: Path, latency: float = 0.0, delay: float = 0.08) -> str:
+def late(path, latency=0.0, delay=0.08):
     """Write a file of effects."""
     save_effects(path, parse_effects({'time_offset': {'latency': latency, 'delay': delay}}))
     return str(path)
 
 
-def scene(path: Path, **more: Any) -> str:
+def scene(path, **more):
     """Write a scene of 4 frames."""
     np.savez(path, clean_depth=np.full((4, 20, 30), 1.5), K=MATRIX, stamp=7 + np.arange(4), **more)
     return str(path)
 
 
-def test_a_simulated_recording_and_its_bag_have_the_times_of_arrival(tmp_path: Path) -> None:
+def test_a_simulated_recording_and_its_bag_have_the_times_of_arrival(tmp_path):
     source, out = scene(tmp_path / 'in.npz', received=np.zeros(4)), tmp_path / 'out.npz'
     assert main(['simulate', source, str(out), '--effects', late(tmp_path / 'late.yaml')]) == 0
     convert(out, tmp_path / 'bag')
@@ -45,7 +42,7 @@ def test_a_simulated_recording_and_its_bag_have_the_times_of_arrival(tmp_path: P
     assert open_recording(tmp_path / 'plain.npz').received_ns is None
 
 
-def test_a_real_bag_says_when_its_images_were_received(tmp_path: Path) -> None:
+def test_a_real_bag_says_when_its_images_were_received(tmp_path):
     depth, entries = np.full((8, 9), 1.5, np.float32), []
     for k in range(3):
         stamp = EPOCH + k * SECOND
@@ -64,13 +61,12 @@ def test_a_real_bag_says_when_its_images_were_received(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('difference', [-0.3, 1.7e9])
-def test_times_of_another_clock_are_noted_and_not_used(difference: float, tmp_path: Path) -> None:
+def test_times_of_another_clock_are_noted_and_not_used(difference, tmp_path):
     stamp, flat = np.arange(4.0), np.full((4, 20, 30), 1.5, np.float32)
     arrays = {'depth': flat, 'clean_depth': flat, 'K': MATRIX, 'stamp': stamp}
     path = tmp_path / 'in.npz'
     np.savez(path, usecase='Mode_9_5fps', received=stamp + difference, **arrays)
     found = check(path, None)
-    assert isinstance(found, Found)
     assert found.arrival is None
     assert any(
         f'{found.path}: received: not used: its clock is not that of stamp' in one
@@ -78,8 +74,6 @@ def test_times_of_another_clock_are_noted_and_not_used(difference: float, tmp_pa
     )
     np.savez(path, usecase='Mode_9_5fps', received=stamp + 0.05, **arrays)
     found = check(path, None)
-    assert isinstance(found, Found)
-    assert found.arrival is not None
     assert found.arrival.median == pytest.approx(0.05)
     assert not found.notes
 
@@ -87,7 +81,7 @@ def test_times_of_another_clock_are_noted_and_not_used(difference: float, tmp_pa
 @pytest.mark.parametrize(
     'received', [np.zeros(3), np.full(4, np.nan), np.array(['a'] * 4), np.full(4, 1e12)]
 )
-def test_wrong_times_of_arrival_are_refused(received: np.ndarray, tmp_path: Path) -> None:
+def test_wrong_times_of_arrival_are_refused(received, tmp_path):
     path = tmp_path / 'in.npz'
     np.savez(path, depth=np.ones((4, 8, 9), np.float32), K=MATRIX, received=received)
     with pytest.raises(InputError, match='received: must be seconds'):

@@ -8,10 +8,11 @@ import sys
 
 from flexx2_sim_ros.atomic import checked_target, scratch_folder, whole, whole_files, write_text
 from flexx2_sim_ros.errors import InputError
+from programs import started
 import pytest
 
 
-def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
+def test_a_file_appears_when_it_is_complete(tmp_path):
     """Assert the old content until the end of the block, then the new; nothing is left over."""
     path = tmp_path / 'a.txt'
     path.write_text('old')
@@ -22,12 +23,12 @@ def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_an_error_leaves_the_old_file(tmp_path: Path) -> None:
+def test_an_error_leaves_the_old_file(tmp_path):
     """Assert a block that fails changes nothing and leaves nothing behind."""
     path = tmp_path / 'a.txt'
     path.write_text('old')
 
-    def fail() -> None:
+    def fail():
         with whole(path) as part:
             part.write_text('half')
             raise RuntimeError
@@ -39,7 +40,7 @@ def test_an_error_leaves_the_old_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('mask', [0o022, 0o027, 0o077])
-def test_written_files_follow_the_umask(tmp_path: Path, mask: int) -> None:
+def test_written_files_follow_the_umask(tmp_path, mask):
     """Assert the permissions of any other program's files."""
     before = os.umask(mask)
     try:
@@ -52,7 +53,7 @@ def test_written_files_follow_the_umask(tmp_path: Path, mask: int) -> None:
     assert (tmp_path / 'folder').stat().st_mode & 0o777 == 0o777 & ~mask
 
 
-def test_a_write_through_a_link_replaces_its_target(tmp_path: Path) -> None:
+def test_a_write_through_a_link_replaces_its_target(tmp_path):
     """Assert that the file a link points to is replaced, not the link."""
     (tmp_path / 'there').mkdir()
     link = tmp_path / 'link.txt'
@@ -62,7 +63,7 @@ def test_a_write_through_a_link_replaces_its_target(tmp_path: Path) -> None:
     assert (tmp_path / 'there' / 'a.txt').read_text() == 'text'
 
 
-def test_files_of_one_write_go_through_links(tmp_path: Path) -> None:
+def test_files_of_one_write_go_through_links(tmp_path):
     """Assert that no link to a device is replaced either, nor any file then."""
     (tmp_path / 'there').mkdir()
     (tmp_path / 'out').mkdir()
@@ -79,7 +80,7 @@ def test_files_of_one_write_go_through_links(tmp_path: Path) -> None:
     assert (tmp_path / 'out/b').readlink() == Path('/dev/null')
 
 
-def test_files_of_one_write_appear_together(tmp_path: Path) -> None:
+def test_files_of_one_write_appear_together(tmp_path):
     """Assert that several files appear together, or none where one cannot."""
     with whole_files(tmp_path) as part:
         (part / 'a').write_text('a')
@@ -87,7 +88,7 @@ def test_files_of_one_write_appear_together(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'b']
     (tmp_path / 'd').mkdir()
 
-    def write() -> None:
+    def write():
         with whole_files(tmp_path) as part:
             (part / 'c').write_text('c')
             (part / 'd').write_text('d')
@@ -97,7 +98,7 @@ def test_files_of_one_write_appear_together(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'b', 'd']
 
 
-def test_impossible_targets_are_refused(tmp_path: Path) -> None:
+def test_impossible_targets_are_refused(tmp_path):
     """Assert one sentence each, which names the path."""
     (tmp_path / 'file').touch()
     (tmp_path / 'loop').symlink_to(tmp_path / 'loop')
@@ -129,25 +130,19 @@ with whole(sys.argv[1]) as part:
 """
 
 
-def test_leftovers_of_a_killed_process_are_removed(tmp_path: Path) -> None:
+def test_leftovers_of_a_killed_process_are_removed(tmp_path):
     """Assert the next writer removes what a dead process left, and nothing of one that lives."""
-    with subprocess.Popen(
-        [sys.executable, '-c', LEAVE, str(tmp_path / 'a')],
-        text=True,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-    ) as process:
-        assert process.stdout is not None
+    leave = [sys.executable, '-c', LEAVE, tmp_path / 'a']
+    with started(leave, stdin=subprocess.PIPE) as process:
         process.stdout.readline()
         write_text(tmp_path / 'b', 'text')
         assert len(list(tmp_path.glob('.flexx2-*'))) == 1
-        process.kill()
     assert len(list(tmp_path.glob('.flexx2-*'))) == 1
     write_text(tmp_path / 'c', 'text')
     assert sorted(path.name for path in tmp_path.iterdir()) == ['b', 'c']
 
 
-def test_names_of_255_bytes(tmp_path: Path) -> None:
+def test_names_of_255_bytes(tmp_path):
     """Assert the longest name that the file system takes is taken."""
     write_text(tmp_path / ('n' * 255), 'text')
     assert (tmp_path / ('n' * 255)).read_text() == 'text'

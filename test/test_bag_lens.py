@@ -1,11 +1,10 @@
 """Lenses of cameras in bags: given ones, those of a part of the sensor, of rectified images."""
 
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.recording import load_recording, Recording
-from made_bags import camera_entries, depths, driver_bag, Entry, image, info, make, MATRIX, write
+from flexx2_sim_ros.recording import load_recording
+from made_bags import camera_entries, depths, driver_bag, image, info, make, MATRIX, write
 from made_images import ost
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ BENT = [0.1, -0.2, 0.001, 0.002, 0.05]
 
 
 @pytest.fixture
-def lens(tmp_path: Path) -> Path:
+def lens(tmp_path):
     path = tmp_path / 'lens.yaml'
     path.write_text(
         ost(
@@ -29,11 +28,9 @@ def lens(tmp_path: Path) -> Path:
     return path
 
 
-def entries(
-    topic: str = '/d/image_raw', where: str = '/d/camera_info', **fields: Any
-) -> list[Entry]:
+def entries(topic='/d/image_raw', where='/d/camera_info', **fields):
     """Return a camera's messages; without a topic for it, there is no camera info."""
-    made: list[Entry] = []
+    made = []
     for stamp, depth in enumerate(depths(3)):
         made.append(image(topic, stamp, depth))
         if where:
@@ -44,13 +41,13 @@ def entries(
     return made
 
 
-def converted(bag: Path, *options: Any) -> Recording:
+def converted(bag, *options):
     out = bag.parent / f'{bag.name}.npz'
     assert main(['convert', str(bag), str(out), *map(str, options)]) == 0
     return load_recording(out)
 
 
-def refused(bag: Path, capsys: pytest.CaptureFixture[str], *options: Any) -> str:
+def refused(bag, capsys, *options):
     out = bag.parent / 'out.npz'
     assert main(['convert', str(bag), str(out), *map(str, options)]) == 2
     assert not out.exists()
@@ -69,9 +66,7 @@ def refused(bag: Path, capsys: pytest.CaptureFixture[str], *options: Any) -> str
     ],
     ids=['no camera info', 'zeros', 'unit', 'fractions', 'another lens', 'another size'],
 )
-def test_a_lens_is_given_where_the_bag_has_none_that_can_be_used(
-    fields: dict[str, Any], lens: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_lens_is_given_where_the_bag_has_none_that_can_be_used(fields, lens, tmp_path, capsys):
     bag = write(tmp_path / 'bag', entries(**fields))
     said = refused(bag, capsys)
     assert 'flexx2 convert --calibration FILE' in said
@@ -89,7 +84,7 @@ def test_a_lens_is_given_where_the_bag_has_none_that_can_be_used(
     assert 'distortion' not in found.extra
 
 
-def test_a_given_lens_replaces_that_of_any_recording(lens: Path, tmp_path: Path) -> None:
+def test_a_given_lens_replaces_that_of_any_recording(lens, tmp_path):
     """Assert it of the real driver, and of a bag that was converted."""
     given = np.where(depths(2) > 0.2, depths(2), 0).astype('f4')
     bag = driver_bag(tmp_path / 'driver', given)
@@ -113,9 +108,7 @@ def test_a_given_lens_replaces_that_of_any_recording(lens: Path, tmp_path: Path)
     ],
     ids=['unit', 'zeros', 'fractions', 'all fractions', 'skew'],
 )
-def test_all_commands_refuse_a_matrix_that_is_no_calibration(
-    matrix: np.ndarray, lens: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_all_commands_refuse_a_matrix_that_is_no_calibration(matrix, lens, tmp_path, capsys):
     source, folder = tmp_path / 'in' / 'r.npz', tmp_path / 'in'
     folder.mkdir()
     flat = np.full((3, *SIZE), 1.5, 'f4')
@@ -149,21 +142,14 @@ def test_all_commands_refuse_a_matrix_that_is_no_calibration(
     ],
 )
 def test_a_given_lens_that_cannot_be_is_refused(
-    options: list[Any],
-    said: str,
-    lens: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    options, said, lens, tmp_path, capsys, monkeypatch
+):
     monkeypatch.chdir(lens.parent)
     Path('small.yaml').write_text(ost())
     assert said in refused(write(tmp_path / 'bag', entries()), capsys, *options)
 
 
-def test_one_lens_is_not_that_of_two_cameras(
-    lens: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_lens_is_not_that_of_two_cameras(lens, tmp_path, capsys):
     both = [*entries('/a/image', ''), *entries('/b/image', '')]
     bag = write(tmp_path / 'bag', both)
     said = refused(bag, capsys, '--calibration', lens)
@@ -182,9 +168,7 @@ def test_one_lens_is_not_that_of_two_cameras(
         ('/d/image_raw', ['--rectified'], True),
     ],
 )
-def test_a_rectified_image_has_the_projection_matrix(
-    topic: str, options: list[str], rectified: bool, tmp_path: Path
-) -> None:
+def test_a_rectified_image_has_the_projection_matrix(topic, options, rectified, tmp_path):
     projection = np.array([190.0, 0, 112, 0, 0, 192, 86, 0, 0, 0, 1, 0])
     found = converted(write(tmp_path / 'bag', entries(topic, p=projection)), *options)
     assert found.K[0, 0] == (190.0 if rectified else MATRIX[0, 0])
@@ -196,7 +180,7 @@ def test_a_rectified_image_has_the_projection_matrix(
 
 
 @pytest.mark.parametrize('sensor', [True, False], ids=['of the sensor', 'of the image'])
-def test_a_part_of_the_sensor_is_found_and_read(sensor: bool, tmp_path: Path) -> None:
+def test_a_part_of_the_sensor_is_found_and_read(sensor, tmp_path):
     region = make('sensor_msgs/msg/RegionOfInterest', 0, 0, 344, 448, False)
     scale = np.array([2, 1, 2, 1, 2, 2, 1, 1, 1]) if sensor else 1
     fields = {'binning_x': 2, 'binning_y': 2, 'roi': region, 'k': MATRIX.ravel() * scale}
@@ -207,9 +191,7 @@ def test_a_part_of_the_sensor_is_found_and_read(sensor: bool, tmp_path: Path) ->
     assert note.partition(': K: ')[2].startswith('of the full' if sensor else 'taken for')
 
 
-def test_a_clean_image_may_be_rectified(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_clean_image_may_be_rectified(tmp_path, capsys):
     """Assert that the projection is taken of a simulator's topic image_rect."""
     made = []
     flat = np.full((2, *SIZE), 1.5, 'f4')
@@ -245,9 +227,7 @@ def test_a_clean_image_may_be_rectified(
         (['--profile', 'kinect'], 2, 'profile: must be one of'),
     ],
 )
-def test_a_mode_is_checked_against_the_cameras(
-    options: list[str], status: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_mode_is_checked_against_the_cameras(options, status, said, tmp_path, capsys):
     bag, out = write(tmp_path / 'bag', entries()), tmp_path / 'out.npz'
     assert main(['convert', str(bag), str(out), *options]) == status
     heard = ' '.join(capsys.readouterr().err.split())

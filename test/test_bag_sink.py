@@ -1,10 +1,7 @@
 """Recording to a bag: what is lost is counted."""
 
-from collections.abc import Iterator
-from pathlib import Path
 import sqlite3
 import threading
-from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
@@ -20,24 +17,24 @@ import pytest
 class SlowWriter(BagWriter):
     """A bag on a disk that stands still until it is told to go on."""
 
-    def __init__(self, *arguments: Any) -> None:
+    def __init__(self, *arguments):
         super().__init__(*arguments)
         self.go = threading.Event()
         self.taken = threading.Event()
 
-    def write(self, topic: str, kind: str, time: int, data: bytes) -> None:
+    def write(self, topic, kind, time, data):
         self.taken.set()
         assert self.go.wait(30)
         super().write(topic, kind, time, data)
 
 
-def some_messages(count: int) -> Iterator[Message]:
+def some_messages(count):
     for time in range(count):
         yield Message('/a', 'sensor_msgs/msg/Image', time, bytes([time]) * 100)
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_full_queue_refuses_and_keeps_the_order(storage: str, tmp_path: Path) -> None:
+def test_full_queue_refuses_and_keeps_the_order(storage, tmp_path):
     writer = SlowWriter(tmp_path / 'bag', storage)
     sink = BagSink(writer, capacity=450)
     taken = [sink.put(message) for message in some_messages(50)]
@@ -48,7 +45,7 @@ def test_full_queue_refuses_and_keeps_the_order(storage: str, tmp_path: Path) ->
     assert [message.data[0] for message in Bag(tmp_path / 'bag').messages()] == [0, 1, 2, 3]
 
 
-def test_warnings_of_the_writer_become_notes(tmp_path: Path) -> None:
+def test_warnings_of_the_writer_become_notes(tmp_path):
     entries = camera_entries('left', depths(1, 5, 4), depths(1, 5, 4))
     with BagSink(BagWriter(tmp_path / 'bag'), 1 << 20) as sink:
         for topic, kind, received, message in entries:
@@ -70,13 +67,11 @@ def test_warnings_of_the_writer_become_notes(tmp_path: Path) -> None:
         ValueError('a surprise'),
     ],
 )
-def test_a_disk_that_fails_is_reported(
-    failure: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_fails_is_reported(failure, tmp_path, monkeypatch):
     writer = BagWriter(tmp_path / 'bag')
     real = writer.write
 
-    def fail(topic: str, kind: str, time: int, data: bytes) -> None:
+    def fail(topic, kind, time, data):
         if time == 3:
             raise failure
         real(topic, kind, time, data)
@@ -107,14 +102,14 @@ STEP = SECOND // 60
         ([], 0, 0.0),
     ],
 )
-def test_gaps(stamps: list[int], count: int, longest: float) -> None:
+def test_gaps(stamps, count, longest):
     gaps = find_gaps(stamps)
     assert gaps.count == count
     assert gaps.longest == pytest.approx(longest, abs=1e-6)
     assert gaps.returns == 0
 
 
-def test_stamps_that_go_back_are_not_counted_as_gaps() -> None:
+def test_stamps_that_go_back_are_not_counted_as_gaps():
     stamps = [i * STEP for i in range(60)] * 2 + [59 * STEP]
     assert find_gaps(stamps).count == 0
     assert find_gaps(stamps).returns == 2

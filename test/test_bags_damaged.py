@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording import load_recording, open_recording, Recording
+from flexx2_sim_ros.recording import load_recording, open_recording
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.convert import convert
 from flexx2_sim_ros.recording.truth import read_truth
@@ -31,7 +31,7 @@ COUNT = 12
 
 
 @pytest.fixture(scope='module')
-def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def whole(tmp_path_factory):
     """Write bags of 12 frames: 70 kB each with its cloud, two or three chunks in MCAP."""
     folder = tmp_path_factory.mktemp('whole')
     depth = depths(COUNT, 86, 112)
@@ -42,7 +42,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     }
 
 
-def attempt(path: Path) -> Recording | None:
+def attempt(path):
     """Return a recording, or None where there is a clear error."""
     try:
         return load_recording(path)
@@ -52,7 +52,7 @@ def attempt(path: Path) -> Recording | None:
     return None
 
 
-def check_prefix(path: Path) -> tuple[int, str]:
+def check_prefix(path):
     """Return how many frames of a bag there are, which have to be the first ones, and notes."""
     recording = attempt(path)
     if recording is None:
@@ -66,7 +66,7 @@ def check_prefix(path: Path) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize('kind', ['mcap', 'zstd', 'sqlite3'])
-def test_cut_off_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
+def test_cut_off_anywhere(kind, whole, tmp_path):
     data = whole[kind].read_bytes()
     size = len(data)
     cuts = sorted(
@@ -111,7 +111,7 @@ def test_cut_off_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize('kind', ['mcap', 'zstd', 'sqlite3'])
-def test_damaged_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> None:
+def test_damaged_anywhere(kind, whole, tmp_path):
     data = whole[kind].read_bytes()
     path = tmp_path / f'damaged{whole[kind].suffix}'
     rng = np.random.default_rng(2)
@@ -128,7 +128,7 @@ def test_damaged_anywhere(kind: str, whole: dict[str, Path], tmp_path: Path) -> 
 
 @pytest.mark.parametrize('storage', STORAGES)
 @pytest.mark.parametrize('metadata', ['missing', 'cut', 'nonsense'])
-def test_without_metadata(storage: str, metadata: str, tmp_path: Path) -> None:
+def test_without_metadata(storage, metadata, tmp_path):
     bag = driver_bag(tmp_path / 'bag', depths(COUNT, 86, 112), storage)
     file = bag / 'metadata.yaml'
     text = file.read_text()
@@ -140,7 +140,7 @@ def test_without_metadata(storage: str, metadata: str, tmp_path: Path) -> None:
     assert str(bag) in notes
 
 
-def test_split_bag_without_metadata(tmp_path: Path) -> None:
+def test_split_bag_without_metadata(tmp_path):
     depth = depths(COUNT, 86, 112)
     entries = driver_entries(depth)
     folder = tmp_path / 'bag'
@@ -176,9 +176,7 @@ os._exit(9)
         ('WAL', '-wal', 'connection.execute("COMMIT")', 7),
     ],
 )  # and what was committed is there
-def test_a_bag_of_a_killed_writer_is_read(
-    journal: str, suffix: str, end: str, frames: int, whole: dict[str, Path], tmp_path: Path
-) -> None:
+def test_a_bag_of_a_killed_writer_is_read(journal, suffix, end, frames, whole, tmp_path):
     path = tmp_path / 'bag.db3'
     path.write_bytes(whole['sqlite3'].read_bytes())
     program = WRITER_THAT_DIES.format(rows='rows[:1 + 5 * 7]', end=end)
@@ -193,7 +191,7 @@ def test_a_bag_of_a_killed_writer_is_read(
     assert (path.read_bytes(), left.read_bytes()) == before, 'the bag is left as it is'
 
 
-def test_a_writer_that_is_killed_loses_a_second_at_most(tmp_path: Path) -> None:
+def test_a_writer_that_is_killed_loses_a_second_at_most(tmp_path):
     program = (
         'import os, sys\n'
         'from flexx2_sim_ros.recording.bag_writer import BagWriter\n'
@@ -216,7 +214,7 @@ def test_a_writer_that_is_killed_loses_a_second_at_most(tmp_path: Path) -> None:
         assert len(list(Bag(bag).messages())) == 5
 
 
-def test_arrays_of_a_cut_off_bag_fit_the_frames_that_are_left(tmp_path: Path) -> None:
+def test_arrays_of_a_cut_off_bag_fit_the_frames_that_are_left(tmp_path):
     depth = depths(COUNT, 86, 112)
     each = {
         'stamp': np.arange(COUNT) / 8,
@@ -248,9 +246,7 @@ def test_arrays_of_a_cut_off_bag_fit_the_frames_that_are_left(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize('key', ['stamp', 'stamp_ns'])
-def test_arrays_stay_with_their_frames_where_one_in_the_middle_is_lost(
-    key: str, tmp_path: Path
-) -> None:
+def test_arrays_stay_with_their_frames_where_one_in_the_middle_is_lost(key, tmp_path):
     depth = depths(COUNT, 9, 7)
     # The simulation was reset on the way.
     stamps = np.arange(COUNT) % 8 * SECOND // 8

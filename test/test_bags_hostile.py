@@ -1,11 +1,8 @@
 """Bags whose files are whole and whose content lies: an error that names it, or all else read."""
 
-from collections.abc import Callable, Iterable
 import io
 import os
-from pathlib import Path
 import sqlite3
-from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
@@ -16,7 +13,6 @@ from made_bags import (
     DRIVER,
     driver_cloud,
     driver_entries,
-    Entry,
     EPOCH,
     IMAGE,
     info,
@@ -34,23 +30,23 @@ DEPTH = depths(COUNT, 6, 8)
 CARRIED = '/recording'
 
 
-def npy(array: Any) -> bytes:
+def npy(array):
     """Return an array as a file."""
     buffer = io.BytesIO()
     np.save(buffer, array)
     return buffer.getvalue()
 
 
-def header(shape: str, descr: str = '|u1') -> bytes:
+def header(shape, descr='|u1'):
     """Return the header of an array's file."""
     text = f"{{'descr': {descr!r}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     return b'\x93NUMPY\x01\x00' + len(text).to_bytes(2, 'little') + text
 
 
-def write_raw(path: Path, first: Iterable[tuple[str, str, bytes]]) -> Path:
+def write_raw(path, first):
     """Write the driver's bag with other messages, given as bytes, before its own."""
     with Writer(path, version=9, storage_plugin=PLUGINS['mcap']) as writer:
-        connections: dict[str, Any] = {}
+        connections = {}
         rows = [(topic, kind, EPOCH, data) for topic, kind, data in first]
         rows += [
             (topic, kind, time, bytes(TYPES.serialize_cdr(message, kind)))
@@ -64,10 +60,8 @@ def write_raw(path: Path, first: Iterable[tuple[str, str, bytes]]) -> Path:
 
 
 @pytest.mark.parametrize(('offset', 'step'), [(16, 16), (14, 16), (100_000, 16), (0, 0)])
-def test_a_cloud_whose_depth_is_outside_of_its_points(
-    tmp_path: Path, offset: int, step: int
-) -> None:
-    entry: Entry = driver_cloud(f'{DRIVER}/point_cloud_0', EPOCH, DEPTH[0])
+def test_a_cloud_whose_depth_is_outside_of_its_points(tmp_path, offset, step):
+    entry = driver_cloud(f'{DRIVER}/point_cloud_0', EPOCH, DEPTH[0])
     cloud = entry[3]
     for field in cloud.fields:
         field.offset = offset
@@ -90,9 +84,7 @@ def test_a_cloud_whose_depth_is_outside_of_its_points(
     ],
     ids=['huge', 'deep', 'archive', 'text', 'one stamp', 'depth'],
 )
-def test_an_array_longer_than_its_message_is_refused(
-    tmp_path: Path, key: str, content: bytes, said: str
-) -> None:
+def test_an_array_longer_than_its_message_is_refused(tmp_path, key, content, said):
     arrays = {'depth': b'', 'K': npy(np.eye(3)), 'stamp': npy(np.arange(3.0)), key: content}
     bag = write_raw(
         tmp_path / 'bag', [(CARRIED, BYTES, encode_bytes(*item)) for item in arrays.items()]
@@ -103,7 +95,7 @@ def test_an_array_longer_than_its_message_is_refused(
     assert len(str(error.value)) < 600
 
 
-def test_a_broken_image_of_another_topic_is_noted(tmp_path: Path) -> None:
+def test_a_broken_image_of_another_topic_is_noted(tmp_path):
     bag = write_raw(tmp_path / 'bag', 2 * [('/other/image', IMAGE, b'\0\1\0\0abc')])
     recording = load_recording(bag)
     assert same(recording.depth, DEPTH)
@@ -111,9 +103,7 @@ def test_a_broken_image_of_another_topic_is_noted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('make', [os.mkfifo, os.mkdir])
-def test_pipes_and_folders_in_place_of_files_are_refused(
-    tmp_path: Path, make: Callable[[Path], None]
-) -> None:
+def test_pipes_and_folders_in_place_of_files_are_refused(tmp_path, make):
     make(tmp_path / 'a.mcap')
     with pytest.raises(InputError, match='a.mcap: must be a file, got something else'):
         load_recording(tmp_path)
@@ -137,9 +127,7 @@ ENDLESS = """
     ids=['topic', 'time', 'data', 'endless'],
 )
 @pytest.mark.parametrize('cut', [False, True])
-def test_values_that_sqlite_does_not_check(
-    tmp_path: Path, change: str, frames: int, cut: bool
-) -> None:
+def test_values_that_sqlite_does_not_check(tmp_path, change, frames, cut):
     path = write(tmp_path / 'bag', driver_entries(DEPTH)[1:], 'sqlite3') / 'bag.db3'
     connection = sqlite3.connect(path)
     connection.executescript(change)
@@ -157,7 +145,7 @@ def test_values_that_sqlite_does_not_check(
     assert any('cut off or damaged' in note for note in recording.notes)
 
 
-def test_two_cameras_of_one_file_name_are_refused(tmp_path: Path) -> None:
+def test_two_cameras_of_one_file_name_are_refused(tmp_path):
     entries = [
         entry
         for number, node in enumerate(('/front/left/flexx2_camera', '/front_left/flexx2_camera'))
@@ -171,7 +159,7 @@ def test_two_cameras_of_one_file_name_are_refused(tmp_path: Path) -> None:
     assert same(load_recording(tmp_path / 'out.npz').depth, DEPTH)
 
 
-def test_a_long_name_is_shown_in_part(tmp_path: Path) -> None:
+def test_a_long_name_is_shown_in_part(tmp_path):
     path = tmp_path / 'long.npz'
     np.savez(path, depth=DEPTH, K=np.eye(3), stamp=np.arange(3.0), camera=np.array('x ' * 5000))
     with pytest.raises(InputError, match='--camera: must be letters') as error:

@@ -1,15 +1,12 @@
 """Bags in which some frames lack an image, or something changes after the last frame."""
 
-from pathlib import Path
-
 from flexx2_sim_ros.characterize.measurement import measure
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
-from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.recording import load_recording, open_recording
 from flexx2_sim_ros.truth.clean import Clean
 from flexx2_sim_ros.truth.gray_frames import gray_images
 from flexx2_sim_ros.truth.writing import write_truth
-from made_bags import camera_entries, Entry, image, info, SECOND, usecase, write
+from made_bags import camera_entries, image, info, SECOND, usecase, write
 import numpy as np
 
 COUNT, SHAPE = 6, (43, 56)
@@ -18,20 +15,20 @@ CLEAN, REFLECTIVITY = '/front/clean/depth_image', '/front/clean/reflectivity'
 NODE = '/front/flexx2_camera'
 
 
-def wall(moving: bool) -> np.ndarray:
+def wall(moving):
     """Return (T, H, W) float32 metres of a wall, which comes nearer if the camera moves."""
     metres = 2.0 - 0.05 * moving * np.arange(COUNT, dtype=np.float32)
     return np.broadcast_to(metres[:, None, None], (COUNT, *SHAPE)).astype(np.float32)
 
 
-def campaign_of(entries: list[Entry], folder: Path) -> RecordingData:
+def campaign_of(entries, folder):
     """Return what a diagnosis reads of a bag."""
     found = check(write(folder / 'bag', entries), None)
     assert isinstance(found, Found), found
     return read(found, None)
 
 
-def without(entries: list[Entry], topic: str, frames: set[int]) -> list[Entry]:
+def without(entries, topic, frames):
     """Return entries without some images of a topic."""
     seen = -1
     left = []
@@ -42,7 +39,7 @@ def without(entries: list[Entry], topic: str, frames: set[int]) -> list[Entry]:
     return left
 
 
-def bright(entries: list[Entry]) -> list[Entry]:
+def bright(entries):
     """Return entries with a reflectivity that is the same everywhere."""
     image_of = np.full(SHAPE, TRUE, np.float32)
     return [
@@ -50,7 +47,7 @@ def bright(entries: list[Entry]) -> list[Entry]:
     ]
 
 
-def test_a_still_scene_needs_one_clean_image(tmp_path: Path) -> None:
+def test_a_still_scene_needs_one_clean_image(tmp_path):
     entries = bright(camera_entries('front', wall(False) + 0.001, wall(False)))
     for topic in (CLEAN, REFLECTIVITY):
         entries = without(entries, topic, {0, 1, 3})
@@ -60,9 +57,7 @@ def test_a_still_scene_needs_one_clean_image(tmp_path: Path) -> None:
     np.testing.assert_allclose(data.reflectivity, TRUE, rtol=1e-6)
 
 
-def test_ground_truth_of_a_moving_camera_is_unknown_where_its_image_is_missing(
-    tmp_path: Path,
-) -> None:
+def test_ground_truth_of_a_moving_camera_is_unknown_where_its_image_is_missing(tmp_path):
     entries = camera_entries('front', wall(True), wall(True))
     entries = without(without(entries, CLEAN, {0}), REFLECTIVITY, {4})
     data = campaign_of(entries, tmp_path)
@@ -72,7 +67,7 @@ def test_ground_truth_of_a_moving_camera_is_unknown_where_its_image_is_missing(
     assert not known[[0, 4]].any()
 
 
-def test_a_measurement_of_the_noise_uses_all_depth(tmp_path: Path) -> None:
+def test_a_measurement_of_the_noise_uses_all_depth(tmp_path):
     noise = 0.004 * np.random.default_rng(1).standard_normal((COUNT, *SHAPE))
     seen = (wall(False) + 0.01 + noise).astype(np.float32)
     entries = without(camera_entries('front', seen, wall(False)), CLEAN, {0, 2})
@@ -82,9 +77,7 @@ def test_a_measurement_of_the_noise_uses_all_depth(tmp_path: Path) -> None:
     assert abs(found.bias - 0.01) < 0.001
 
 
-def test_a_frame_without_a_gray_image_does_not_take_the_reflectivity_of_all(
-    tmp_path: Path,
-) -> None:
+def test_a_frame_without_a_gray_image_does_not_take_the_reflectivity_of_all(tmp_path):
     reader = open_recording(
         write(tmp_path / 'bag', camera_entries('front', wall(True), wall(True)))
     )
@@ -103,8 +96,8 @@ def test_a_frame_without_a_gray_image_does_not_take_the_reflectivity_of_all(
     np.testing.assert_array_equal(shown, np.float32(TRUE))
 
 
-def test_missing_gray_images_do_not_darken_the_others(tmp_path: Path) -> None:
-    entries: list[Entry] = []
+def test_missing_gray_images_do_not_darken_the_others(tmp_path):
+    entries = []
     for index, frame in enumerate(wall(False)):
         stamp = SECOND + index * SECOND // 30
         entries += [
@@ -120,7 +113,7 @@ def test_missing_gray_images_do_not_darken_the_others(tmp_path: Path) -> None:
     assert gray[5, 5] == 200
 
 
-def test_what_changes_after_the_last_frame_does_not_matter(tmp_path: Path) -> None:
+def test_what_changes_after_the_last_frame_does_not_matter(tmp_path):
     entries = camera_entries('front', wall(False), wall(False))
     after = SECOND * 10
     late = info(f'{NODE}/camera_info', after, SHAPE)

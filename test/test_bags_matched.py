@@ -1,10 +1,8 @@
 """Images of one frame find each other in a bag, also where stamps go back or topics lack runs."""
 
-from pathlib import Path
-
-from flexx2_sim_ros.recording import load_recording, Recording
+from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.convert import convert
-from made_bags import depths, Entry, image, info, MATRIX, same, SECOND, STORAGES, write
+from made_bags import depths, image, info, MATRIX, same, SECOND, STORAGES, write
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ STEP = SECOND // 10
 NODE, CLEAN = '/left/flexx2_camera', '/left/clean/depth_image'
 
 
-def seen(stamp: int, time: int, number: int) -> list[Entry]:
+def seen(stamp, time, number):
     """Return the depth of a frame, which has its number in all pixels."""
     depth = np.full((9, 7), number + 1, np.float32)
     camera = info(f'{NODE}/camera_info', stamp, depth.shape)
@@ -22,19 +20,19 @@ def seen(stamp: int, time: int, number: int) -> list[Entry]:
     ]
 
 
-def there(stamp: int, time: int, number: int, topic: str = CLEAN) -> Entry:
+def there(stamp, time, number, topic=CLEAN):
     """Return the clean depth of a frame."""
     return image(topic, stamp, np.full((9, 7), number + 1, np.float32), '32FC1', time)
 
 
-def numbers(recording: Recording, key: str = 'clean_depth') -> list[int]:
+def numbers(recording, key='clean_depth'):
     """Return which frame's image each frame has; -1 for none."""
     images = getattr(recording, key)
     assert recording.depth[:, 0, 0].tolist() == [*range(1, len(recording.depth) + 1)]
     return [int(np.nan_to_num(each[0, 0])) - 1 for each in images]
 
 
-def load(path: Path, entries: list[Entry]) -> Recording:
+def load(path, entries):
     """Write messages in the order in which they arrived, and read them."""
     return load_recording(write(path, sorted(entries, key=lambda entry: entry[2])))
 
@@ -49,9 +47,7 @@ def load(path: Path, entries: list[Entry]) -> Recording:
         ('dc c dc', [0, 1, 2, 3, 4, 5]),
     ],
 )
-def test_clean_depth_is_that_of_the_same_run(
-    runs: str, expected: list[int], tmp_path: Path
-) -> None:
+def test_clean_depth_is_that_of_the_same_run(runs, expected, tmp_path):
     """In each run the stamps begin again; it has depth (d), clean depth (c) or both."""
     entries, frame = [], 0
     for run, topics in enumerate(runs.split()):
@@ -71,7 +67,7 @@ def test_clean_depth_is_that_of_the_same_run(
     assert not missing or f'{missing} of {len(expected)} frames have none' in said[0]
 
 
-def test_images_that_arrive_in_another_order_find_their_frames(tmp_path: Path) -> None:
+def test_images_that_arrive_in_another_order_find_their_frames(tmp_path):
     entries = []
     for index, other in enumerate([0, 2, 1, 3, 4, 5]):
         time = SECOND + index * STEP
@@ -84,9 +80,7 @@ def test_images_that_arrive_in_another_order_find_their_frames(tmp_path: Path) -
 
 
 @pytest.mark.parametrize('storage', STORAGES)
-def test_frames_after_a_reset_share_a_time_in_a_converted_bag(
-    storage: str, tmp_path: Path
-) -> None:
+def test_frames_after_a_reset_share_a_time_in_a_converted_bag(storage, tmp_path):
     # Messages of a bag cannot go back in time: all frames after the first run have its last time.
     stamps = np.tile(np.arange(4) / 10, 3)
     given = {'depth': depths(12, 9, 7, seed=1), 'clean_depth': depths(12, 9, 7, seed=2)}

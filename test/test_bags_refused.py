@@ -1,8 +1,5 @@
 """Files that are no recordings, recordings that no bag can hold, and targets that exist."""
 
-from pathlib import Path
-from typing import Any
-
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
@@ -27,7 +24,7 @@ LEAST = {'depth': depths(5, 9, 7), 'K': MATRIX, 'stamp': np.arange(5) / 3}
         ('b.npz', None, 'got no file'),
     ],
 )
-def test_no_recording(name: str, content: Any, message: str, tmp_path: Path) -> None:
+def test_no_recording(name, content, message, tmp_path):
     path = tmp_path / name
     if content == 'empty':
         path.mkdir()
@@ -39,12 +36,10 @@ def test_no_recording(name: str, content: Any, message: str, tmp_path: Path) -> 
     assert main(['convert', str(path), str(tmp_path / 'out.mcap')]) == 2
 
 
-def test_a_camera_info_of_another_size_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_camera_info_of_another_size_is_refused(tmp_path, capsys):
     node = '/left/flexx2_camera'
 
-    def bag(name: str, size: tuple[int, int]) -> Path:
+    def bag(name, size):
         entries = []
         for stamp, depth in enumerate(depths(2, 12, 16)):
             entries += [
@@ -89,9 +84,7 @@ def test_a_camera_info_of_another_size_is_refused(
         ({'amplitude': np.full((9, 7), 'x')}, 'amplitude: must be .*, got dtype'),
     ],
 )
-def test_an_npz_file_without_depth_is_refused(
-    changes: dict[str, Any], message: str, tmp_path: Path
-) -> None:
+def test_an_npz_file_without_depth_is_refused(changes, message, tmp_path):
     arrays = LEAST | changes
     path = tmp_path / 'in.npz'
     np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
@@ -109,12 +102,8 @@ def test_an_npz_file_without_depth_is_refused(
     ],
 )
 def test_a_recording_that_a_bag_cannot_hold_is_refused(
-    changes: dict[str, Any],
-    options: list[str],
-    message: str,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    changes, options, message, tmp_path, capsys
+):
     np.savez(tmp_path / 'in.npz', **(LEAST | changes))
     assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / 'bag'), *options]) == 2
     assert message in capsys.readouterr().err
@@ -122,23 +111,21 @@ def test_a_recording_that_a_bag_cannot_hold_is_refused(
 
 
 @pytest.mark.parametrize('name', ['out.txt', 'out.bag', 'out.NPZ', 'out.hdf5'])
-def test_a_bag_is_no_folder_with_the_name_of_a_file(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bag_is_no_folder_with_the_name_of_a_file(name, tmp_path, capsys):
     np.savez(tmp_path / 'in.npz', **LEAST)
     assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / name)]) == 2
     assert f'{name}: must be an .npz, .mcap or .db3 file, or a folder' in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ['in.npz']
 
 
-def test_a_folder_may_have_a_point_in_its_name(tmp_path: Path) -> None:
+def test_a_folder_may_have_a_point_in_its_name(tmp_path):
     np.savez(tmp_path / 'in.npz', **LEAST)
     for name in ('wall_1.5m', 'walk_2026.01.31'):
         assert main(['convert', str(tmp_path / 'in.npz'), str(tmp_path / name)]) == 0
         assert (tmp_path / name / 'metadata.yaml').is_file()
 
 
-def test_bags_are_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bags_are_not_overwritten(tmp_path, capsys):
     bag = driver_bag(tmp_path / 'bag', depths(2, 5, 4))
     before = (bag / 'bag.mcap').read_bytes()
     np.savez(tmp_path / 'in.npz', **LEAST)

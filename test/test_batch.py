@@ -5,7 +5,6 @@ import math
 from pathlib import Path
 import re
 import sys
-from typing import Any
 
 from batches import DEVICES, look, scenes, WAYS
 from boards import board, edge_sigma, K, mean_kl
@@ -33,9 +32,7 @@ MATRIX = flexx2().intrinsics.matrix
 
 
 @pytest.mark.parametrize(('device', 'many'), WAYS)
-def test_batch_and_camera_agree_in_every_pixel_and_mode(
-    device: str, many: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_batch_and_camera_agree_in_every_pixel_and_mode(device, many, monkeypatch):
     """
     Assert 2e-5 m in every pixel, in both ways to share the work out, over three frames.
 
@@ -60,7 +57,7 @@ def test_batch_and_camera_agree_in_every_pixel_and_mode(
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_modes_seeds_and_stamps_of_each_environment(device: str) -> None:
+def test_modes_seeds_and_stamps_of_each_environment(device):
     clean = scenes(4)
     camera = BatchCamera(4, MODES[:4], seed=[9, 3, 9, 3], device=device, invalid_value='zero')
     assert camera.usecases == tuple(MODES[:4])
@@ -78,9 +75,7 @@ def test_modes_seeds_and_stamps_of_each_environment(device: str) -> None:
 
 @pytest.mark.parametrize(('device', 'many'), WAYS)
 @pytest.mark.parametrize('size', [(1, 1), (1, 9), (9, 1), (2, 3), (5, 7), (31, 18)])
-def test_any_size_and_matrix(
-    size: tuple[int, int], device: str, many: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_any_size_and_matrix(size, device, many, monkeypatch):
     generator = np.random.default_rng(0)
     clean = generator.choice([0.5, 0.9, 2.0, math.nan], (11, *size)).astype(np.float32)
     matrix = np.array([[30.0, 0, size[1] / 2], [0, 31, size[0] / 2], [0, 0, 1]])
@@ -92,7 +87,7 @@ def test_any_size_and_matrix(
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_a_small_image_has_the_same_field_of_view(device: str) -> None:
+def test_a_small_image_has_the_same_field_of_view(device):
     clean = np.linspace(1, 1.4, 112, dtype=np.float32) * np.ones((1, 86, 1), np.float32)
     matrix = np.array([[105.3, 0, 55.5], [0, 106.43, 42.5], [0, 0, 1]])
     seen = [look(device, BatchCamera(1, K=one, device=device), clean) for one in (None, matrix)]
@@ -108,7 +103,7 @@ MEASURED = {
 
 @pytest.mark.parametrize('device', DEVICES)
 @pytest.mark.parametrize('usecase', MEASURED)
-def test_closed_loop_axial(usecase: str, device: str) -> None:
+def test_closed_loop_axial(usecase, device):
     """
     Assert sigma_z within 3 %, KL within 0.003 nats, and no bias: test_closed_loop's bounds.
 
@@ -134,7 +129,7 @@ def test_closed_loop_axial(usecase: str, device: str) -> None:
 
 @pytest.mark.parametrize('device', DEVICES)
 @pytest.mark.parametrize('usecase', MEASURED)
-def test_closed_loop_lateral(usecase: str, device: str) -> None:
+def test_closed_loop_lateral(usecase, device):
     """
     Assert sigma_x within 3 % on a board's left and right edge.
 
@@ -149,14 +144,14 @@ def test_closed_loop_lateral(usecase: str, device: str) -> None:
         assert measured == pytest.approx(flexx2().mode(usecase).noise.sigma_x, rel=0.03)
 
 
-def as_numpy(value: object) -> np.ndarray:
+def as_numpy(value):
     """Return any library's array as NumPy's."""
     if isinstance(value, wp.array):
         return value.numpy()
     return np.asarray(value.cpu() if hasattr(value, 'cpu') else value)
 
 
-def arrays_of(library: str, values: np.ndarray, device: str) -> object:
+def arrays_of(library, values, device):
     if library == 'torch':
         return pytest.importorskip('torch').from_numpy(values).to(device)
     if library == 'jax':
@@ -170,7 +165,7 @@ ARRAYS = [(library, 'cpu') for library in ('numpy', 'warp', 'torch', 'jax')] + [
 
 
 @pytest.mark.parametrize(('library', 'device'), ARRAYS)
-def test_output_arrays_are_of_the_inputs_kind_and_reused(library: str, device: str) -> None:
+def test_output_arrays_are_of_the_inputs_kind_and_reused(library, device):
     clean = scenes(3)
     wanted = look(device, BatchCamera(3, device=device), clean)
     camera = BatchCamera(3, device=device)
@@ -192,7 +187,7 @@ def test_output_arrays_are_of_the_inputs_kind_and_reused(library: str, device: s
 
 
 @pytest.mark.parametrize(('library', 'device'), [one for one in ARRAYS if 'jax' not in str(one)])
-def test_arrays_need_not_be_contiguous(library: str, device: str) -> None:
+def test_arrays_need_not_be_contiguous(library, device):
     clean = scenes(3)
     wanted = look(device, BatchCamera(3, device=device), clean)
     wide = np.zeros((172, 3, 448), np.float32)
@@ -235,7 +230,7 @@ CLEAN = np.ones((2, 4, 5), np.float32)
         (wp.zeros((2, 4, 5), dtype=wp.vec3, device='cpu'), 'depth: must be .*, got .*vec'),
     ],
 )
-def test_unusable_depth_is_refused(depth: object, said: str) -> None:
+def test_unusable_depth_is_refused(depth, said):
     with pytest.raises(InputError, match=said):
         BatchCamera(2, device='cpu')(depth)
 
@@ -256,12 +251,12 @@ def test_unusable_depth_is_refused(depth: object, said: str) -> None:
         ({'invalid_value': 'inf'}, "invalid_value: must be nan or zero, got 'inf'"),
     ],
 )
-def test_impossible_cameras_are_refused(changes: dict, said: str) -> None:
+def test_impossible_cameras_are_refused(changes, said):
     with pytest.raises(InputError, match=said):
         BatchCamera(**{'num_envs': 2, 'device': 'cpu', **changes})
 
 
-def test_unusable_masks_and_outputs_are_refused() -> None:
+def test_unusable_masks_and_outputs_are_refused():
     camera = BatchCamera(2, device='cpu')
     read_only = np.zeros((2, 4, 5), np.float32)
     read_only.flags.writeable = False
@@ -283,7 +278,7 @@ def test_unusable_masks_and_outputs_are_refused() -> None:
 
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason='no GPU')
-def test_arrays_on_another_device() -> None:
+def test_arrays_on_another_device():
     for one, other in (('cpu', 'cuda:0'), ('cuda:0', 'cpu')):
         with pytest.raises(InputError, match=f'depth: must be on {other}.*, got on {one}'):
             BatchCamera(2, device=other)(wp.array(CLEAN, device=one))
@@ -291,7 +286,7 @@ def test_arrays_on_another_device() -> None:
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason='no GPU')
 @pytest.mark.parametrize('effects', [(), dict.fromkeys(BATCHED)], ids=['none', 'all'])
-def test_a_captured_graph_gives_the_frames_of_calls(effects: Any) -> None:
+def test_a_captured_graph_gives_the_frames_of_calls(effects):
     """What waits for the device or allocates memory in a call cannot be captured."""
     clean = wp.array(scenes(4), device='cuda')
     one, other = (BatchCamera(4, effects=effects, device='cuda', step_s=1 / 60) for _ in range(2))
@@ -306,7 +301,7 @@ def test_a_captured_graph_gives_the_frames_of_calls(effects: Any) -> None:
 
 
 @pytest.mark.skipif(not wp.is_cuda_available(), reason='no GPU')
-def test_calls_are_in_the_order_of_torchs_stream() -> None:
+def test_calls_are_in_the_order_of_torchs_stream():
     torch = pytest.importorskip('torch')
     wanted = look('cuda', BatchCamera(3, device='cuda'), scenes(3))
     given = torch.from_numpy(scenes(3)).pin_memory()
@@ -331,16 +326,16 @@ def test_calls_are_in_the_order_of_torchs_stream() -> None:
     'module',
     [kernels, edge_kernels, geometry_kernels, history_kernels, timing_kernels, bounce, scatter],
 )
-def test_kernels_compile_for_cuda(module: object, tmp_path: Path) -> None:
+def test_kernels_compile_for_cuda(module, tmp_path):
     """Without a GPU this is all that can be said; effect_kernels takes 5 s and is left out."""
     wp.compile_aot_module(module, arch=90, module_dir=tmp_path, use_ptx=True)
     assert any('.entry' in path.read_text(errors='ignore') for path in tmp_path.glob('*.ptx'))
 
 
-def test_the_examples_run() -> None:
+def test_the_examples_run():
     page = (Path(__file__).resolve().parents[1] / 'docs' / 'batch.md').read_text(encoding='utf-8')
     many, line, threads, late = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
-    done: dict = {}
+    done = {}
     exec(compile(many, 'docs/batch.md', 'exec'), done)  # noqa: S102
     assert np.isfinite(done['seen']).all()
     assert done['cameras'].usecases[:2] == ('Mode_9_20fps', 'Mode_5_30fps')

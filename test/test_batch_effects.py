@@ -30,7 +30,7 @@ OFFSET = {'offset': {'bias': 0.05}}
 EVERYTHING = tuple(registry()[name]() for name in BATCHED)
 
 
-def film(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
+def film(count, frames):
     """Return clean depth that moves (frames, count, H, W) and reflectivity (count, H, W)."""
     still = scenes(count)
     generator = np.random.default_rng(1)
@@ -42,7 +42,7 @@ def film(count: int, frames: int) -> tuple[np.ndarray, np.ndarray]:
         return np.where(still < 1.2, still + nearer, still), shades
 
 
-def disagreement(device: str, effects: list, frames: int = 3) -> tuple[float, float]:
+def disagreement(device, effects, frames=3):
     """Return the share of pixels beyond 2e-5 m, and the share that the effects change."""
     clean, shades = film(3, frames)
     camera = BatchCamera(3, MODES, effects=effects, seed=2, device=device)
@@ -64,7 +64,7 @@ def disagreement(device: str, effects: list, frames: int = 3) -> tuple[float, fl
 
 @pytest.mark.parametrize('device', DEVICES)
 @pytest.mark.parametrize('name', BATCHED)
-def test_batch_and_camera_agree_for_every_effect(name: str, device: str) -> None:
+def test_batch_and_camera_agree_for_every_effect(name, device):
     """
     Assert 2e-5 m in all but one pixel of 10,000, where a decision flips.
 
@@ -78,9 +78,7 @@ def test_batch_and_camera_agree_for_every_effect(name: str, device: str) -> None
 
 
 @pytest.mark.parametrize(('device', 'many'), WAYS)
-def test_batch_and_camera_agree_for_all_effects_together(
-    device: str, many: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_batch_and_camera_agree_for_all_effects_together(device, many, monkeypatch):
     """Assert it in all but one pixel of 1,000: rounding to 4 mm after filters flips more often."""
     monkeypatch.setattr(images, 'many_threads', lambda _: many)
     other, changed = disagreement(device, [EVERYTHING] * 3, frames=2)
@@ -90,7 +88,7 @@ def test_batch_and_camera_agree_for_all_effects_together(
 
 @pytest.mark.parametrize('device', DEVICES)
 @pytest.mark.parametrize('stamp_at', [0.0, 0.5, 1.0])
-def test_batch_and_camera_agree_where_edges_move(device: str, stamp_at: float) -> None:
+def test_batch_and_camera_agree_where_edges_move(device, stamp_at):
     still, shades = film(3, 1)
     effects = {'motion_artefact': {'stretch': 1.5, 'stamp_at': stamp_at}}
     camera = BatchCamera(3, MODES, effects=effects, seed=2, device=device)
@@ -108,7 +106,7 @@ def test_batch_and_camera_agree_where_edges_move(device: str, stamp_at: float) -
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_each_environment_has_its_own_effects(device: str) -> None:
+def test_each_environment_has_its_own_effects(device):
     own = [
         {'offset': {'bias': 0.05}, 'saturation': None, 'pose_error': None},
         (),
@@ -137,9 +135,7 @@ def test_each_environment_has_its_own_effects(device: str) -> None:
     ids=['time_offset', 'stray_light', 'multipath'],
 )
 @pytest.mark.parametrize(('device', 'many'), WAYS)
-def test_each_environment_has_its_own_reflectivity_and_uptime(
-    own: list, device: str, many: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_environment_has_its_own_reflectivity_and_uptime(own, device, many, monkeypatch):
     """Assert 2e-5 m in all but 1 of 10,000 pixels: where light nearly cancels, phases differ."""
     monkeypatch.setattr(images, 'many_threads', lambda _: many)
     other, changed = disagreement(device, own, frames=4)
@@ -149,7 +145,7 @@ def test_each_environment_has_its_own_reflectivity_and_uptime(
 
 @pytest.mark.parametrize('name', ['time_offset', 'multipath'])
 @pytest.mark.parametrize('device', DEVICES)
-def test_cached_parts_of_a_scene_follow_the_scene(device: str, name: str) -> None:
+def test_cached_parts_of_a_scene_follow_the_scene(device, name):
     """A scene stands still, changes in one pixel, its reflectivity changes, its modes change."""
     scene, shades = film(2, 1)
     clean = scene[0, :, 20:90, 30:120].copy()
@@ -175,7 +171,7 @@ def test_cached_parts_of_a_scene_follow_the_scene(device: str, name: str) -> Non
             stamps[i] += round(1e9 / one.mode.rate_hz)
 
 
-def as_mask(library: str, mask: list[bool], device: str) -> object:
+def as_mask(library, mask, device):
     if library == 'torch':
         return pytest.importorskip('torch').tensor(mask, device=device)
     if library == 'jax':
@@ -187,7 +183,7 @@ def as_mask(library: str, mask: list[bool], device: str) -> object:
 
 @pytest.mark.parametrize('library', ['numpy', 'warp', 'torch', 'jax'])
 @pytest.mark.parametrize('device', DEVICES)
-def test_reset_forgets_the_chosen_environments(device: str, library: str) -> None:
+def test_reset_forgets_the_chosen_environments(device, library):
     effects = [{'temporal_filter': {'share': 0.9}, 'warm_up_drift': {'tau': 1.0, 'bias': 0.1}}] * 3
     clean = np.full((3, 20, 30), 1.5, np.float32)
     camera, wanted = (BatchCamera(3, effects=effects, K=MATRIX, device=device) for _ in range(2))
@@ -212,7 +208,7 @@ def test_reset_forgets_the_chosen_environments(device: str, library: str) -> Non
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_effects_and_modes_change_between_frames(device: str) -> None:
+def test_effects_and_modes_change_between_frames(device):
     clean = np.full((2, 20, 30), 1.5, np.float32)
     camera = BatchCamera(2, 'Mode_5_30fps', K=MATRIX, device=device)
     look(device, camera, clean)
@@ -234,7 +230,7 @@ def test_effects_and_modes_change_between_frames(device: str) -> None:
     )
 
 
-def test_every_effect_of_the_registry_has_a_kernel() -> None:
+def test_every_effect_of_the_registry_has_a_kernel():
     """Assert it; effects of other packages need none."""
     package = Effect.__module__.rpartition('.')[0]
     own = {name for name, kind in registry().items() if kind.__module__.startswith(package)}
@@ -242,9 +238,7 @@ def test_every_effect_of_the_registry_has_a_kernel() -> None:
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_batch_and_camera_agree_for_effects_without_a_kernel(
-    device: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_batch_and_camera_agree_for_effects_without_a_kernel(device, caplog):
     """Assert it to the bit beside an environment that kernels compute, and that it is said."""
     curve = {'knots': [0.5, 2.0], 'values': [0.01, 0.03]}
     patch = {'residual_patch': {'bias_0': 0.02}, 'offset': {'curve': curve}}
@@ -255,7 +249,7 @@ def test_batch_and_camera_agree_for_effects_without_a_kernel(
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_an_environment_without_a_kernel_changes_between_frames(device: str) -> None:
+def test_an_environment_without_a_kernel_changes_between_frames(device):
     clean = np.full((2, 20, 30), 1.5, np.float32)
     clean[:, :, 20:] = np.nan
     effects = {'residual_patch': {'bias_0': 0.02}, 'temporal_filter': {'share': 0.9}}
@@ -281,7 +275,7 @@ def test_an_environment_without_a_kernel_changes_between_frames(device: str) -> 
     )
 
 
-def test_unusable_sets_of_effects_are_refused() -> None:
+def test_unusable_sets_of_effects_are_refused():
     camera = BatchCamera(2, device='cpu')
     with pytest.raises(InputError, match='must be one set, or one for each of the 2 .*, got 3'):
         camera.set_effects([{}, {}, {}])
@@ -290,7 +284,7 @@ def test_unusable_sets_of_effects_are_refused() -> None:
     BatchCamera(2, effects={'stray_light': {'strength': 0}}, device='cpu')  # off
 
 
-def test_effects_that_need_more_than_the_profile_are_refused() -> None:
+def test_effects_that_need_more_than_the_profile_are_refused():
     known = flexx2().mode('Mode_9_30fps')
     silent = Mode(**{**vars(known), 'name': 'silent', 'modulation_hz': ()})
     profile = Profile('other', flexx2().intrinsics, (known, silent))
@@ -312,7 +306,7 @@ def test_effects_that_need_more_than_the_profile_are_refused() -> None:
         BatchCamera(65, effects=many, device='cpu')(np.ones((65, 3, 3), np.float32))
 
 
-def test_unusable_reflectivity_and_masks_are_refused() -> None:
+def test_unusable_reflectivity_and_masks_are_refused():
     camera = BatchCamera(2, effects={'offset': None}, device='cpu')
     clean = np.ones((2, 4, 5), np.float32)
     with pytest.raises(InputError, match=r'reflectivity: must have shape .*, got \(2, 4, 6\)'):
@@ -354,7 +348,7 @@ print('not noticed')
 """
 
 
-def test_no_size_reads_or_writes_out_of_bounds(tmp_path: Path) -> None:
+def test_no_size_reads_or_writes_out_of_bounds(tmp_path):
     """Every access is checked in Warp's debug mode, which ends the process at the first one."""
     script = tmp_path / 'every_size.py'
     script.write_text(_EVERY_SIZE)

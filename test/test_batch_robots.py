@@ -1,7 +1,6 @@
 """Many robots at once: the example of the height grid, and terms for other people's training."""
 
 import inspect
-from pathlib import Path
 from types import SimpleNamespace
 
 from batches import scenes
@@ -21,7 +20,7 @@ CAMERAS = ('front_left', 'front_right')
 SMALL = Intrinsics.from_field_of_view(56, 43, 56, 44)
 
 
-def test_height_grid_of_a_slope() -> None:
+def test_height_grid_of_a_slope():
     """Two cameras 1 m above a slope, looking down, one of them turned: heights to 1 mm."""
     camera = Intrinsics.from_field_of_view(224, 172, 70, 60)
     v, u = np.mgrid[:172, :224]
@@ -49,7 +48,7 @@ def test_height_grid_of_a_slope() -> None:
     assert np.isnan(grid.heights().numpy()).all()
 
 
-def test_walking_robots_see_the_stairs_they_walk_on() -> None:
+def test_walking_robots_see_the_stairs_they_walk_on():
     model = build_model(scene='stairs', intrinsics=SMALL)
     assert not np.array_equal(
         walk(model, CAMERAS, 1, 1, 0.25, seed=-1).qpos, walk(model, CAMERAS, 1, 1, 0.25).qpos
@@ -73,7 +72,7 @@ def test_walking_robots_see_the_stairs_they_walk_on() -> None:
     assert np.ptp(walks.heights) > 0.3
 
 
-def test_mujoco_warp_renders_the_same() -> None:
+def test_mujoco_warp_renders_the_same():
     pytest.importorskip('mujoco_warp')
     model = build_model(scene='stairs', intrinsics=SMALL)
     qpos = walk(model, CAMERAS, 3, 1, 0.2).qpos[0]
@@ -86,7 +85,7 @@ def test_mujoco_warp_renders_the_same() -> None:
         assert np.percentile(off, 98) < 1e-4
 
 
-def test_flexx2_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_flexx2_batch(tmp_path, capsys):
     out = tmp_path / 'grid.png'
     arguments = ['batch', '--num-envs', '3', '--frames', '2', '--device', 'cpu', '--out', str(out)]
     assert main(arguments) == 0
@@ -107,17 +106,17 @@ def test_flexx2_batch(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 class ManagerTermBase:
     """What Isaac Lab's class terms inherit from, as documented."""
 
-    def __init__(self, cfg: object, env: object) -> None:
+    def __init__(self, cfg, env):
         self.cfg, self._env = cfg, env
 
-    def reset(self, env_ids: object = None) -> None:
+    def reset(self, env_ids=None):
         raise AssertionError('not overridden')
 
 
 class StandIn:
     """What an observation manager does with a class term, as documented."""
 
-    def __init__(self, func: type, params: dict, base: type, images: list) -> None:
+    def __init__(self, func, params, base, images):
         self.num_envs, self.device, self.images = len(images[0]), 'cpu', images
         self.cfg = SimpleNamespace(func=func, params=params)
         # Isaac Lab checks both before it makes the term.
@@ -127,14 +126,14 @@ class StandIn:
         assert set(params) <= {p.name for p in named}
         self.cfg.func = func(cfg=self.cfg, env=self)
 
-    def step(self) -> object:
+    def step(self):
         self.image = self.images.pop(0)
         return self.cfg.func(self, **self.cfg.params)
 
 
 @pytest.mark.parametrize('library', ['numpy', 'torch'])
 @pytest.mark.parametrize('base', [object, ManagerTermBase])
-def test_observation_term(base: type, library: str) -> None:
+def test_observation_term(base, library):
     clean = np.full((3, 24, 32), 1.2, np.float32)
     made = [
         pytest.importorskip('torch').from_numpy(clean)[..., None]
@@ -171,7 +170,7 @@ def test_observation_term(base: type, library: str) -> None:
     assert not np.array_equal(np.asarray(kept[0]), np.asarray(kept[1]))
 
 
-def test_terms_give_zero_where_invalid() -> None:
+def test_terms_give_zero_where_invalid():
     clean = scenes(2)
     term = noisy_depth()(
         cfg=SimpleNamespace(params={}), env=SimpleNamespace(num_envs=2, device='cpu')

@@ -7,11 +7,9 @@ import pickle
 import subprocess
 import sys
 from types import SimpleNamespace
-from typing import Any
 
 from batches import scenes
 from flexx2_sim_ros.batch import noisy_depth
-from flexx2_sim_ros.batch.terms import NoisyDepth
 from flexx2_sim_ros.errors import InputError
 import numpy as np
 import pytest
@@ -23,29 +21,28 @@ CLEAN = np.full((3, 24, 32), 1.2, np.float32)
 class Base:
     """What terms of a simulator inherit from."""
 
-    def __init__(self, cfg: Any, env: Any) -> None:
+    def __init__(self, cfg, env):
         """Keep the environment, as Isaac Lab does."""
         self._env = env
 
 
-def made_of(env: Any, base: type = object, **camera: Any) -> NoisyDepth:
+def made_of(env, base=object, **camera):
     """Return a term."""
-    term: NoisyDepth = noisy_depth(base)(cfg=SimpleNamespace(params={'camera': camera}), env=env)
-    return term
+    return noisy_depth(base)(cfg=SimpleNamespace(params={'camera': camera}), env=env)
 
 
-def environment(**more: Any) -> SimpleNamespace:
+def environment(**more):
     """Return an environment whose clean depth is `image`."""
     return SimpleNamespace(num_envs=3, device='cpu', image=CLEAN, **more)
 
 
-def seen_of(term: NoisyDepth, env: Any) -> np.ndarray:
+def seen_of(term, env):
     """Return what a term computes."""
     return np.array(term(env, lambda env: env.image))
 
 
 @pytest.mark.parametrize('base', [object, Base, abc.ABC])
-def test_the_class_is_found_by_its_name_and_pickles(base: type) -> None:
+def test_the_class_is_found_by_its_name_and_pickles(base):
     term = noisy_depth(base)
     assert issubclass(term, base)
     assert getattr(import_module(term.__module__), term.__name__) is term
@@ -53,7 +50,7 @@ def test_the_class_is_found_by_its_name_and_pickles(base: type) -> None:
     assert copy.deepcopy({'func': term})['func'] is term
 
 
-def test_another_process_finds_the_class() -> None:
+def test_another_process_finds_the_class():
     term = noisy_depth(abc.ABC)
     code = (
         'import abc, importlib, pickle, sys\n'
@@ -64,7 +61,7 @@ def test_another_process_finds_the_class() -> None:
     subprocess.run([sys.executable, '-c', code], input=pickle.dumps(term), check=True)
 
 
-def counted(step: int, kind: str) -> dict[str, Any]:
+def counted(step, kind):
     """Return the counters of an environment of Isaac Lab or mjlab, after some steps."""
     if kind == 'of the policy':
         return {'common_step_counter': step, '_sim_step_counter': 7}
@@ -73,7 +70,7 @@ def counted(step: int, kind: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize('kind', ['of the policy', 'of the physics'])
 @pytest.mark.parametrize('step_s', [None, np.float32(STEP)])
-def test_computing_twice_in_a_step_changes_nothing(step_s: Any, kind: str) -> None:
+def test_computing_twice_in_a_step_changes_nothing(step_s, kind):
     """Assert it with a delay and a filter, over steps that nobody computes, and a reset."""
     effects = {'time_offset': {'latency': 0.0, 'delay': 0.06}, 'temporal_filter': {'share': 0.5}}
     camera = {'mode': 'Mode_9_30fps', 'effects': effects, 'step_s': step_s}
@@ -100,7 +97,7 @@ def test_computing_twice_in_a_step_changes_nothing(step_s: Any, kind: str) -> No
     assert not np.array_equal(seen_of(twice, env)[1], again[1])  # the noise of another frame
 
 
-def test_a_delay_is_of_simulated_time() -> None:
+def test_a_delay_is_of_simulated_time():
     env = environment()
     effects = {'time_offset': {'latency': 0.0, 'delay': 3 * STEP}}
     term = made_of(env, mode='Mode_9_30fps', effects=effects, step_s=STEP)
@@ -113,8 +110,8 @@ def test_a_delay_is_of_simulated_time() -> None:
     seen_of(term, env)
 
 
-def test_terms_share_their_noise_only_by_name() -> None:
-    def run() -> list[np.ndarray]:
+def test_terms_share_their_noise_only_by_name():
+    def run():
         env = environment()
         named = [{}, {}, {'name': 'left'}, {'name': 'left'}, {'name': 'left', 'seed': 9}, {}]
         return [seen_of(made_of(env, **camera), env) for camera in named]
@@ -126,7 +123,7 @@ def test_terms_share_their_noise_only_by_name() -> None:
 
 
 @pytest.mark.parametrize('library', ['numpy', 'torch'])
-def test_images_have_their_channel_where_the_simulator_has_it(library: str) -> None:
+def test_images_have_their_channel_where_the_simulator_has_it(library):
     clean = scenes(3)[:, 60:84, 80:112]
     if library == 'torch':
         clean = pytest.importorskip('torch').from_numpy(clean)

@@ -1,15 +1,12 @@
 """When the images of a batch are taken and when they arrive, in steps of an environment loop."""
 
-from collections.abc import Callable
 import copy
-from pathlib import Path
 import pickle
 
 from batches import DEVICES, look, scenes, WAYS
 from flexx2_sim_ros.batch import BatchCamera, images, timing
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import load_randomisation
-from flexx2_sim_ros.effects.randomisation import Randomisation
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.gating import FrameGate
 import numpy as np
@@ -21,12 +18,12 @@ MATRIX = flexx2().intrinsics.matrix
 MS = 1_000_000
 
 
-def late(seconds: float) -> dict:
+def late(seconds):
     """Return the effects of a camera whose images are right but late."""
     return {'time_offset': {'latency': 0.0, 'delay': seconds}}
 
 
-def gate_of(rate_hz: float, step_ns: int) -> FrameGate:
+def gate_of(rate_hz, step_ns):
     """Return a gate that has seen how long the steps are, as a batch knows it."""
     gate = FrameGate(rate_hz)
     for k in range(40):
@@ -34,7 +31,7 @@ def gate_of(rate_hz: float, step_ns: int) -> FrameGate:
     return gate
 
 
-def expected(rate_hz: float, step_ns: int, delay_ns: int, count: int) -> list[int]:
+def expected(rate_hz, step_ns, delay_ns, count):
     """Return the stamp of the image at each step: the newest of those that the node would take."""
     gate, taken, shown = gate_of(rate_hz, step_ns), [], []
     for stamp in range(0, count * step_ns, step_ns):
@@ -48,7 +45,7 @@ def expected(rate_hz: float, step_ns: int, delay_ns: int, count: int) -> list[in
 
 @pytest.mark.parametrize('device', DEVICES)
 @pytest.mark.parametrize('step_hz', [50, 60, 30, 24, 200, 7])
-def test_images_come_at_the_rate_of_the_mode_and_late(step_hz: int, device: str) -> None:
+def test_images_come_at_the_rate_of_the_mode_and_late(step_hz, device):
     modes = [mode for mode in flexx2().modes for _ in range(4)]
     steps = [0, 1, 2.5, 3] * len(flexx2().modes)
     step_ns = round(1e9 / step_hz)
@@ -70,7 +67,7 @@ def test_images_come_at_the_rate_of_the_mode_and_late(step_hz: int, device: str)
         assert [int(row[i]) for row in shown] == wanted, (mode.name, steps[i])
 
 
-def moving(count: int, frames: int) -> np.ndarray:
+def moving(count, frames):
     """Return scenes that come nearer, (frames, count, 60, 80)."""
     still = scenes(count)[:, 50:110, 60:140]
     nearer = np.arange(frames, dtype=np.float32)[:, None, None, None] * np.float32(0.01)
@@ -88,7 +85,7 @@ CURVE = {'wiggling': {'curve': {'knots': [0.5, 2.0], 'values': [0.01, -0.01]}}}
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_a_latency_reaches_back_over_frames_that_are_close(device: str) -> None:
+def test_a_latency_reaches_back_over_frames_that_are_close(device):
     """At 200 Hz, frames of 60 Hz are 15 or 20 ms apart: more of them are needed."""
     own = {'time_offset': {'latency': 0.032}}
     cameras = BatchCamera(1, 'Mode_5_60fps', effects=own, step_s=0.005, device=device, K=MATRIX)
@@ -103,8 +100,8 @@ def test_a_latency_reaches_back_over_frames_that_are_close(device: str) -> None:
 
 @pytest.mark.parametrize(('device', 'many'), WAYS)
 def test_images_are_those_of_a_camera_that_takes_the_frames_that_are_due(
-    device: str, many: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    device, many, monkeypatch
+):
     """Steps without a frame change nothing that effects keep: a `Camera` never sees them."""
     monkeypatch.setattr(images, 'many_threads', lambda _: many)
     effects = [late(0.04), KEEPING, {**CURVE, **late(0.04)}]
@@ -112,7 +109,7 @@ def test_images_are_those_of_a_camera_that_takes_the_frames_that_are_due(
     alone = [Camera('Mode_5_30fps', seed=i, effects=own) for i, own in enumerate(effects)]
     film = moving(3, 24)
     gate = gate_of(30.0, 20 * MS)
-    taken: dict[int, list[np.ndarray]] = {}
+    taken = {}
     for step, clean in enumerate(film):
         if step == 13:
             cameras.reset(np.ones(3, bool))
@@ -132,7 +129,7 @@ def test_images_are_those_of_a_camera_that_takes_the_frames_that_are_due(
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_a_reset_shows_the_new_scene_at_once_and_only_there(device: str) -> None:
+def test_a_reset_shows_the_new_scene_at_once_and_only_there(device):
     cameras = BatchCamera(2, 'Mode_9_5fps', effects=late(0.06), step_s=0.02, device=device)
     depth = np.full((2, 4, 5), 1.0, np.float32)
     for _ in range(7):
@@ -148,7 +145,7 @@ def test_a_reset_shows_the_new_scene_at_once_and_only_there(device: str) -> None
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_images_of_another_shape_begin_with_a_first_frame(device: str) -> None:
+def test_images_of_another_shape_begin_with_a_first_frame(device):
     """Assert it also of as many pixels: what is held has the shape that it was taken in."""
     cameras = BatchCamera(1, 'Mode_9_5fps', step_s=0.02, device=device)
     for step, shape in enumerate([(4, 6), (6, 4), (2, 12), (5, 5)]):
@@ -158,7 +155,7 @@ def test_images_of_another_shape_begin_with_a_first_frame(device: str) -> None:
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_without_steps_an_image_is_late_by_whole_frames(device: str) -> None:
+def test_without_steps_an_image_is_late_by_whole_frames(device):
     usecases = ['Mode_9_30fps', 'Mode_9_10fps']
     cameras = BatchCamera(2, usecases, effects=late(0.1), device=device)
     for _ in range(9):
@@ -167,7 +164,7 @@ def test_without_steps_an_image_is_late_by_whole_frames(device: str) -> None:
     assert cameras.image_stamps.numpy().tolist() == [(8 - 3) * period, (8 - 1) * 100 * MS]
 
 
-def drawn(folder: Path, effect: str, parameters: dict, **more: float) -> Randomisation:
+def drawn(folder, effect, parameters, **more):
     """Return random cameras, read from a file."""
     path, effects = folder / f'{effect}.yaml', {effect: {'parameters': parameters, **more}}
     path.write_text(yaml.safe_dump({'schema': 1, 'randomisation': {'effects': effects}}))
@@ -175,7 +172,7 @@ def drawn(folder: Path, effect: str, parameters: dict, **more: float) -> Randomi
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_a_reset_draws_another_delay_and_latency(device: str, tmp_path: Path) -> None:
+def test_a_reset_draws_another_delay_and_latency(device, tmp_path):
     parameters = {'latency': {'low': 0.0, 'high': 0.1}, 'delay': {'low': 0.02, 'high': 0.06}}
     cameras = BatchCamera(8, 'Mode_5_60fps', step_s=0.02, device=device, K=MATRIX)
     cameras.randomise(drawn(tmp_path, 'time_offset', parameters, probability=0.9), 3, pool=64)
@@ -205,14 +202,11 @@ def test_a_reset_draws_another_delay_and_latency(device: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_widths_are_drawn_at_a_reset_unless_they_shape_scattered_light(
-    device: str, tmp_path: Path
-) -> None:
+def test_widths_are_drawn_at_a_reset_unless_they_shape_scattered_light(device, tmp_path):
     cameras = BatchCamera(4, device=device, K=MATRIX)
     cameras.randomise(
         drawn(tmp_path, 'heavy_tails', {'width': {'low': 3.0, 'high': 8.0}}), seed=2, pool=16
     )
-    assert cameras.drawn is not None
     scene = scenes(1)
     seen = look(device, cameras, np.repeat(scene, 4, axis=0))
     for i, k in enumerate(cameras.drawn.drawn.numpy()):
@@ -224,7 +218,7 @@ def test_widths_are_drawn_at_a_reset_unless_they_shape_scattered_light(
         )
 
 
-def test_no_more_frames_are_kept_than_are_needed() -> None:
+def test_no_more_frames_are_kept_than_are_needed():
     """The ring holds every frame that is under way, whatever the rates and delays are."""
     generator = np.random.default_rng(5)
     for _ in range(300):
@@ -241,29 +235,29 @@ def test_no_more_frames_are_kept_than_are_needed() -> None:
 
 
 @pytest.mark.parametrize('step_s', [0, -0.02, float('nan'), '0.02', True, 11])
-def test_unusable_steps_are_refused(step_s: object) -> None:
+def test_unusable_steps_are_refused(step_s):
     with pytest.raises(InputError, match='step_s: must be 1e-6 to 10 seconds, got'):
-        BatchCamera(2, device='cpu', step_s=step_s)  # type: ignore[arg-type]
+        BatchCamera(2, device='cpu', step_s=step_s)
 
 
 @pytest.mark.parametrize('step_s', [np.float32(0.02), np.float64(0.02), np.int64(1), 1])
-def test_steps_are_any_number(step_s: float) -> None:
+def test_steps_are_any_number(step_s):
     cameras = BatchCamera(1, 'Mode_9_5fps', device='cpu', step_s=step_s)
     cameras(np.ones((1, 4, 5), np.float32))
     assert cameras.stamps.numpy().tolist() == [round(float(step_s) * 1000) * MS]
 
 
 @pytest.mark.parametrize('steps', [-1, 0.5, True, '1'])
-def test_unusable_numbers_of_steps_are_refused(steps: object) -> None:
+def test_unusable_numbers_of_steps_are_refused(steps):
     with pytest.raises(InputError, match='steps: must be a whole number from 0, got'):
-        BatchCamera(1, device='cpu')(np.ones((1, 4, 5), np.float32), steps=steps)  # type: ignore
+        BatchCamera(1, device='cpu')(np.ones((1, 4, 5), np.float32), steps=steps)
 
 
 @pytest.mark.parametrize('step_s', [None, 0.02])
 @pytest.mark.parametrize('device', DEVICES)
-def test_calls_without_a_step_change_nothing(device: str, step_s: float | None) -> None:
+def test_calls_without_a_step_change_nothing(device, step_s):
     """Nothing that effects keep, on the device or in a `Camera`, nor the clock."""
-    options: dict = {'effects': [late(0.04), KEEPING, {**CURVE, **late(0.04)}], 'step_s': step_s}
+    options = {'effects': [late(0.04), KEEPING, {**CURVE, **late(0.04)}], 'step_s': step_s}
     cameras, alone = (BatchCamera(3, device=device, K=MATRIX, **options) for _ in range(2))
     for step, clean in enumerate(moving(3, 12)):
         wanted = look(device, cameras, clean, steps=1)
@@ -273,18 +267,15 @@ def test_calls_without_a_step_change_nothing(device: str, step_s: float | None) 
         np.testing.assert_array_equal(alone.stamps.numpy(), cameras.stamps.numpy())
 
 
-def pickled(cameras: BatchCamera) -> BatchCamera:
+def pickled(cameras):
     """Return a camera from its pickle."""
-    made: BatchCamera = pickle.loads(pickle.dumps(cameras))  # noqa: S301 (our own)
-    return made
+    return pickle.loads(pickle.dumps(cameras))  # noqa: S301 (our own)
 
 
 @pytest.mark.parametrize('copied', [copy.deepcopy, pickled])
 @pytest.mark.parametrize('step_s', [None, 0.02])
 @pytest.mark.parametrize('device', DEVICES)
-def test_copies_go_on_as_the_original_does(
-    device: str, step_s: float | None, copied: Callable, tmp_path: Path
-) -> None:
+def test_copies_go_on_as_the_original_does(device, step_s, copied, tmp_path):
     delays = drawn(tmp_path, 'time_offset', {'delay': {'low': 0.02, 'high': 0.06}})
     cameras = BatchCamera(3, device=device, K=MATRIX, step_s=step_s)
     for randomised in (False, True):
@@ -306,13 +297,13 @@ def test_copies_go_on_as_the_original_does(
     assert cameras.stamps.numpy().tolist() == stamps
 
 
-def test_more_frames_than_can_be_kept_are_refused() -> None:
+def test_more_frames_than_can_be_kept_are_refused():
     cameras = BatchCamera(2, 'Mode_5_60fps', effects=late(1.0), device='cpu')
     with pytest.raises(InputError, match='time_offset.delay: must be so short'):
         cameras(np.broadcast_to(np.float32(1), (2, 5000, 5000)))
 
 
-def test_more_earlier_frames_than_can_be_kept_are_refused() -> None:
+def test_more_earlier_frames_than_can_be_kept_are_refused():
     early = {'time_offset': {'latency': 1.0}}
     cameras = BatchCamera(4000, 'Mode_5_60fps', effects=early, device='cpu')
     said = 'time_offset.latency: must be so short that at most 2147483647 pixels are kept, got 1 s'

@@ -1,7 +1,6 @@
 """The short form of the measurements of `bench`: each runs and prints figures."""
 
 from pathlib import Path
-import subprocess
 
 from bench.journal import Journal
 from programs import measured, run_python
@@ -9,16 +8,16 @@ import pytest
 
 # `soak` and `torture_node` have tests of their own; `batch`, `gap` and `torture_files` take half a
 # minute each.
-SHORT = 'model', 'effects', 'exposure', 'agreement', 'rendering', 'bags'
-SHORT += 'nodes', 'start', 'torture_kill', 'torture_record'
+SHORT = 'model', 'effects', 'exposure', 'agreement', 'bags'
+SHORT += 'nodes', 'torture_kill', 'torture_record'
 
 
-def run(words: list[str], folder: Path, env: dict[str, str]) -> subprocess.CompletedProcess[str]:
+def run(words, folder, env):
     """Run Python in a folder, where it leaves its files."""
     return run_python('-m', *words, cwd=folder, env=env)
 
 
-def test_measurements_run_for_a_moment(child_env: dict[str, str], tmp_path: Path) -> None:
+def test_measurements_run_for_a_moment(child_env, tmp_path):
     for library in ('warp', 'mujoco', 'rosbags', 'lz4'):
         pytest.importorskip(library)
     done = run(['bench', '--short', *SHORT], tmp_path, child_env)
@@ -30,7 +29,7 @@ def test_measurements_run_for_a_moment(child_env: dict[str, str], tmp_path: Path
     assert (tmp_path / 'build' / 'torture' / 'kills.jsonl').is_file()
 
 
-def test_what_ground_truth_hides_is_measured(child_env: dict[str, str], tmp_path: Path) -> None:
+def test_what_ground_truth_hides_is_measured(child_env, tmp_path):
     pytest.importorskip('trimesh')
     words = ['bench.absorbed', '--effects', 'offset', '--only', 'corners']
     done = run(words, tmp_path, child_env)
@@ -39,17 +38,13 @@ def test_what_ground_truth_hides_is_measured(child_env: dict[str, str], tmp_path
     assert done.stdout.splitlines()[-1] == '| offset | 0.00 | 1.00 |'
 
 
-def test_the_answers_of_the_published_benchmark_are_listed(
-    child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_the_answers_of_the_published_benchmark_are_listed(child_env, tmp_path):
     done = run(['bench.benchmark_answers'], tmp_path, child_env)
     assert done.returncode == 0, done.stderr
     assert 'slowest: ' in done.stdout
 
 
-def test_copied_noise_is_drawn_beside_that_of_the_camera(
-    child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_copied_noise_is_drawn_beside_that_of_the_camera(child_env, tmp_path):
     for library in ('warp', 'matplotlib'):
         pytest.importorskip(library)
     done = run(['bench.copied_noise', 'copied.png'], tmp_path, child_env)
@@ -59,13 +54,13 @@ def test_copied_noise_is_drawn_beside_that_of_the_camera(
     assert (tmp_path / 'copied.png').read_bytes().startswith(b'\x89PNG')
 
 
-def test_an_unknown_measurement_is_refused(child_env: dict[str, str], tmp_path: Path) -> None:
+def test_an_unknown_measurement_is_refused(child_env, tmp_path):
     done = run(['bench', 'modle'], tmp_path, child_env)
     assert done.returncode == 2
     assert 'NAME: must be of model, effects' in done.stderr
 
 
-def test_an_interrupted_journal_resumes(tmp_path: Path) -> None:
+def test_an_interrupted_journal_resumes(tmp_path):
     path = tmp_path / 'runs' / 'files.jsonl'
     Journal(path, seed=1).add({'index': 0})
     with path.open('a') as file:
@@ -76,13 +71,13 @@ def test_an_interrupted_journal_resumes(tmp_path: Path) -> None:
     assert len(Journal(path, seed=1)) == 2
 
 
-def test_a_journal_of_other_settings_begins_anew(tmp_path: Path) -> None:
+def test_a_journal_of_other_settings_begins_anew(tmp_path):
     path = tmp_path / 'files.jsonl'
     Journal(path, seed=1).add({'index': 0})
     assert len(Journal(path, seed=2)) == 0
 
 
-def test_two_cameras_report_every_lost_image(child_env: dict[str, str], tmp_path: Path) -> None:
+def test_two_cameras_report_every_lost_image(child_env, tmp_path):
     """Assert every image is received or counted as lost, and published or counted as dropped."""
     result = measured(
         f'bench.soak.run(minutes=0.1, seed=5, out=Path({str(tmp_path)!r}))', child_env

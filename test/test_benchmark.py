@@ -4,8 +4,6 @@ import argparse
 from collections import Counter
 from dataclasses import replace
 import json
-from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from made_answers import MODE, said, small
@@ -22,13 +20,11 @@ from study.benchmark.sealing import open_seal, seal
 from study.benchmark.seeds import seed_range
 from study.blind import BlindCamera, CATALOGUE, Internals, NOVEL, VARIED
 
-CALLS: list[tuple[Path, tuple[str, ...], int]] = []
+CALLS = []
 QUIET = Console(quiet=True)
 
 
-def diagnose(
-    folder: Path, *, without: tuple[str, ...] = (), seed: int = 0, jobs: int = 1
-) -> dict[str, Any]:
+def diagnose(folder, *, without=(), seed=0, jobs=1):
     """Stand in for the diagnosis: random answers in its schema."""
     CALLS.append((folder, without, seed))
     assert len(list(folder.glob('*.npz'))) == 2
@@ -44,13 +40,13 @@ def diagnose(
     return answer
 
 
-def measure(folder: Path, effects: dict[str, Any], *, seed: int = 0) -> dict[str, float]:
+def measure(folder, effects, *, seed=0):
     """Stand in for the diagnosis's own gap."""
     return {'shrink': 0.5}
 
 
 @pytest.fixture
-def design(monkeypatch: pytest.MonkeyPatch) -> list[Planned]:
+def design(monkeypatch):
     """Let every design be a few tiny cases."""
     cases = [
         small('single', {'offset': 1.0}, 1, realise=True),
@@ -65,7 +61,7 @@ def design(monkeypatch: pytest.MonkeyPatch) -> list[Planned]:
     return cases
 
 
-def run(out: Path, **options: Any) -> Any:
+def run(out, **options):
     return run_benchmark(
         out,
         diagnoser=f'{__name__}:diagnose',
@@ -75,7 +71,7 @@ def run(out: Path, **options: Any) -> Any:
     )
 
 
-def test_development_and_test_seeds_do_not_overlap() -> None:
+def test_development_and_test_seeds_do_not_overlap():
     with pytest.raises(InputError, match='seed index'):
         DEVELOPMENT.seed(1_000_000)
     with pytest.raises(InputError, match='seed index'):
@@ -89,7 +85,7 @@ def test_development_and_test_seeds_do_not_overlap() -> None:
                     assert seed not in other
 
 
-def test_test_seeds_need_a_release(tmp_path: Path) -> None:
+def test_test_seeds_need_a_release(tmp_path):
     with pytest.raises(InputError, match='--release'):
         run(tmp_path / 'out', seed_set='test')
     assert not (tmp_path / 'out').exists()
@@ -103,7 +99,7 @@ def test_test_seeds_need_a_release(tmp_path: Path) -> None:
         run_command(arguments)
 
 
-def test_the_full_design_has_all_groups_and_strengths() -> None:
+def test_the_full_design_has_all_groups_and_strengths():
     cases = make_design(DEVELOPMENT, quick=False)
     for usecase in ('Mode_5_30fps', 'Mode_9_30fps'):
         for strength in (0.25, 0.5, 1.0, 2.0):
@@ -146,7 +142,7 @@ def test_the_full_design_has_all_groups_and_strengths() -> None:
     assert not others & set(quiet)
 
 
-def test_each_half_of_the_design_has_half_of_each_group() -> None:
+def test_each_half_of_the_design_has_half_of_each_group():
     cases = make_design(DEVELOPMENT, quick=False)
     kinds = [
         Counter((case.group, case.pose_mm, case.strength) for case in cases if case.half == half)
@@ -162,13 +158,13 @@ def test_each_half_of_the_design_has_half_of_each_group() -> None:
         assert some == dict.fromkeys(CATALOGUE, 2)
 
 
-def test_the_first_half_runs_first(tmp_path: Path, design: list[Planned]) -> None:
+def test_the_first_half_runs_first(tmp_path, design):
     later = [replace(case, half=1) for case in design[::2]]
     sealed = seal([*later, *design[1::2]], tmp_path / 'sealed', tmp_path, {})
     assert [case.half for case in sealed.cases.values()] == [0, 0, 0, 1, 1, 1]
 
 
-def test_labels_are_sealed(tmp_path: Path, design: list[Planned]) -> None:
+def test_labels_are_sealed(tmp_path, design):
     public, sealed = tmp_path / 'public', tmp_path / 'sealed'
     first = seal(design, sealed, public, {'seed_set': 'dev'})
     published = (public / 'commitment.json').read_text()
@@ -190,16 +186,14 @@ def test_labels_are_sealed(tmp_path: Path, design: list[Planned]) -> None:
         open_seal(sealed, public)
 
 
-def test_a_run_without_finished_cases_cannot_be_scored(
-    tmp_path: Path, design: list[Planned]
-) -> None:
+def test_a_run_without_finished_cases_cannot_be_scored(tmp_path, design):
     (tmp_path / 'results').mkdir()
     seal(design, tmp_path / 'sealed', tmp_path, {})
     with pytest.raises(InputError, match='at least one finished case'):
         score(tmp_path, partly=True)
 
 
-def test_an_interrupted_run_resumes(tmp_path: Path, design: list[Planned]) -> None:
+def test_an_interrupted_run_resumes(tmp_path, design):
     assert run(tmp_path, limit=2) is None
     done = {path.name: path.stat().st_mtime_ns for path in (tmp_path / 'results').iterdir()}
     assert len(done) == len(CALLS) == 2
@@ -217,9 +211,7 @@ def test_an_interrupted_run_resumes(tmp_path: Path, design: list[Planned]) -> No
     assert len(CALLS) == len(design)
 
 
-def test_a_run_is_finished_from_the_answers_of_an_earlier_part(
-    tmp_path: Path, design: list[Planned]
-) -> None:
+def test_a_run_is_finished_from_the_answers_of_an_earlier_part(tmp_path, design):
     first, later, file = tmp_path / 'first', tmp_path / 'later', tmp_path / 'answers.jsonl'
     run(first, limit=2)
     write_answers(score(first, partly=True), file)
@@ -240,7 +232,7 @@ def test_a_run_is_finished_from_the_answers_of_an_earlier_part(
         run(tmp_path / 'third', earlier=read_answers(file))
 
 
-def test_an_earlier_part_must_be_of_the_same_run(tmp_path: Path, design: list[Planned]) -> None:
+def test_an_earlier_part_must_be_of_the_same_run(tmp_path, design):
     file = tmp_path / 'answers.jsonl'
     run(tmp_path / 'first', limit=1)
     scores = score(tmp_path / 'first', partly=True)
@@ -256,9 +248,7 @@ def test_an_earlier_part_must_be_of_the_same_run(tmp_path: Path, design: list[Pl
         read_answers(tmp_path / 'absent')
 
 
-def test_the_diagnosis_sees_recordings_and_nothing_else(
-    tmp_path: Path, design: list[Planned]
-) -> None:
+def test_the_diagnosis_sees_recordings_and_nothing_else(tmp_path, design):
     run(tmp_path)
     assert [without for _, without, _ in CALLS].count(('offset',)) == 1
     for folder, _, _ in CALLS:
@@ -273,7 +263,7 @@ def test_the_diagnosis_sees_recordings_and_nothing_else(
         assert (result['diagnosis'] is None) == (result['error'] is not None)
 
 
-def test_the_report_shows_every_row(tmp_path: Path, design: list[Planned]) -> None:
+def test_the_report_shows_every_row(tmp_path, design):
     scores = run(tmp_path)
     assert [a.verdict for a in score(tmp_path).answers] == [a.verdict for a in scores.answers]
     draw_confusion(scores, tmp_path / 'c.png')
@@ -291,7 +281,7 @@ def test_the_report_shows_every_row(tmp_path: Path, design: list[Planned]) -> No
     assert all(len(row) == len(sheet.columns) for sheet in sheets(scores) for row in sheet.rows)
 
 
-def test_realised_shrinkage_is_measured_on_fresh_recordings(tmp_path: Path) -> None:
+def test_realised_shrinkage_is_measured_on_fresh_recordings(tmp_path):
     case = Planned(
         'single',
         MODE,

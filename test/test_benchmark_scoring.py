@@ -2,7 +2,6 @@
 
 from io import StringIO
 import math
-from typing import Any
 
 from made_answers import said, small
 import numpy as np
@@ -31,9 +30,7 @@ for covariate, values in (
     PIXELS['samples'][:, COVARIATES.index(covariate)] = values
 
 
-def answer(
-    group: str, effects: dict[str, float], diagnosis: dict[str, Any] | None, **more: Any
-) -> Any:
+def answer(group, effects, diagnosis, **more):
     result = {'diagnosis': diagnosis, 'seconds': 1.0, **more}
     return answer_of(small(group, effects, 1), result, {'offset': {'bias': 0.010}}, PIXELS)
 
@@ -61,26 +58,19 @@ def answer(
         ('pair', ['offset', 'wiggling'], said('identified', ('saturation',)), False, False, True),
     ],
 )
-def test_answers_are_judged(
-    group: str,
-    effects: list[str],
-    diagnosis: dict[str, Any] | None,
-    right: bool,
-    contains: bool,
-    wrong: bool,
-) -> None:
+def test_answers_are_judged(group, effects, diagnosis, right, contains, wrong):
     found = answer(group, dict.fromkeys(effects, 1.0), diagnosis)
     assert (found.right, found.contains, found.wrong) == (right, contains, wrong)
     assert found.missed == (bool(effects) and found.verdict == 'none')
 
 
-def test_both_effects_of_a_pair_have_to_be_named() -> None:
+def test_both_effects_of_a_pair_have_to_be_named():
     effects = {'offset': 1.0, 'wiggling': 1.0}
     assert answer('pair', effects, said('identified', ('wiggling', 'offset'))).both
     assert not answer('pair', effects, said('identified', ('wiggling',), ('offset',))).both
 
 
-def test_parameters_and_shrinkage() -> None:
+def test_parameters_and_shrinkage():
     found = answer(
         'single', {'offset': 1.0}, said('identified', ('offset',)), realised={'shrink': 0.7}
     )
@@ -107,9 +97,7 @@ def test_parameters_and_shrinkage() -> None:
         ([('something else', 0.0, 9.0, 'm')], 0.0),
     ],
 )
-def test_the_score_of_where_is_the_intersection_over_union_in_pixels(
-    where: list[tuple[str, float, float, str]], wanted: float
-) -> None:
+def test_the_score_of_where_is_the_intersection_over_union_in_pixels(where, wanted):
     entries = [
         dict(zip(('covariate', 'low', 'high', 'unit'), entry, strict=True)) for entry in where
     ]
@@ -130,25 +118,23 @@ def test_the_score_of_where_is_the_intersection_over_union_in_pixels(
         (['offset'], [], False),
     ],
 )
-def test_the_first_row_of_where_has_to_name_what_an_effect_depends_on(
-    effects: list[str], places: list[str], right: bool
-) -> None:
+def test_the_first_row_of_where_has_to_name_what_an_effect_depends_on(effects, places, right):
     where = [{'covariate': name, 'low': None, 'high': None, 'unit': ''} for name in places]
     found = answer('single', dict.fromkeys(effects, 1.0), said('unknown', where=where))
     assert found.right_place == right
 
 
-def test_the_scorer_knows_what_every_effect_depends_on() -> None:
+def test_the_scorer_knows_what_every_effect_depends_on():
     assert set(DEPENDS_ON) == set(CATALOGUE)
 
 
-def rows_of(*answers: Any) -> dict[str, tuple[str, ...]]:
+def rows_of(*answers):
     """Return the table of goals by its first column."""
     return {row[0]: row[1:] for row in reach(Scores(answers, {})).rows}
 
 
-def test_goals_on_the_realised_reduction_and_its_prediction() -> None:
-    def realised(shrink: float, before: float = 5.0) -> Any:
+def test_goals_on_the_realised_reduction_and_its_prediction():
+    def realised(shrink, before=5.0):
         found = {'shrink': shrink, 'before': before, 'null': 1.0}
         return answer('single', {'offset': 1.0}, said('identified', ('offset',)), realised=found)
 
@@ -163,14 +149,14 @@ def test_goals_on_the_realised_reduction_and_its_prediction() -> None:
     assert coverage[1].startswith('50.0 %')
 
 
-def test_goals_without_cases_are_left_open() -> None:
+def test_goals_without_cases_are_left_open():
     rows = rows_of(answer('none', {}, said('none')))
     assert rows['two effects: both named'] == ('>= 85 %', '-', '-')
     assert rows['no effect, poses wrong by 2 mm: false alarms'][2] == 'yes'
     assert rows['expected calibration error of `confidence`, all cases'][2] == '-'
 
 
-def test_confidences_of_absent_effects_are_a_calibration_error() -> None:
+def test_confidences_of_absent_effects_are_a_calibration_error():
     # Made diagnoses have a confidence of 0.9 in each effect that they name.
     right = answer('single', {'offset': 1.0}, said('identified', ('offset',)))
     wrong = answer('single', {'offset': 1.0}, said('identified', ('wiggling',)))
@@ -179,7 +165,7 @@ def test_confidences_of_absent_effects_are_a_calibration_error() -> None:
     assert rows_of(right, wrong)[row] == ('<= 0.05', '0.400 (2)', 'NO')
 
 
-def test_tables_lose_nothing_in_80_columns() -> None:
+def test_tables_lose_nothing_in_80_columns():
     answers = []
     for name in CATALOGUE:
         planned = small('single', {name: 1.0}, 1, realise=True, baselines=True)
@@ -201,7 +187,7 @@ def test_tables_lose_nothing_in_80_columns() -> None:
         assert f' {name} ' in text
 
 
-def test_wilson_and_macro_f1() -> None:
+def test_wilson_and_macro_f1():
     assert wilson(0, 0) == (0.0, 1.0)
     low, high = wilson(95, 100)
     assert (low, high) == pytest.approx((0.888, 0.978), abs=0.001)

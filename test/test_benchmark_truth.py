@@ -6,7 +6,7 @@ from study.benchmark.overlap import overlap
 from study.benchmark.partition import concavity, COVARIATES, partition_of
 from study.benchmark.truth import affected_cells, Comparison
 from study.blind import BlindCamera, Case, SceneKey, SceneSet
-from study.blind.frame import Effect, Frame
+from study.blind.frame import Effect
 
 KEY = SceneKey('Mode_5_30fps', 7, 2.0, 112, 86, recordings=4, frames=8)
 SCENES = SceneSet(KEY)
@@ -16,18 +16,18 @@ DISTANCE = COVARIATES.index('distance')
 class Moved(Effect):
     """Depth of some pixels is 50 mm too large; nothing else changes."""
 
-    def __init__(self, farthest: float, recordings: int) -> None:
+    def __init__(self, farthest, recordings):
         """Choose pixels nearer than this (metres), in the first recordings."""
         super().__init__(1.0, np.random.default_rng(0), SCENES.optics)
         self._farthest, self._recordings = farthest, recordings
 
-    def report(self, frame: Frame) -> None:
+    def report(self, frame):
         """Move the depth."""
         if frame.recording < self._recordings:
             frame.depth[frame.view.depth < self._farthest] += np.float32(0.05)
 
 
-def affected(effects: dict[str, float], *more: Effect) -> dict[str, np.ndarray]:
+def affected(effects, *more):
     camera = BlindCamera(Case(KEY, effects, 3), SCENES)
     camera.effects += more
     comparison = Comparison(camera)
@@ -38,7 +38,7 @@ def affected(effects: dict[str, float], *more: Effect) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope='module')
-def first_two() -> dict[str, np.ndarray]:
+def first_two():
     return affected({}, Moved(np.inf, 2))
 
 
@@ -47,34 +47,32 @@ def first_two() -> dict[str, np.ndarray]:
     [(0, 1, 1.0), (0, 0, 0.5), (1, 2, 1 / 3), (0, 3, 0.5), (2, 3, 0.0)],
     ids=['exactly', 'half of them', 'half of them and as many others', 'twice as many', 'others'],
 )
-def test_named_pixels_are_compared_with_the_affected_ones(
-    first_two: dict[str, np.ndarray], first: int, last: int, score: float
-) -> None:
+def test_named_pixels_are_compared_with_the_affected_ones(first_two, first, last, score):
     where = [{'covariate': 'recording', 'low': first, 'high': last, 'unit': ''}]
     # Recordings have about the same number of pixels with a return.
     assert overlap(where, first_two) == pytest.approx(score, abs=0.02)
 
 
-def test_pixels_across_a_limit_that_the_scorer_does_not_know() -> None:
+def test_pixels_across_a_limit_that_the_scorer_does_not_know():
     near = affected({}, Moved(2.0, KEY.recordings))
     # Cells across the limit count as affected as a whole: 6 % of the pixels at this resolution.
     where = [{'covariate': 'distance', 'low': 0.0, 'high': 2.0, 'unit': 'm'}]
     assert overlap(where, near) > 0.9
 
 
-def test_a_camera_without_effects_is_affected_nowhere() -> None:
+def test_a_camera_without_effects_is_affected_nowhere():
     # Errors of pose and of sigma are the same in both cameras.
     assert not affected({})['affected'].any()
 
 
-def test_saturation_affects_near_pixels_only() -> None:
+def test_saturation_affects_near_pixels_only():
     found = affected({'saturation': 1.0})
     distance = found['samples'][:, DISTANCE]
     assert 0 < found['affected'].mean() < 0.4
     assert np.median(distance[found['affected']]) < np.median(distance[~found['affected']])
 
 
-def test_noise_alone_affects_no_cell() -> None:
+def test_noise_alone_affects_no_cell():
     # Two cameras with independent noise and 4000 pixels a cell. The estimate of a cell differs
     # from 0 by more than the tolerance of 0.04 with a probability below 1e-9: its own error is
     # 0.016 before it is shrunk to the mean.
@@ -92,7 +90,7 @@ def test_noise_alone_affects_no_cell() -> None:
     np.testing.assert_array_equal(np.flatnonzero(affected_cells(sums)), np.arange(12))
 
 
-def test_cells_are_small_and_of_one_recording_and_side_of_an_edge() -> None:
+def test_cells_are_small_and_of_one_recording_and_side_of_an_edge():
     partition = partition_of(SCENES)
     for recording in range(KEY.recordings):
         frames = KEY.frames if SCENES.scenes[recording].path.moving else 1
@@ -106,7 +104,7 @@ def test_cells_are_small_and_of_one_recording_and_side_of_an_edge() -> None:
         assert not np.isin(number, others).any()
 
 
-def test_concavity_is_positive_in_corners_only() -> None:
+def test_concavity_is_positive_in_corners_only():
     # A wall that meets the floor, one metre below and two metres away; and a lone wall.
     y, x = np.mgrid[-1:1:41j, -1:1:41j]
     floor = y > 0.5

@@ -1,7 +1,5 @@
 """Each effect of the blind camera shows as it should. All draws are seeded."""
 
-from typing import Any
-
 from blind_looks import (
     BOARD,
     CLOSE,
@@ -22,7 +20,7 @@ from study.blind import BlindCamera, Case, Internals
 from study.blind.sensor import LIGHT_SPEED
 
 
-def test_offset_and_drift_add_the_same_distance_everywhere() -> None:
+def test_offset_and_drift_add_the_same_distance_everywhere():
     offset = Look({'offset': 1.0}, CLOSE)
     # 10 mm along the ray, a little less along the axis.
     assert 8e-3 < abs(offset.bias()) < 10.5e-3
@@ -33,7 +31,7 @@ def test_offset_and_drift_add_the_same_distance_everywhere() -> None:
     assert max(drifts) < 16e-3
 
 
-def test_wiggling_goes_with_distance() -> None:
+def test_wiggling_goes_with_distance():
     seen = Look({'wiggling': 1.0}, CORNER)
     error = np.nanmean(seen.error, axis=0)[seen.flat[0]]
     assert 2e-3 < np.sqrt(np.nanmean(error**2)) < 12e-3
@@ -44,14 +42,14 @@ def test_wiggling_goes_with_distance() -> None:
     assert np.nanstd(error - means[groups]) < 0.5 * np.std(means)
 
 
-def test_amplitude_bias_moves_dark_surfaces_away() -> None:
+def test_amplitude_bias_moves_dark_surfaces_away():
     seen = Look({'amplitude_bias': 1.0}, BOARD)
     log = np.log(np.maximum(seen.amplitude, 1e-6))
     low, high = np.quantile(log[seen.flat], [0.1, 0.9])
     assert 1e-3 < seen.bias(log < low) - seen.bias(log > high) < 15e-3
 
 
-def test_fixed_pattern_repeats() -> None:
+def test_fixed_pattern_repeats():
     one, other = (
         np.nanmean(Look({'fixed_pattern': 2.0}, recording).error, axis=0)
         for recording in (CORNER, CLOSE)
@@ -61,8 +59,8 @@ def test_fixed_pattern_repeats() -> None:
     assert 2e-3 < np.nanstd(one[flat]) < 6e-3
 
 
-def test_flying_pixels_lie_between_the_surfaces() -> None:
-    def between(look: Look) -> float:
+def test_flying_pixels_lie_between_the_surfaces():
+    def between(look):
         # Farther than the board by a decimetre, nearer than the wall by one.
         near, far = (np.nanquantile(look.clean, share) for share in (0.05, 0.95))
         return float(((look.depth > near + 0.12) & (look.depth < far - 0.12))[look.edge].mean())
@@ -71,17 +69,17 @@ def test_flying_pixels_lie_between_the_surfaces() -> None:
     assert between(Look({'flying_pixels': 1.0}, CLOSE)) > between(plain(CLOSE)) + 0.01
 
 
-def far_apart(look: Look) -> bool:
+def far_apart(look):
     return bool(np.nanquantile(look.clean, 0.95) - np.nanquantile(look.clean, 0.05) > 0.3)
 
 
-def test_multipath_moves_concave_corners_away() -> None:
+def test_multipath_moves_concave_corners_away():
     corner, board = Look({'multipath': 1.0}, CORNER), Look({'multipath': 1.0}, CLOSE)
     assert corner.bias() > 4e-3
     assert corner.bias() > 3 * abs(board.bias())
 
 
-def test_stray_light_moves_dark_surfaces_to_bright_ones() -> None:
+def test_stray_light_moves_dark_surfaces_to_bright_ones():
     seen = Look({'stray_light': 2.0}, CLOSE)
     shift = np.nanmedian((seen.error - plain(CLOSE).error)[0], axis=None)
     behind = seen.clean > np.nanquantile(seen.clean, 0.9) - 0.05
@@ -89,7 +87,7 @@ def test_stray_light_moves_dark_surfaces_to_bright_ones() -> None:
     assert abs(shift) < 20e-3
 
 
-def test_range_wrap_shows_far_surfaces_near() -> None:
+def test_range_wrap_shows_far_surfaces_near():
     seen, usual = Look({'range_wrap': 1.0}, FAR), plain(FAR)
     back = ~seen.invalid & usual.invalid & (seen.sigma > 0)
     assert back.sum() > 1000
@@ -99,7 +97,7 @@ def test_range_wrap_shows_far_surfaces_near() -> None:
     assert np.median(jump) == pytest.approx(-2.498, abs=0.02)
 
 
-def test_dropouts_lose_the_pixels_they_should() -> None:
+def test_dropouts_lose_the_pixels_they_should():
     low = Look({'low_signal_dropout': 1.0}, BOARD)
     grazing = Look({'grazing_dropout': 1.0}, STAIRS)
     full = Look({'saturation': 1.0}, CLOSE)
@@ -117,7 +115,7 @@ def test_dropouts_lose_the_pixels_they_should() -> None:
         assert less == weak
 
 
-def test_filters_correlate_frames_and_neighbours() -> None:
+def test_filters_correlate_frames_and_neighbours():
     temporal, spatial = Look({'temporal_filter': 1.0}, CLOSE), Look({'spatial_filter': 1.0}, CLOSE)
     flat = plain(CLOSE).flat
     around = temporal.residual
@@ -130,7 +128,7 @@ def test_filters_correlate_frames_and_neighbours() -> None:
     assert abs(correlation(usual[..., 1:], usual[..., :-1], flat[..., 1:])) < 0.03
 
 
-def test_noise_effects_increase_the_variance() -> None:
+def test_noise_effects_increase_the_variance():
     assert Look({'excess_noise': 1.0}, CLOSE).spread() == pytest.approx(1.35, abs=0.05)
     ambient = Look({'ambient_light': 2.0}, BOARD)
     dark = ambient.amplitude < np.quantile(ambient.amplitude[ambient.flat], 0.1)
@@ -147,7 +145,7 @@ def test_noise_effects_increase_the_variance() -> None:
     assert more > 1.05 * usual
 
 
-def test_quantised_depth_or_phase_has_a_lattice() -> None:
+def test_quantised_depth_or_phase_has_a_lattice():
     here = scenes(MODES[0])
     found = set()
     for seed in range(6):
@@ -164,7 +162,7 @@ def test_quantised_depth_or_phase_has_a_lattice() -> None:
     assert found == {True, False}
 
 
-def test_motion_and_latency_need_motion() -> None:
+def test_motion_and_latency_need_motion():
     for name in ('motion_artefact', 'time_offset'):
         still = Look({name: 2.0}, CLOSE)
         np.testing.assert_allclose(still.depth, plain(CLOSE).depth, atol=1e-4)
@@ -176,7 +174,7 @@ def test_motion_and_latency_need_motion() -> None:
     assert abs(moves.bias()) == pytest.approx(0.1 * abs(speed), rel=0.5)
 
 
-def test_pose_and_intrinsics_move_the_scene() -> None:
+def test_pose_and_intrinsics_move_the_scene():
     biases = [Look({'pose_error': 1.0}, recording).bias() for recording in STILL]
     assert np.std(biases) > 3e-3
     seen = Look({'intrinsics_error': 2.0}, BOARD)
@@ -185,12 +183,12 @@ def test_pose_and_intrinsics_move_the_scene() -> None:
     )
 
 
-def with_inside(effect: str, recording: int, **inside: Any) -> Look:
+def with_inside(effect, recording, **inside):
     """Return what a camera with an effect sees that differs inside from its profile."""
     return Look({effect: 1.0}, recording, inside=Internals(**inside))
 
 
-def test_an_axial_camera_adds_its_delay_to_depth() -> None:
+def test_an_axial_camera_adds_its_delay_to_depth():
     radial, axial = (with_inside('offset', CLOSE, axial=flag) for flag in (False, True))
     corner = np.zeros(radial.clean.shape, bool)
     corner[:, :12, :12] = corner[:, -12:, -12:] = True
@@ -200,7 +198,7 @@ def test_an_axial_camera_adds_its_delay_to_depth() -> None:
     assert shares[1] == pytest.approx(1, abs=0.03)
 
 
-def test_one_frequency_folds_at_its_own_range() -> None:
+def test_one_frequency_folds_at_its_own_range():
     seen = with_inside('range_wrap', FAR, mhz=60.24)
     length = scenes(MODES[0]).optics.ray_length
     jumps = ((seen.clean - seen.depth) * length)[seen.flat & ~seen.invalid]
@@ -210,8 +208,8 @@ def test_one_frequency_folds_at_its_own_range() -> None:
     assert np.median(np.abs(times - np.rint(times))) < 0.02
 
 
-def test_a_mean_of_frames_forgets_older_ones() -> None:
-    def alike(look: Look, lag: int) -> float:
+def test_a_mean_of_frames_forgets_older_ones():
+    def alike(look, lag):
         rest = look.residual - np.nanmean(look.residual, axis=0)
         return correlation(rest[lag:], rest[:-lag], look.flat[lag:] & look.flat[:-lag])
 
@@ -222,7 +220,7 @@ def test_a_mean_of_frames_forgets_older_ones() -> None:
     assert alike(mean, 3) < 0
 
 
-def test_random_losses_depend_on_nothing() -> None:
+def test_random_losses_depend_on_nothing():
     seen = with_inside('random_dropout', CLOSE, lost=0.3)
     dark = seen.amplitude < np.median(seen.amplitude[seen.flat])
     for where in (dark, ~dark, seen.edge):

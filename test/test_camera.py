@@ -1,6 +1,5 @@
 """The camera as a whole: what its users rely on."""
 
-from collections.abc import Callable
 import doctest
 import math
 
@@ -20,13 +19,13 @@ SHAPE = (24, 32)
 REACH = 9  # pixels: five standard deviations of the largest sigma_x
 
 
-def normals(shape: tuple, seed: int, name: str, stamp_ns: int) -> np.ndarray:
+def normals(shape, seed, name, stamp_ns):
     out = np.empty(math.prod(shape), np.float32)
     fill_normals(camera_key(seed, name), *stamp_words(stamp_ns), STREAM_AXIAL, out)
     return out.reshape(shape)
 
 
-def scene() -> np.ndarray:
+def scene():
     """Return a small scene with an edge, a slant and a hole."""
     depth = np.linspace(1.0, 1.3, SHAPE[1]) * np.ones(SHAPE)
     depth[6:18, 10:22] = 0.8
@@ -37,9 +36,7 @@ def scene() -> np.ndarray:
 @pytest.mark.parametrize('turn', ['yaw', 'pitch'])
 @pytest.mark.parametrize('angle', [0, 20, 45, 60, 75])
 @pytest.mark.parametrize('usecase', MEASURED)
-def test_slanted_planes_get_axial_noise_and_nothing_else(
-    usecase: str, angle: int, turn: str
-) -> None:
+def test_slanted_planes_get_axial_noise_and_nothing_else(usecase, angle, turn):
     target = board(1.0, angle, turn=turn)
     frame = Camera(usecase, seed=2, name='n').capture(target.depth, K, -5)
     mode = flexx2().mode(usecase)
@@ -60,7 +57,7 @@ V, U = np.mgrid[:172, :224]
 
 @pytest.mark.parametrize('usecase', MEASURED)
 @pytest.mark.parametrize('edge', [0, 20, 45, 70, 90, -45, 'board', 'disc', 'strip'])
-def test_edge_pixels_show_one_of_the_two_surfaces(usecase: str, edge: object) -> None:
+def test_edge_pixels_show_one_of_the_two_surfaces(usecase, edge):
     front = board(1.0, 30).depth
     angle = math.radians(edge) if isinstance(edge, int) else 0
     mask = {
@@ -95,7 +92,7 @@ def test_edge_pixels_show_one_of_the_two_surfaces(usecase: str, edge: object) ->
 
 
 @pytest.mark.parametrize('turned', [False, True])
-def test_edges_move_alone_and_thin_objects_as_a_whole(turned: bool) -> None:
+def test_edges_move_alone_and_thin_objects_as_a_whole(turned):
     """Correlations beyond 6 standard errors of n samples: false failure 2e-9 each."""
     clean = np.full((60, 120), 2.0)
     clean[:, 20:24] = 1.0  # a pole
@@ -123,7 +120,7 @@ def test_edges_move_alone_and_thin_objects_as_a_whole(turned: bool) -> None:
         assert abs(correlation) < 6 / math.sqrt(one.size)
 
 
-def test_noise_is_a_function_of_seed_name_and_stamp_alone() -> None:
+def test_noise_is_a_function_of_seed_name_and_stamp_alone():
     camera = Camera('Mode_9_30fps', seed=4, name='left')
     stamps = np.array([0, 7, 10**18, -3, 2**33])
     batch = camera.capture(scene(), K, stamps)
@@ -143,7 +140,7 @@ def test_noise_is_a_function_of_seed_name_and_stamp_alone() -> None:
         assert not np.isclose(noise, singles[0].depth - scene(), atol=1e-7).any()
 
 
-def test_arguments_broadcast() -> None:
+def test_arguments_broadcast():
     camera = Camera(seed=1)
     matrices = np.stack([K, K * [[2, 1, 1], [1, 2, 1], [1, 1, 1]]])
     shades = np.stack([np.full(SHAPE, 0.2), np.full(SHAPE, 0.9), np.ones(SHAPE)])[:, None, None]
@@ -157,7 +154,7 @@ def test_arguments_broadcast() -> None:
     assert camera.capture(np.ones((0, *SHAPE)), K, 0).depth.shape == (0, *SHAPE)
 
 
-def test_stamps_in_nanoseconds_and_in_seconds() -> None:
+def test_stamps_in_nanoseconds_and_in_seconds():
     camera = Camera(seed=1)
     for seconds, nanoseconds in (
         (1.5, 1_500_000_000),
@@ -172,7 +169,7 @@ def test_stamps_in_nanoseconds_and_in_seconds() -> None:
 
 
 @pytest.mark.parametrize('usecase', ['Mode_5_30fps', 'Mode_9_30fps'])
-def test_depth_outside_the_range_is_invalid_before_and_after_the_noise(usecase: str) -> None:
+def test_depth_outside_the_range_is_invalid_before_and_after_the_noise(usecase):
     mode = flexx2().mode(usecase)
     for limit, outside in ((mode.range_min, -1e-3), (mode.range_max, 1e-3)):
         frame = Camera(usecase).capture(np.full(SHAPE, limit + outside), K, 0)
@@ -187,7 +184,7 @@ def test_depth_outside_the_range_is_invalid_before_and_after_the_noise(usecase: 
         assert ((frame.confidence >= 0) & (frame.confidence <= 1)).all()
 
 
-def test_sigma_stays_constant_near_90_degrees() -> None:
+def test_sigma_stays_constant_near_90_degrees():
     target = board(0.3, 88)
     frame = Camera().capture(target.depth, K, 0)
     held = (target.incidence > math.radians(86)) & (target.depth < 0.3)
@@ -217,7 +214,7 @@ def test_sigma_stays_constant_near_90_degrees() -> None:
         1e300,
     ],
 )
-def test_depth_that_is_not_a_distance_is_invalid(nothing: float) -> None:
+def test_depth_that_is_not_a_distance_is_invalid(nothing):
     clean = np.full(SHAPE, 1.0)
     clean[12, 16] = clean[3:5, 3:5] = nothing
     frame = Camera(seed=3).capture(clean, K, 0)
@@ -228,7 +225,7 @@ def test_depth_that_is_not_a_distance_is_invalid(nothing: float) -> None:
     assert np.isfinite(frame.confidence).all()
 
 
-def test_inputs_of_any_number_type_are_read_and_not_changed() -> None:
+def test_inputs_of_any_number_type_are_read_and_not_changed():
     clean = np.repeat([[2.0, 4.0], [3.0, 2.5]], 12, axis=1).repeat(9, axis=0)
     whole = np.rint(clean)
     shade = np.linspace(0, 1, clean.size).reshape(clean.shape)
@@ -256,7 +253,7 @@ def test_inputs_of_any_number_type_are_read_and_not_changed() -> None:
 
 
 @pytest.mark.parametrize('kind', ['u2', 'i4'])
-def test_whole_millimetres_are_refused(kind: str) -> None:
+def test_whole_millimetres_are_refused(kind):
     clean = np.full(SHAPE, 1500, kind)
     clean[:8] = 0
     clean[8:12] = np.iinfo('u2').max if kind == 'u2' else -1
@@ -264,7 +261,7 @@ def test_whole_millimetres_are_refused(kind: str) -> None:
         Camera().capture(clean, K, 0)
 
 
-def test_masked_pixels_have_no_depth() -> None:
+def test_masked_pixels_have_no_depth():
     hidden = np.zeros(SHAPE, bool)
     hidden[5:9, 5:9] = True
     for kind in ('f4', 'u1'):
@@ -274,12 +271,12 @@ def test_masked_pixels_have_no_depth() -> None:
         np.testing.assert_array_equal(frame.depth, wanted.depth)
 
 
-def test_a_channel_axis_is_refused() -> None:
+def test_a_channel_axis_is_refused():
     with pytest.raises(InputError, match='^clean_depth: must have shape .* channel axis'):
         Camera().capture(scene()[..., None], K, 0)
 
 
-def test_reflectivity_scales_the_amplitude_and_is_kept_between_0_and_1() -> None:
+def test_reflectivity_scales_the_amplitude_and_is_kept_between_0_and_1():
     full, half, none, bright, unknown = (
         Camera().capture(scene(), K, 0, np.full(SHAPE, value)).amplitude
         for value in (1.0, 0.5, -1.0, 7.0, math.nan)
@@ -291,7 +288,7 @@ def test_reflectivity_scales_the_amplitude_and_is_kept_between_0_and_1() -> None
     assert not unknown.any()
 
 
-def test_returned_frames_are_not_overwritten() -> None:
+def test_returned_frames_are_not_overwritten():
     clean, matrix = scene(), K.copy()
     frame = Camera().capture(clean, matrix, 0)
     before = frame.depth.copy()
@@ -301,7 +298,7 @@ def test_returned_frames_are_not_overwritten() -> None:
     assert Camera().capture(scene(), np.eye(3, dtype=int), 0).K.dtype == np.float64
 
 
-def matrix_with(row: int, column: int, value: float) -> np.ndarray:
+def matrix_with(row, column, value):
     changed = K.copy()
     changed[row, column] = value
     return changed
@@ -376,7 +373,7 @@ GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.on
         ('leading', np.ones((2, *SHAPE))),
     ],
 )
-def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
+def test_what_cannot_be_used_is_named(field, value):
     given = {**GOOD, field: value}
     if field == 'leading':
         given = {**GOOD, 'clean_depth': value, 'stamp': [1, 2, 3]}
@@ -399,17 +396,17 @@ def test_what_cannot_be_used_is_named(field: str, value: object) -> None:
         ('effects', ['blur']),
     ],
 )
-def test_an_impossible_camera_is_refused(field: str, value: object) -> None:
+def test_an_impossible_camera_is_refused(field, value):
     with pytest.raises(InputError, match=f'^{field}'):
         Camera(**{field: value})
 
 
 @pytest.mark.parametrize('seed', [-(2**63), 2**63 - 1, np.int64(5)])
-def test_any_seed_of_64_bits_is_taken(seed: int) -> None:
+def test_any_seed_of_64_bits_is_taken(seed):
     assert Camera(seed=seed).seed == seed
 
 
-def test_the_gray_image_is_the_root_of_the_amplitude() -> None:
+def test_the_gray_image_is_the_root_of_the_amplitude():
     amplitude = np.linspace(0.0, 4.0, 400, dtype=np.float32).reshape(20, 20)
     assert gray_image(np.zeros((4, 4), np.float32), None, 2.0).max() == 0
     whole = gray_image(amplitude, 1.0, 4.0)
@@ -423,7 +420,7 @@ def test_the_gray_image_is_the_root_of_the_amplitude() -> None:
     assert automatic.ravel()[-8] < 255
 
 
-def test_points_lie_on_the_rays_of_their_pixels() -> None:
+def test_points_lie_on_the_rays_of_their_pixels():
     lens = Intrinsics.from_matrix(K, 224, 172)
     depth = np.full((172, 224), 2.0, np.float32)
     depth[3, 4] = np.nan
@@ -443,15 +440,13 @@ def test_points_lie_on_the_rays_of_their_pixels() -> None:
     ],
     ids=['seed', 'name', 'effects', 'K'],
 )
-def test_errors_show_only_the_ends_of_long_values(
-    make: Callable[[str], object], field: str
-) -> None:
+def test_errors_show_only_the_ends_of_long_values(make, field):
     with pytest.raises(InputError, match=rf'^{field}: must be .*x\.\.\.x') as caught:
         make('x' * 100_000)
     assert len(str(caught.value)) < 200
 
 
-def test_the_docstrings_example_runs() -> None:
+def test_the_docstrings_example_runs():
     result = doctest.testmod(pipeline)
     assert result.attempted >= 5
     assert result.failed == 0

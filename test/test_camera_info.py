@@ -1,7 +1,6 @@
 """What a camera info says of an image: binning, regions, rectified images and empty matrices."""
 
 import dataclasses
-from typing import Any
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.errors import InputError
@@ -24,7 +23,7 @@ RECTIFIED = Intrinsics(224, 172, 190.0, 192.0, 112.0, 86.0)
 UNIT = np.eye(3).ravel().tolist()
 
 
-def fields(**changes: Any) -> CameraFields:
+def fields(**changes):
     return CameraFields(**{'height': 172, 'width': 224, 'k': K, **changes})
 
 
@@ -37,8 +36,8 @@ def fields(**changes: Any) -> CameraFields:
     st.floats(-10, 10),
 )
 def test_a_point_of_the_sensor_is_where_binning_and_region_move_it(
-    across: int, down: int, left: int, top: int, off_x: float, off_y: float
-) -> None:
+    across, down, left, top, off_x, off_y
+):
     """Assert it of a corner of the sensor's pixels, which binning and regions only move."""
     height, width = 172 * down + 2 * top, 224 * across + 2 * left
     fx, fy = 210.6 * across, 212.9 * down
@@ -74,21 +73,21 @@ def test_a_point_of_the_sensor_is_where_binning_and_region_move_it(
         fields(binning_x=1, binning_y=1),
     ],
 )
-def test_a_matrix_of_the_image_beside_binning_and_region_is_left(message: CameraFields) -> None:
+def test_a_matrix_of_the_image_beside_binning_and_region_is_left(message):
     """Assert it where the driver has forgotten that these are of the full sensor."""
-    notes: list[str] = []
+    notes = []
     assert decode_camera_info(message, size=SIZE, notes=notes) == OWN
     whole = message.binning_x <= 1 and not message.roi.x_offset
     assert bool(notes) != whole
 
 
-def test_a_full_sensors_matrix_under_the_size_of_the_image() -> None:
+def test_a_full_sensors_matrix_under_the_size_of_the_image():
     message = fields(k=[421.2, 0, 223.5, 0, 425.8, 171.5, 0, 0, 1], binning_x=2, binning_y=2)
     camera = decode_camera_info(message, size=SIZE)
     assert camera == Intrinsics(224, 172, 210.6, 212.9, 111.5, 85.5)
 
 
-def test_another_size_stays_another_size() -> None:
+def test_another_size_stays_another_size():
     """Assert that who compares the size with the image sees the one of the message."""
     message = fields(height=480, width=640, binning_x=3, binning_y=3)
     camera = decode_camera_info(message, size=SIZE)
@@ -99,7 +98,7 @@ def test_another_size_stays_another_size() -> None:
         decode_camera_info(fields(height=0, width=0), size=SIZE)
 
 
-def test_a_rectified_image_has_the_projection_and_no_distortion() -> None:
+def test_a_rectified_image_has_the_projection_and_no_distortion():
     bent = fields(d=[0.1, -0.2, 0.0, 0.0, 0.1], p=P)
     assert decode_camera_info(bent, rectified=True) == RECTIFIED
     assert decode_camera_info(bent).distortion[0] == 0.1
@@ -113,8 +112,8 @@ def test_a_rectified_image_has_the_projection_and_no_distortion() -> None:
 
 
 @pytest.mark.parametrize('k', [UNIT, [0.0] * 9])
-def test_an_empty_matrix_gives_way_to_the_projection(k: list[float]) -> None:
-    notes: list[str] = []
+def test_an_empty_matrix_gives_way_to_the_projection(k):
+    notes = []
     assert decode_camera_info(fields(k=k, p=P), 'info', notes=notes) == RECTIFIED
     assert notes[0].startswith('info: K: ')
     assert notes[0].endswith('no calibration: P is used')
@@ -124,8 +123,8 @@ def test_an_empty_matrix_gives_way_to_the_projection(k: list[float]) -> None:
 
 
 @pytest.mark.parametrize('model', ['equidistant', 'fisheye', 'equi'])
-def test_a_fisheye_without_coefficients_is_taken_with_a_note(model: str) -> None:
-    notes: list[str] = []
+def test_a_fisheye_without_coefficients_is_taken_with_a_note(model):
+    notes = []
     message = fields(distortion_model=model, d=[0.0] * 4)
     assert decode_camera_info(message, notes=notes) == OWN
     assert model in notes[0]
@@ -143,5 +142,5 @@ def test_a_fisheye_without_coefficients_is_taken_with_a_note(model: str) -> None
         ('/camera/depth/my_image_rect', False),
     ],
 )
-def test_only_the_exact_name_says_that_an_image_is_rectified(topic: str, rectified: bool) -> None:
+def test_only_the_exact_name_says_that_an_image_is_rectified(topic, rectified):
     assert is_rectified(topic) == rectified

@@ -1,11 +1,8 @@
 """The camera node on real topics: what a user of the vendor's driver relies on, and more."""
 
-from collections.abc import Callable
 import math
-from pathlib import Path
-from typing import Any
 
-from flexx2_sim_ros.camera import Camera, Mode
+from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.processing import load_chain
@@ -51,7 +48,7 @@ FOLLOWING = MODES[1:] + MODES[:1]
     [both for both in zip(MODES, FOLLOWING, strict=True) if both[0].name in SOME],
     ids=SOME,
 )
-def test_a_mode(mode: Mode, following: Mode) -> None:
+def test_a_mode(mode, following):
     """Assert name, rate, range, size, info, exposure, refusal, and the switch to the next."""
     with stream(DEPTH, INFO, NOISE, usecase=mode.name.upper(), seed=3) as seen:
         assert seen.get('usecase') == mode.name
@@ -59,7 +56,7 @@ def test_a_mode(mode: Mode, following: Mode) -> None:
         _check_exposure(seen, mode)
         stamps = iter(input_stamps(40 * INPUT_HZ))
 
-        def feed(periods: int, rate_hz: float) -> None:
+        def feed(periods, rate_hz):
             for _ in range(math.ceil(periods * INPUT_HZ / rate_hz)):
                 seen.show(boards(), next(stamps), frame_id='lens')
 
@@ -96,7 +93,7 @@ def test_a_mode(mode: Mode, following: Mode) -> None:
         _check_messages(seen, following)
 
 
-def _check_exposure(seen: streams.Stream, mode: Mode) -> None:
+def _check_exposure(seen, mode):
     name = 'exposure_time_0'
     shortest, longest = mode.exposure_us
     described = seen.wait(seen.clients.describe_parameters([name])).descriptors[0]
@@ -116,7 +113,7 @@ def _check_exposure(seen: streams.Stream, mode: Mode) -> None:
     assert seen.set(auto_exposure_0=True).successful
 
 
-def _check_rate(stamps: list[int], mode: Mode) -> None:
+def _check_rate(stamps, mode):
     # Inputs come in steps of 1/240 s: a frame is that late at most, and lateness does not add up.
     assert len(stamps) >= 5
     for count, stamp in enumerate(stamps):
@@ -124,7 +121,7 @@ def _check_rate(stamps: list[int], mode: Mode) -> None:
         assert abs(stamp - due) < 1.01 * SECOND / INPUT_HZ
 
 
-def _check_messages(seen: streams.Stream, mode: Mode) -> None:
+def _check_messages(seen, mode):
     depth, info, noise = (seen.messages(topic)[-1] for topic in (DEPTH, INFO, NOISE))
     assert (depth.width, depth.height, depth.encoding) == (224, 172, '32FC1')
     assert (noise.width, noise.height, noise.encoding) == (224, 172, '32FC1')
@@ -151,7 +148,7 @@ def _check_messages(seen: streams.Stream, mode: Mode) -> None:
             assert (np.abs(pixels[:, columns] - distance) < 7 * model).all()
 
 
-def _first_frame_of(seen: streams.Stream, old: Mode, new: Mode) -> int | None:
+def _first_frame_of(seen, old, new):
     """
     Assert that every frame is wholly of one mode, and return where the new one's begin.
 
@@ -172,7 +169,7 @@ def _first_frame_of(seen: streams.Stream, old: Mode, new: Mode) -> int | None:
     return switched
 
 
-def test_the_node_publishes_the_librarys_frames_bit_for_bit() -> None:
+def test_the_node_publishes_the_librarys_frames_bit_for_bit():
     """Assert depth, noise, cloud and gray are the library's for seed, name and stamp."""
     with stream(DEPTH, INFO, CLOUD, GRAY, NOISE, seed=5, camera_name='left') as seen:
         stamp = START + 1
@@ -208,7 +205,7 @@ def test_the_node_publishes_the_librarys_frames_bit_for_bit() -> None:
         assert all(header == headers[0] for header in headers)
 
 
-def test_cameras_and_stamps_have_independent_noise() -> None:
+def test_cameras_and_stamps_have_independent_noise():
     """Assert two cameras differ, and that what was dropped before a frame does not matter."""
     stamps = input_stamps(49)
     shown = {}
@@ -229,7 +226,7 @@ def test_cameras_and_stamps_have_independent_noise() -> None:
         assert (depth[valid] != right[stamp][valid]).mean() > 0.99
 
 
-def test_heavy_topics_are_filled_only_for_subscribers(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_heavy_topics_are_filled_only_for_subscribers(monkeypatch):
     """Assert nothing is computed for nobody, and that camera_info always comes."""
     called = []
     for name in ('points', 'gray_image'):
@@ -248,17 +245,17 @@ def test_heavy_topics_are_filled_only_for_subscribers(monkeypatch: pytest.Monkey
         assert len(seen.messages(DEPTH)) == 1
 
 
-def _counted(called: list[str]) -> Callable[..., Any]:
+def _counted(called):
     capture = Camera.capture
 
-    def counted(*arguments: Any) -> Any:
+    def counted(*arguments):
         called.append('capture')
         return capture(*arguments)
 
     return counted
 
 
-def test_invalid_value_and_frame_id() -> None:
+def test_invalid_value_and_frame_id():
     """Assert both parameters work while streaming and refuse nonsense."""
     with stream(DEPTH, NOISE, CLOUD) as seen:
         seen.show(boards(), START, frame_id='from_input')
@@ -281,7 +278,7 @@ def test_invalid_value_and_frame_id() -> None:
         assert seen.get('invalid_value') == 'nan'
 
 
-def test_exposure_darkens_the_gray_image() -> None:
+def test_exposure_darkens_the_gray_image():
     """Assert a shorter exposure gives a darker picture and the same depth."""
     with stream(GRAY, DEPTH, auto_exposure_0=False) as seen:
         seen.show(boards(), START)
@@ -296,7 +293,7 @@ def test_exposure_darkens_the_gray_image() -> None:
         assert same(seen.depths()[1], frame.depth)
 
 
-def test_slow_input_is_passed_on_and_reported() -> None:
+def test_slow_input_is_passed_on_and_reported():
     """Assert every image of a 10 Hz stream comes through, and one warning names both rates."""
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         stamps = input_stamps(30, hz=10)
@@ -311,7 +308,7 @@ def test_slow_input_is_passed_on_and_reported() -> None:
         assert len(seen.logged('Mode_5_60fps', '60 Hz', 'slower')) == 1
 
 
-def test_diagnostics_count_frames_and_losses() -> None:
+def test_diagnostics_count_frames_and_losses():
     """Assert mode, rates, counts, invalid share and latency."""
     with stream(DEPTH, usecase='Mode_9_10fps', serial='A-17') as seen:
         for stamp in input_stamps(121):
@@ -340,7 +337,7 @@ def test_diagnostics_count_frames_and_losses() -> None:
         assert values['latency mean [ms]'] == 'nan'
 
 
-def test_quality_of_service() -> None:
+def test_quality_of_service():
     """Assert reliable publishers, inputs that follow theirs, and that both can be overridden."""
     overrides = {
         'qos_overrides./own/flexx2_camera/gray_image_0.publisher.reliability': 'best_effort',
@@ -365,7 +362,7 @@ def test_quality_of_service() -> None:
             assert value == ('best_effort' if topic == 'camera_info' else 'best_available')
 
 
-def test_parameters_of_the_driver() -> None:
+def test_parameters_of_the_driver():
     """Assert names, defaults, what is read-only, and the one warning of an unmeasured mode."""
     with stream() as seen:
         assert seen.get('usecase') == 'Mode_9_30fps'
@@ -385,7 +382,7 @@ def test_parameters_of_the_driver() -> None:
         assert len(seen.logged('Mode_5_15fps', 'was not measured', 'Mode_5_30fps')) == 1
 
 
-def test_each_subscription_of_another_quality_of_service_is_a_warning() -> None:
+def test_each_subscription_of_another_quality_of_service_is_a_warning():
     lasting = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     with stream(DEPTH) as seen:
         for topic in (GRAY, NOISE):
@@ -395,7 +392,7 @@ def test_each_subscription_of_another_quality_of_service_is_a_warning() -> None:
             seen.spin_until(lambda topic=topic: seen.logged(topic, 'incompatible QoS'), topic)
 
 
-def test_depth_is_processed_as_a_file_says(tmp_path: Path) -> None:
+def test_depth_is_processed_as_a_file_says(tmp_path):
     """Assert the node and `Chain` agree, over frames and where stamps go back."""
     path = tmp_path / 'chain.yaml'
     path.write_text(

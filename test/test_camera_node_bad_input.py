@@ -1,9 +1,10 @@
 """Bad input to the camera node: one clear message, and the next good frame comes out."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+import itertools
 
+from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.nodes.pairing import Match
 import numpy as np
 import pytest
 import streams
@@ -12,13 +13,12 @@ from streams import DEPTH, FLEXX2, GRAY, image_message, info_message, stream
 SECOND = 1_000_000_000
 WALL = np.full((172, 224), 1.5, np.float32)
 # How a message is spoilt; None leaves it out.
-Spoil = Callable[[Any], Any]
 
 pytestmark = pytest.mark.usefixtures('ros')
 
 
-def _changed(**fields: Any) -> Spoil:
-    def change(message: Any) -> Any:
+def _changed(**fields):
+    def change(message):
         for name, value in fields.items():
             setattr(message, name, value)
         return message
@@ -26,24 +26,24 @@ def _changed(**fields: Any) -> Spoil:
     return change
 
 
-def _data(change: Callable[[Any], Any]) -> Spoil:
-    def cut(message: Any) -> Any:
+def _data(change):
+    def cut(message):
         message.data = change(message.data)
         return message
 
     return cut
 
 
-def _k(index: int, value: float) -> Spoil:
-    def spoil(message: Any) -> Any:
+def _k(index, value):
+    def spoil(message):
         message.k[index] = value
         return message
 
     return spoil
 
 
-def _another(array: np.ndarray, **layout: Any) -> Spoil:
-    def other(message: Any) -> Any:
+def _another(array, **layout):
+    def other(message):
         made = image_message(array, **layout)
         made.header = message.header
         return made
@@ -51,8 +51,8 @@ def _another(array: np.ndarray, **layout: Any) -> Spoil:
     return other
 
 
-def _of(**fields: Any) -> Spoil:
-    def other(message: Any) -> Any:
+def _of(**fields):
+    def other(message):
         made = info_message(replace(FLEXX2, **fields))
         made.header = message.header
         return made
@@ -60,7 +60,7 @@ def _of(**fields: Any) -> Spoil:
     return other
 
 
-def _late_nanoseconds(message: Any) -> Any:
+def _late_nanoseconds(message):
     message.header.stamp.sec, message.header.stamp.nanosec = 2**31 - 1, 4_000_000_000
     return message
 
@@ -155,7 +155,7 @@ CASES = {
 }
 
 
-def _three(stamp: int) -> dict[str, Any]:
+def _three(stamp):
     return {
         'image': image_message(WALL, stamp),
         'info': info_message(FLEXX2, stamp),
@@ -163,9 +163,29 @@ def _three(stamp: int) -> dict[str, Any]:
     }
 
 
+@pytest.fixture(scope='module')
+def asked(ros):
+    """Return a node whose frames nobody takes."""
+    with stream() as seen:
+        yield seen
+
+
 @pytest.mark.parametrize(('kind', 'spoil', 'parts'), CASES.values(), ids=CASES)
-def test_bad_input(kind: str, spoil: Spoil, parts: list[str]) -> None:
-    """Assert no frame, one message (field, must be, got), and then a good frame."""
+def test_bad_input_is_named(asked, kind, spoil, parts):
+    """Assert an error (field, must be, got) of the pair of messages, and none of a good one."""
+    messages = _three(SECOND)
+    for name in ('image', 'info') if kind == 'both' else (kind,):
+        messages[name] = spoil(messages[name])
+    with pytest.raises(InputError) as caught:
+        asked.camera._process(Match(SECOND, **messages), 0.0)
+    assert all(part in str(caught.value) for part in [*parts, ', got ']), caught.value
+    asked.camera._process(Match(SECOND, **_three(SECOND)), 0.0)
+
+
+@pytest.mark.parametrize('case', ['encoding', 'nanoseconds', 'other size', 'no info'])
+def test_bad_input(case):
+    """Assert no frame, one message, and then a good frame."""
+    kind, spoil, parts = CASES[case]
     with stream(DEPTH) as seen:
         no_info = kind == 'info' and spoil(info_message(FLEXX2)) is None
         if not no_info:  # One that has come stays.
@@ -192,7 +212,7 @@ def test_bad_input(kind: str, spoil: Spoil, parts: list[str]) -> None:
         assert seen.camera._statistics.published == frames + 1
 
 
-def test_another_error_after_a_missing_camera_info() -> None:
+def test_another_error_after_a_missing_camera_info():
     """Assert each is logged with its reason: the first as a warning, the second as an error."""
     with stream(DEPTH) as seen:
         for index in range(2):  # The second image ends the wait of the first for its camera info.
@@ -217,7 +237,7 @@ def test_another_error_after_a_missing_camera_info() -> None:
     ],
     ids=['encoding', 'size', 'data'],
 )
-def test_bad_reflectivity_costs_no_depth(spoil: Spoil, parts: list[str]) -> None:
+def test_bad_reflectivity_costs_no_depth(spoil, parts):
     """Assert a frame whose reflectivity cannot be used comes out without it."""
     with stream(DEPTH, GRAY) as seen:
         for index in range(3):
@@ -231,7 +251,7 @@ def test_bad_reflectivity_costs_no_depth(spoil: Spoil, parts: list[str]) -> None
         assert all(part in logged[0] for part in parts), logged[0]
 
 
-def test_warnings_are_rate_limited() -> None:
+def test_warnings_are_rate_limited():
     """Assert a stream of images that are all broken in another way does not fill the log."""
     with stream() as seen:
         for index in range(1, 60):
@@ -248,7 +268,7 @@ def test_warnings_are_rate_limited() -> None:
         assert len(seen.logged('input rejected', 'K: fx: must be')) < 5
 
 
-def test_two_clocks_at_once_do_not_fill_the_log() -> None:
+def test_two_clocks_at_once_do_not_fill_the_log():
     """Assert stamps that jump to and fro are told of now and then, and passed on."""
     with stream() as seen:
         for index in range(1, 30):
@@ -258,7 +278,7 @@ def test_two_clocks_at_once_do_not_fill_the_log() -> None:
         assert len(seen.logged('went back')) < 5
 
 
-def test_rejection_is_in_the_diagnostics() -> None:
+def test_rejection_is_in_the_diagnostics():
     """Assert the last error is reported, and not for ever."""
     with stream() as seen:
         assert seen.send(**_three(SECOND))
@@ -280,6 +300,13 @@ def test_rejection_is_in_the_diagnostics() -> None:
         assert values['frames published'] == '2'
 
 
+@pytest.fixture(scope='module')
+def going(ros):
+    """Return a stream, and stamps for its images."""
+    with stream(DEPTH) as seen:
+        yield seen, itertools.count(SECOND, SECOND)
+
+
 @pytest.mark.parametrize(
     ('values', 'parts'),
     [
@@ -293,14 +320,14 @@ def test_rejection_is_in_the_diagnostics() -> None:
     ],
     ids=str,
 )
-def test_bad_parameters_are_refused(values: dict[str, Any], parts: list[str]) -> None:
+def test_bad_parameters_are_refused(going, values, parts):
     """Assert a reason, and that the stream goes on as before."""
-    with stream(DEPTH) as seen:
-        assert seen.send(**_three(SECOND))
-        name = next(iter(values))
-        before = seen.get(name)
-        refused = seen.set(**values)
-        assert not refused.successful
-        assert all(part in refused.reason for part in parts), refused.reason
-        assert seen.get(name) == before
-        assert seen.send(**_three(2 * SECOND))
+    seen, stamps = going
+    assert seen.send(**_three(next(stamps)))
+    name = next(iter(values))
+    before = seen.get(name)
+    refused = seen.set(**values)
+    assert not refused.successful
+    assert all(part in refused.reason for part in parts), refused.reason
+    assert seen.get(name) == before
+    assert seen.send(**_three(next(stamps)))

@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 import math
-from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.camera.frame import gray_image
@@ -23,14 +21,14 @@ KEEPS = ('warm_up_drift', 'temporal_filter', 'multipath', 'fixed_pattern', 'time
 pytestmark = pytest.mark.usefixtures('ros')
 
 
-def scene(step: int = 0) -> np.ndarray:
+def scene(step=0):
     """Return a near ball's worth of light, an edge, a slant; it moves with the step."""
     row = np.linspace(1.2, 1.6, 224, dtype=np.float32)
     row[:60] = 0.45
     return np.broadcast_to(row + np.float32(0.01 * step), (172, 224)).copy()
 
 
-def twin(seen: streams.Stream, effects: Any, usecase: str = '') -> Camera:
+def twin(seen, effects, usecase=''):
     """Return the library's camera that does what the node should."""
     settings = seen.camera.settings
     return Camera(
@@ -38,19 +36,19 @@ def twin(seen: streams.Stream, effects: Any, usecase: str = '') -> Camera:
     )
 
 
-def capture(camera: Camera, depth: np.ndarray, stamp: int, paint: Any = None) -> Any:
+def capture(camera, depth, stamp, paint=None):
     return camera.capture(depth, flexx2().intrinsics.matrix, stamp, paint)
 
 
-def same(one: np.ndarray, other: np.ndarray) -> bool:
+def same(one, other):
     return np.array_equal(one, other, equal_nan=True)
 
 
-def confidence(message: Any) -> np.ndarray:
+def confidence(message):
     return np.frombuffer(message.data, '<f4')[3::4].reshape(172, 224)
 
 
-def test_a_file_at_the_start_and_numbers_beside_it(tmp_path: Path) -> None:
+def test_a_file_at_the_start_and_numbers_beside_it(tmp_path):
     """Assert all topics follow the library's effects; what is given beside a file counts."""
     path = tmp_path / 'mine.yaml'
     save_effects(
@@ -115,7 +113,7 @@ def test_a_file_at_the_start_and_numbers_beside_it(tmp_path: Path) -> None:
             assert not conf[:, :40][lost].any()
 
 
-def test_fitted_effects_come_and_go_with_their_file(tmp_path: Path) -> None:
+def test_fitted_effects_come_and_go_with_their_file(tmp_path):
     """Assert that a file's entries beyond the registry are used, though they are no parameters."""
     path = tmp_path / 'gap.yaml'
     path.write_text(
@@ -131,7 +129,7 @@ def test_fitted_effects_come_and_go_with_their_file(tmp_path: Path) -> None:
             assert names == (['offset', 'residual_patch'] if name else [])
 
 
-def test_parameters_are_described() -> None:
+def test_parameters_are_described():
     """Assert description with unit, range and type of every parameter of every effect."""
     with stream() as seen:
         items = {
@@ -158,12 +156,12 @@ def test_parameters_are_described() -> None:
         assert seen.camera._camera.effects == ()
 
 
-def test_effects_are_switched_between_two_frames() -> None:
+def test_effects_are_switched_between_two_frames():
     """Assert each frame is wholly with or without, and that the switch comes while streaming."""
     with stream(DEPTH, NOISE) as seen:
         steps = iter(range(1000))
 
-        def feed(count: int) -> None:
+        def feed(count):
             for _ in range(count):
                 assert seen.show(scene(), START + next(steps) * PERIOD)
 
@@ -211,14 +209,14 @@ def test_effects_are_switched_between_two_frames() -> None:
 
 
 @pytest.fixture(scope='module')
-def bad_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bad_file(tmp_path_factory):
     """Return a file with a number out of bounds."""
     path = tmp_path_factory.mktemp('effects') / 'bad.yaml'
     path.write_text('schema: 1\neffects: {offset: {bias: 7}}\n')
     return path
 
 
-def test_a_bad_value_is_rejected_and_the_stream_goes_on(bad_file: Path) -> None:
+def test_a_bad_value_is_rejected_and_the_stream_goes_on(bad_file):
     """Assert a reason that names the parameter, and frames as before."""
     with stream(DEPTH, **{'effect.offset.strength': 1.0}) as seen:
         camera = twin(seen, {'offset': None})
@@ -256,14 +254,14 @@ def test_a_bad_value_is_rejected_and_the_stream_goes_on(bad_file: Path) -> None:
             )
 
 
-def test_effects_forget_past_frames_when_stamps_go_back_or_the_mode_changes() -> None:
+def test_effects_forget_past_frames_when_stamps_go_back_or_the_mode_changes():
     """Assert frames continue what was before, and start afresh when they have to."""
     strengths = {f'effect.{name}.strength': 2.0 for name in KEEPS}
     effects = {name: {'strength': 2.0} for name in KEEPS}
     with stream(DEPTH, **strengths) as seen:
         camera = twin(seen, effects)
 
-        def check(step: int, stamp: int) -> None:
+        def check(step, stamp):
             assert seen.show(scene(step), stamp)
             assert same(seen.depths()[-1], capture(camera, scene(step), stamp).depth)
 
@@ -283,7 +281,7 @@ def test_effects_forget_past_frames_when_stamps_go_back_or_the_mode_changes() ->
         assert not np.isclose(seen.depths()[-1], went_on, atol=1e-4).all()
 
 
-def test_a_shorter_exposure_saturates_less() -> None:
+def test_a_shorter_exposure_saturates_less():
     with stream(DEPTH, GRAY, auto_exposure_0=False, **{'effect.saturation.strength': 1.0}) as seen:
         lost = []
         for step, exposure in enumerate((370, 90)):
@@ -294,7 +292,7 @@ def test_a_shorter_exposure_saturates_less() -> None:
         assert lost[1] < 0.02
 
 
-def test_effects_need_to_know_the_frequencies(tmp_path: Path) -> None:
+def test_effects_need_to_know_the_frequencies(tmp_path):
     """Assert a mode without them is neither given effects that need them nor switched to with."""
     first, *others = flexx2().modes
     path = tmp_path / 'camera.yaml'
@@ -316,7 +314,7 @@ def test_effects_need_to_know_the_frequencies(tmp_path: Path) -> None:
         assert load_effects('offset')[0].strength == 1.0
 
 
-def test_a_map_of_another_size_is_refused_at_the_start(tmp_path: Path) -> None:
+def test_a_map_of_another_size_is_refused_at_the_start(tmp_path):
     """Assert it of the start and of a running node, which goes on."""
     path = tmp_path / 'other.yaml'
     save_effects(path, parse_effects({'fixed_pattern': {'pattern': np.zeros((86, 112))}}))

@@ -1,7 +1,5 @@
 """What may come into the camera node, and what it makes of it."""
 
-from typing import Any
-
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.physics.geometry import pixel_rays
@@ -32,7 +30,7 @@ from streams import (
 pytestmark = pytest.mark.usefixtures('ros')
 
 
-def test_pixels_without_a_return_are_invalid() -> None:
+def test_pixels_without_a_return_are_invalid():
     """Assert 0, NaN, infinities and negative depths come out as NaN."""
     nothing = [0.0, -0.0, np.nan, np.inf, -np.inf, -1.5, 1e-30, 3e38]
     scene = np.repeat(np.array([1.5, *nothing[:-1]], np.float32), 28)[None].repeat(172, axis=0)
@@ -47,19 +45,11 @@ def test_pixels_without_a_return_are_invalid() -> None:
 
 @pytest.mark.parametrize(
     'layout',
-    [
-        {'encoding': '64FC1'},
-        {'big_endian': True},
-        {'padding': 8},
-        {'padding': 3},
-        {'encoding': '64FC1', 'big_endian': True, 'padding': 5},
-        {'encoding': '16UC1'},
-        {'encoding': '16UC1', 'big_endian': True, 'padding': 1},
-    ],
+    [{'encoding': '64FC1', 'big_endian': True, 'padding': 5}, {'encoding': '16UC1', 'padding': 1}],
     ids=str,
 )
-def test_every_layout_gives_the_same_frame(layout: dict[str, Any]) -> None:
-    """Assert the input's encoding, byte order and padding do not show."""
+def test_another_layout_gives_the_same_frame(layout):
+    """Assert the input's encoding, byte order and padding do not show; see `test_decoding.py`."""
     scene = np.rint(1000 * plane(pixel_rays(FLEXX2))).astype(np.float32) / np.float32(1000)
     scene[:, 150:] = 0.0
     with stream(DEPTH) as seen:
@@ -71,7 +61,7 @@ def test_every_layout_gives_the_same_frame(layout: dict[str, Any]) -> None:
         )
 
 
-def undistorted(camera: Intrinsics) -> np.ndarray:
+def undistorted(camera):
     """Return the rays of a plumb_bob camera's pixels, by the textbook's iteration."""
     v, u = np.mgrid[: camera.height, : camera.width]
     x = x0 = (u - camera.cx) / camera.fx
@@ -104,9 +94,7 @@ BENT = (-0.12, 0.03, 0.001, -0.0015, 0.002)
     ids=['wide', 'off-centre', 'distorted input', 'own intrinsics'],
 )
 @pytest.mark.parametrize('radial', [False, True], ids=['planar', 'radial'])
-def test_other_cameras_input_shows_the_same_plane(
-    source: Intrinsics, own: dict[str, Any], radial: bool
-) -> None:
+def test_other_cameras_input_shows_the_same_plane(source, own, radial):
     """Assert any resolution, intrinsics, distortion and kind of depth give the same plane."""
     with stream(
         DEPTH, INFO, source=source, input_depth='radial' if radial else 'planar', **own
@@ -124,7 +112,7 @@ def test_other_cameras_input_shows_the_same_plane(
 
 
 @pytest.mark.parametrize('lens', ['raw', 'rectified', 'auto'])
-def test_rectified_input_has_the_projection_and_no_distortion(lens: str) -> None:
+def test_rectified_input_has_the_projection_and_no_distortion(lens):
     source = Intrinsics(640, 480, 370.0, 360.0, 330.0, 230.0, BENT)
     straight = Intrinsics(640, 480, 350.0, 345.0, 319.5, 239.5)
     info = info_message(source, START)
@@ -141,7 +129,7 @@ def test_rectified_input_has_the_projection_and_no_distortion(lens: str) -> None
 
 
 @pytest.mark.parametrize('form', ['binning', 'unit matrix'])
-def test_a_camera_info_that_is_not_of_the_image_is_converted_and_said(form: str) -> None:
+def test_a_camera_info_that_is_not_of_the_image_is_converted_and_said(form):
     source = Intrinsics(640, 480, 370.0, 360.0, 319.5, 239.5)
     info = info_message(source, START)
     if form == 'binning':
@@ -159,12 +147,12 @@ def test_a_camera_info_that_is_not_of_the_image_is_converted_and_said(form: str)
         assert len(seen.logged('clean/camera_info: K: ')) == 1
 
 
-def info_at(info: Any, stamp: int) -> Any:
+def info_at(info, stamp):
     info.header.stamp.sec, info.header.stamp.nanosec = divmod(stamp, SECOND)
     return info
 
 
-def test_depth_is_never_blended_across_a_jump() -> None:
+def test_depth_is_never_blended_across_a_jump():
     """
     Assert every pixel of two boards, seen at another resolution, is on one of them.
 
@@ -185,7 +173,7 @@ def test_depth_is_never_blended_across_a_jump() -> None:
         )
 
 
-def test_rays_outside_the_input_are_invalid_and_warned_about_once() -> None:
+def test_rays_outside_the_input_are_invalid_and_warned_about_once():
     """Assert a narrow input leaves a border without depth."""
     narrow = Intrinsics(160, 120, 210.0, 210.0, 79.5, 59.5)
     with stream(DEPTH, CLOUD, source=narrow) as seen:
@@ -201,7 +189,7 @@ def test_rays_outside_the_input_are_invalid_and_warned_about_once() -> None:
 
 
 @pytest.mark.parametrize(('most', 'unit'), [(100, 'percent'), (255, 'bytes')])
-def test_reflectivity_in_another_unit_is_noticed(most: int, unit: str) -> None:
+def test_reflectivity_in_another_unit_is_noticed(most, unit):
     """Assert one warning with the factor, and the gray image of reflectivity from 0 to 1."""
     paint = np.full((172, 224), 0.4, np.float32)
     paint[:60] = 1.0
@@ -219,7 +207,7 @@ def test_reflectivity_in_another_unit_is_noticed(most: int, unit: str) -> None:
         np.testing.assert_allclose(other.astype(int), one.astype(int), atol=1)
 
 
-def test_reflectivity_changes_the_gray_image_only() -> None:
+def test_reflectivity_changes_the_gray_image_only():
     """Assert reflectivity is paired by stamp, whatever comes first, and optional."""
     paint = np.full((172, 224), 0.25, np.float32)
     paint[:60], paint[60] = 1.0, np.nan
@@ -259,7 +247,7 @@ def test_reflectivity_changes_the_gray_image_only() -> None:
             assert same(gray, gray_image(plain.amplitude, 1.0, WHITE)) != with_paint
 
 
-def test_a_late_or_single_camera_info_is_enough() -> None:
+def test_a_late_or_single_camera_info_is_enough():
     """Assert an image waits for its info, and that one info is enough."""
     with stream(DEPTH) as seen:
         seen.publish(image=image_message(boards(), START))
@@ -278,7 +266,7 @@ def test_a_late_or_single_camera_info_is_enough() -> None:
         assert len(seen.depths()) == 10
 
 
-def test_stamps_that_repeat_or_go_back() -> None:
+def test_stamps_that_repeat_or_go_back():
     """Assert a repetition is left out with a warning, and a reset starts afresh."""
     with stream(DEPTH) as seen:
         assert seen.show(boards(), START)

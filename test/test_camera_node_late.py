@@ -1,14 +1,11 @@
 """Images that arrive late, over real DDS: with true stamps, in the time of the node's clock."""
 
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 import time
-from typing import Any
 
 from flexx2_sim_ros.nodes.late_frames import LateFrames
 from flexx2_sim_ros.nodes.messages import time_message
-import numpy as np
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -27,7 +24,6 @@ from streams import (
     same,
     SECOND,
     START,
-    Stream,
     stream,
 )
 
@@ -37,11 +33,11 @@ LATE = {'effect.time_offset.strength': 1.0, 'effect.time_offset.latency': 0.0}
 pytestmark = pytest.mark.usefixtures('ros')
 
 
-def hear_with_times(seen: Stream) -> list[tuple[Image, int]]:
+def hear_with_times(seen):
     """Listen to depth images; return the list of messages and when DDS received them."""
-    heard: list[tuple[Image, int]] = []
+    heard = []
 
-    def take(message: Image, info: Any) -> None:
+    def take(message, info):
         heard.append((message, info['received_timestamp']))
 
     subscription = seen.node.create_subscription(Image, f'{seen.name}/{DEPTH}', take, 50)
@@ -56,12 +52,12 @@ def hear_with_times(seen: Stream) -> list[tuple[Image, int]]:
     return heard
 
 
-def feed(seen: Stream, depth: np.ndarray, stamp: int) -> None:
+def feed(seen, depth, stamp):
     """Send clean depth without waiting for the frame."""
     seen.publish(image=image_message(depth, stamp), info=info_message(seen.source, stamp))
 
 
-def test_an_image_arrives_no_earlier_than_its_delay_and_keeps_its_stamp() -> None:
+def test_an_image_arrives_no_earlier_than_its_delay_and_keeps_its_stamp():
     delays = 0.15, 0.02
     with stream(usecase='Mode_5_60fps', **LATE) as seen:
         heard = hear_with_times(seen)
@@ -81,13 +77,13 @@ def test_an_image_arrives_no_earlier_than_its_delay_and_keeps_its_stamp() -> Non
         assert not seen.logged('time_offset.delay')
 
 
-def test_in_simulated_time_an_image_arrives_at_its_stamp_plus_the_delay() -> None:
+def test_in_simulated_time_an_image_arrives_at_its_stamp_plus_the_delay():
     with stream(
         DEPTH, INFO, use_sim_time=True, **LATE, **{'effect.time_offset.delay': 0.1}
     ) as seen:
         clocks = seen.node.create_publisher(Clock, '/clock', 10)
 
-        def set_clock(now: int) -> None:
+        def set_clock(now):
             clocks.publish(Clock(clock=time_message(now)))
             seen.spin_until(lambda: seen.camera.get_clock().now().nanoseconds == now, 'clock')
             for _ in range(3):  # The timers of the node run.
@@ -114,7 +110,7 @@ def test_in_simulated_time_an_image_arrives_at_its_stamp_plus_the_delay() -> Non
         assert nanoseconds(seen.messages(DEPTH)[2]) == 2 * SECOND
 
 
-def test_stamps_of_another_clock_are_said_and_the_image_still_waits() -> None:
+def test_stamps_of_another_clock_are_said_and_the_image_still_waits():
     with stream(**LATE, **{'effect.time_offset.delay': 0.1}) as seen:
         heard = hear_with_times(seen)
         for k in range(2):
@@ -138,9 +134,7 @@ def test_stamps_of_another_clock_are_said_and_the_image_still_waits() -> None:
         ),
     ],
 )
-def test_input_that_gives_no_frames_is_an_error_until_it_does(
-    values: dict[str, Any], step: int, reason: str
-) -> None:
+def test_input_that_gives_no_frames_is_an_error_until_it_does(values, step, reason):
     with stream(INFO, **values) as seen:
         stamps = iter(range(START, START + 10_000 * max(step, 1), max(step, 1)))
         report = seen.next_diagnostics()
@@ -160,11 +154,11 @@ def test_input_that_gives_no_frames_is_an_error_until_it_does(
             pass
 
 
-def test_a_clock_that_steps_back_does_not_hold_frames_back() -> None:
+def test_a_clock_that_steps_back_does_not_hold_frames_back():
     with late_frames() as (late, set_clock, user):
-        published: list[int] = []
+        published = []
 
-        def add(stamp: int) -> None:
+        def add(stamp):
             late.add(stamp, 100 * MS, 60.0, partial(published.append, stamp))
 
         set_clock(START)
@@ -177,14 +171,14 @@ def test_a_clock_that_steps_back_does_not_hold_frames_back() -> None:
 
 
 @pytest.mark.parametrize('first', [5 * SECOND, 10**6 * SECOND])
-def test_an_image_while_the_clock_was_far_ahead_costs_no_other(first: int) -> None:
+def test_an_image_while_the_clock_was_far_ahead_costs_no_other(first):
     late = {**LATE, 'effect.time_offset.delay': 0.1}
     with stream(INFO, use_sim_time=True, **late) as seen:
         clocks = seen.node.create_publisher(Clock, '/clock', 10)
         seen.spin_until(clocks.get_subscription_count, 'clock of the node')
         heard = hear_with_times(seen)
 
-        def set_clock(now: int) -> None:
+        def set_clock(now):
             clocks.publish(Clock(clock=time_message(now)))
             seen.spin_until(lambda: seen.camera.get_clock().now().nanoseconds == now, 'clock')
 
@@ -205,7 +199,7 @@ def test_an_image_while_the_clock_was_far_ahead_costs_no_other(first: int) -> No
         )
 
 
-def test_a_time_before_zero_is_ignored() -> None:
+def test_a_time_before_zero_is_ignored():
     with stream(DEPTH, use_sim_time=True) as seen:
         clocks = seen.node.create_publisher(Clock, '/clock', 10)
         seen.spin_until(clocks.get_subscription_count, 'clock of the node')
@@ -217,14 +211,14 @@ def test_a_time_before_zero_is_ignored() -> None:
 
 
 @contextmanager
-def late_frames() -> Iterator[tuple[LateFrames, Callable[[int], None], Listener]]:
+def late_frames():
     """Yield frames that wait in simulated time, a function that sets it, and who spins."""
     user = Listener()
     node = Node('late', parameter_overrides=[Parameter('use_sim_time', value=True)])
     user.add(node)
     clocks = user.node.create_publisher(Clock, '/clock', 10)
 
-    def set_clock(now: int) -> None:
+    def set_clock(now):
         clocks.publish(Clock(clock=time_message(now)))
         user.spin_until(lambda: node.get_clock().now().nanoseconds == now, 'clock')
 
@@ -236,9 +230,9 @@ def late_frames() -> Iterator[tuple[LateFrames, Callable[[int], None], Listener]
         node.destroy_node()
 
 
-def test_no_image_of_a_fast_camera_is_lost_in_the_longest_delay() -> None:
+def test_no_image_of_a_fast_camera_is_lost_in_the_longest_delay():
     with late_frames() as (late, set_clock, user):
-        published: list[int] = []
+        published = []
         stamps = []
         for now in range(5 * SECOND, 10 * SECOND, SECOND // 10):
             set_clock(now)
@@ -250,9 +244,9 @@ def test_no_image_of_a_fast_camera_is_lost_in_the_longest_delay() -> None:
         assert published == stamps[:101]
 
 
-def test_no_image_is_lost_when_delay_or_rate_become_smaller() -> None:
+def test_no_image_is_lost_when_delay_or_rate_become_smaller():
     with late_frames() as (late, set_clock, user):
-        published: list[int] = []
+        published = []
         set_clock(5 * SECOND)
         stamps = [5 * SECOND + k for k in range(400)]
         for k, stamp in enumerate(stamps):

@@ -1,14 +1,12 @@
 """The camera node, fed by processes that know nothing of this package and its shared memory."""
 
-from collections.abc import Callable, Iterator
 from pathlib import Path
-import subprocess
 import sys
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flexx2_sim_ros.nodes.runtime import PROFILE_VARIABLES
 import numpy as np
+from programs import starting
 import pytest
 from rclpy.qos import qos_profile_sensor_data
 from streams import boards, DEPTH, Image, image_message, SECOND, START, Stream, stream
@@ -20,46 +18,31 @@ pytestmark = pytest.mark.usefixtures('ros')
 
 
 @pytest.fixture
-def publish(child_env: dict[str, str]) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+def publish(child_env):
     """Return a function that starts a publisher; those that still run are killed at the end."""
     env = {name: value for name, value in child_env.items() if name not in PROFILE_VARIABLES}
-    processes = []
-
-    def start(namespace: str, *options: str) -> subprocess.Popen[str]:
-        processes.append(
-            subprocess.Popen(
-                [sys.executable, str(PUBLISHER), namespace, *options],
-                env=env,
-                stdout=subprocess.PIPE,
-                text=True,
-            )
-        )
-        return processes[-1]
-
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
+    with starting(env=env) as run:
+        yield lambda namespace, *options: run([sys.executable, PUBLISHER, namespace, *options])
 
 
 class Fed(Stream):
     """A camera node at 60 Hz whose input comes from elsewhere."""
 
-    def __init__(self, namespace: str, **values: Any) -> None:
+    def __init__(self, namespace, **values):
         """Start the node."""
         super().__init__(DEPTH, namespace=namespace, feed=False, usecase='Mode_5_60fps', **values)
 
     @property
-    def received(self) -> int:
+    def received(self):
         """How many images have come."""
         return self.camera._statistics.received
 
-    def quality(self, topic: str) -> tuple[str, str]:
+    def quality(self, topic):
         """Return what the node asks of a topic."""
         profile = self.camera._inputs[topic]._subscription.qos_profile
         return profile.reliability.name, profile.durability.name
 
-    def report_until(self, condition: Callable[[DiagnosticStatus], Any]) -> DiagnosticStatus:
+    def report_until(self, condition):
         """Return the first report that meets a condition."""
         for _ in range(60):
             report = self.next_diagnostics()
@@ -69,19 +52,19 @@ class Fed(Stream):
 
 
 @pytest.fixture
-def fed() -> Iterator[Fed]:
+def fed():
     """Return a camera node that nobody publishes to."""
     made = Fed(next(_SPACES))
     yield made
     made.close()
 
 
-def space(fed: Fed) -> str:
+def space(fed):
     """Return the node's namespace."""
     return fed.camera.get_namespace()
 
 
-def test_large_images_of_a_reliable_publisher_arrive(fed: Fed, publish: Any) -> None:
+def test_large_images_of_a_reliable_publisher_arrive(fed, publish):
     """Assert VGA images, more than the publisher's shared memory holds, arrive without a setup."""
     process = publish(space(fed), '--size', '640x480', '--rate', '10', '--count', '20')
     fed.spin_until(lambda: process.poll() is not None, 'publisher')
@@ -91,7 +74,7 @@ def test_large_images_of_a_reliable_publisher_arrive(fed: Fed, publish: Any) -> 
     assert fed.quality('clean/depth_image')[0] == 'RELIABLE'
 
 
-def test_losses_of_a_best_effort_publisher_are_reported(fed: Fed, publish: Any) -> None:
+def test_losses_of_a_best_effort_publisher_are_reported(fed, publish):
     """Assert small images arrive; large ones that are lost are counted and warned of."""
     small = publish(space(fed), '--best-effort', '--count', '30')
     fed.spin_until(lambda: small.poll() is not None, 'publisher')
@@ -109,11 +92,11 @@ def test_losses_of_a_best_effort_publisher_are_reported(fed: Fed, publish: Any) 
     fed.report_until(lambda report: 'lost' not in report.message)
 
 
-def test_publishers_that_come_and_go_are_followed(fed: Fed) -> None:
+def test_publishers_that_come_and_go_are_followed(fed):
     """Assert the strongest quality that all of them offer, at any time."""
     topic = 'clean/depth_image'
 
-    def offer(quality: Any) -> Any:
+    def offer(quality):
         return fed.node.create_publisher(Image, f'{space(fed)}/{topic}', quality)
 
     reliable, best_effort = offer(10), offer(qos_profile_sensor_data)
@@ -127,7 +110,7 @@ def test_publishers_that_come_and_go_are_followed(fed: Fed) -> None:
     fed.spin_until(lambda: fed.received == 1)
 
 
-def test_parameters_fix_the_quality(publish: Any) -> None:
+def test_parameters_fix_the_quality(publish):
     """Assert qos_overrides win over what publishers offer, and a mismatch is told."""
     namespace = next(_SPACES)
     name = f'qos_overrides.{namespace}/clean/depth_image.subscription'
@@ -143,7 +126,7 @@ def test_parameters_fix_the_quality(publish: Any) -> None:
         fed.close()
 
 
-def test_latched_camera_info_sent_before_the_node_starts(publish: Any) -> None:
+def test_latched_camera_info_sent_before_the_node_starts(publish):
     """Assert one camera info, sent before there was a node, serves all images."""
     namespace = next(_SPACES)
     process = publish(namespace, '--latched-info', '--rate', '10', '--count', '100')
@@ -157,7 +140,7 @@ def test_latched_camera_info_sent_before_the_node_starts(publish: Any) -> None:
         fed.close()
 
 
-def test_depth_in_millimetres_is_reported_within_a_second(fed: Fed, publish: Any) -> None:
+def test_depth_in_millimetres_is_reported_within_a_second(fed, publish):
     """Assert the first report names the likely reason, and that nobody has to listen for it."""
     fed.ignore(f'{fed.name}/{DEPTH}')
     del fed._missed[DEPTH]
@@ -176,14 +159,14 @@ def test_depth_in_millimetres_is_reported_within_a_second(fed: Fed, publish: Any
     fed.spin_until(lambda: fed.logged('clean/depth_image', 'looks like millimetres'))
 
 
-def feed(seen: Stream, value: float, start: int, count: int = 12) -> None:
+def feed(seen, value, start, count=12):
     """Show a wall at the mode's rate."""
     image = np.full((172, 224), value, np.float32)
     for index in range(count):
         seen.show(image, start + index * SECOND // 60)
 
 
-def test_missing_input_is_reported_until_it_arrives_again() -> None:
+def test_missing_input_is_reported_until_it_arrives_again():
     """Assert a warning for what is likely wrong, a note for an empty view, and their ends."""
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         feed(seen, 1500.0, START)
@@ -201,7 +184,7 @@ def test_missing_input_is_reported_until_it_arrives_again() -> None:
 
 
 @pytest.mark.parametrize('jump', [1000 * SECOND, 3 * SECOND, -1000 * SECOND], ids=str)
-def test_the_rates_recover_at_once_after_a_jump_of_the_clock(jump: int) -> None:
+def test_the_rates_recover_at_once_after_a_jump_of_the_clock(jump):
     """Assert rates, frames and status are as before, a few images after."""
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         feed(seen, 1.5, START, 130)
@@ -215,7 +198,7 @@ def test_the_rates_recover_at_once_after_a_jump_of_the_clock(jump: int) -> None:
         assert (report.level, report.message) == (DiagnosticStatus.OK, 'streaming')
 
 
-def test_reflectivity_of_other_stamps_is_reported() -> None:
+def test_reflectivity_of_other_stamps_is_reported():
     """Assert reflectivity that never meets its image is counted and warned of."""
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         image = np.full((172, 224), 1.5, np.float32)
@@ -230,7 +213,7 @@ def test_reflectivity_of_other_stamps_is_reported() -> None:
         assert 'clean/reflectivity: none has the stamp of a depth image' in report.message
 
 
-def test_a_topic_that_nobody_publishes_is_named(fed: Fed) -> None:
+def test_a_topic_that_nobody_publishes_is_named(fed):
     """Assert the report tells a missing publisher from a silent one."""
     report = fed.next_diagnostics()
     assert report.level == DiagnosticStatus.ERROR

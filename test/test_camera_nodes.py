@@ -1,12 +1,9 @@
 """Several cameras in one process: each is a node of its own, and none stops the others."""
 
-from collections.abc import Iterator
-from pathlib import Path
 import subprocess
 import sys
-from typing import Any
 
-from programs import node_words, PATIENCE
+from programs import node_words, PATIENCE, started
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import GetParameters
@@ -24,24 +21,21 @@ PARAMETERS = """
 
 
 @pytest.fixture
-def robot(child_env: dict[str, str], tmp_path: Path) -> Iterator[Any]:
+def robot(child_env, tmp_path):
     """Return a process of two cameras and of three that cannot start."""
     (tmp_path / 'cameras.yaml').write_text(PARAMETERS)
     words = node_words('flexx2_camera', '-r', '__ns:=/robot', '--params-file', 'cameras.yaml')
     at = words.index('--ros-args')
     names = ['left', 'wrong', '/robot/left', 'no-name', 'right']
-    with subprocess.Popen(
+    with started(
         [*words[:at], *names, *words[at:], '-r', '/robot/right/clean/depth_image:=/seen'],
         cwd=tmp_path,
         env=child_env,
-        stderr=subprocess.PIPE,
-        text=True,
     ) as process:
         yield process
-        process.kill()
 
 
-def parameters(user: Listener, node: str, *names: str) -> list[str]:
+def parameters(user, node, *names):
     """Return texts that are parameters of a node."""
     client = user.node.create_client(GetParameters, f'{node}/get_parameters')
     user.spin_until(client.service_is_ready, node)
@@ -50,7 +44,7 @@ def parameters(user: Listener, node: str, *names: str) -> list[str]:
     return [value.string_value for value in values]
 
 
-def test_cameras_share_a_process(robot: Any) -> None:
+def test_cameras_share_a_process(robot):
     user = Listener()
     try:
         names = '/robot/left', '/robot/right'
@@ -78,7 +72,7 @@ def test_cameras_share_a_process(robot: Any) -> None:
         )
         stamp = 0
 
-        def feed() -> bool:
+        def feed():
             # The left camera gets an image that it cannot use before each good one.
             nonlocal stamp
             for good in (False, True):
@@ -110,7 +104,7 @@ def test_cameras_share_a_process(robot: Any) -> None:
     assert 'Traceback' not in said
 
 
-def test_a_process_without_a_camera_ends(child_env: dict[str, str]) -> None:
+def test_a_process_without_a_camera_ends(child_env):
     command = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '-p', 'usecase:=x']
     done = subprocess.run(
         command, env=child_env, capture_output=True, text=True, timeout=PATIENCE, check=False

@@ -1,6 +1,5 @@
 """Cameras on topics of any name: recognised by what they publish, in bags and while recording."""
 
-from pathlib import Path
 import signal
 
 from flexx2_sim_ros.cli.main import main
@@ -10,7 +9,6 @@ from flexx2_sim_ros.recording.bag_files import Bag
 from made_bags import (
     camera_entries,
     depths,
-    Entry,
     image,
     info,
     make,
@@ -29,9 +27,7 @@ from streams import CameraInfo, Image, image_message, info_message
 CLOUDLESS = depths(3, 5, 4, seed=1)
 
 
-def renamed(
-    depth: np.ndarray, name: str = '/front_left/flexx2', infos: str = '/front_left/calibration'
-) -> list[Entry]:
+def renamed(depth, name='/front_left/flexx2', infos='/front_left/calibration'):
     """Return what a camera publishes on topics of other names."""
     entries = []
     for index, frame in enumerate(depth):
@@ -40,7 +36,7 @@ def renamed(
     return entries
 
 
-def test_a_remapped_camera_is_found_in_a_bag(tmp_path: Path) -> None:
+def test_a_remapped_camera_is_found_in_a_bag(tmp_path):
     entries = renamed(CLOUDLESS)
     for index, frame in enumerate(CLOUDLESS):
         stamp = SECOND + index * SECOND // 30
@@ -65,7 +61,7 @@ def test_a_remapped_camera_is_found_in_a_bag(tmp_path: Path) -> None:
     assert same(load_recording(tmp_path / 'out.npz').depth, CLOUDLESS)
 
 
-def test_two_remapped_cameras_and_one_of_usual_names(tmp_path: Path) -> None:
+def test_two_remapped_cameras_and_one_of_usual_names(tmp_path):
     other = depths(3, 7, 6, seed=2)
     bag = write(
         tmp_path / 'bag',
@@ -81,7 +77,7 @@ def test_two_remapped_cameras_and_one_of_usual_names(tmp_path: Path) -> None:
         load_recording(bag)
 
 
-def test_a_topic_selects_the_camera_of_a_bag_that_becomes_a_bag(tmp_path: Path) -> None:
+def test_a_topic_selects_the_camera_of_a_bag_that_becomes_a_bag(tmp_path):
     entries = renamed(CLOUDLESS) + renamed(CLOUDLESS + 1, '/front_left/filtered')
     bag, out = write(tmp_path / 'bag', entries), tmp_path / 'out'
     assert main(['convert', str(bag), str(out), '--camera', '/front_left/filtered']) == 0
@@ -89,16 +85,14 @@ def test_a_topic_selects_the_camera_of_a_bag_that_becomes_a_bag(tmp_path: Path) 
     assert same(load_recording(out).depth, CLOUDLESS + 1)
 
 
-def test_a_topic_called_recording_belongs_to_somebody_else(tmp_path: Path) -> None:
+def test_a_topic_called_recording_belongs_to_somebody_else(tmp_path):
     entries = renamed(CLOUDLESS)
     text = make('std_msgs/msg/String', 'on')
     entries.append(('/front_left/recording', 'std_msgs/msg/String', 2 * SECOND, text))
     assert same(load_recording(write(tmp_path / 'bag', entries)).depth, CLOUDLESS)
 
 
-def test_images_that_are_not_clear_are_named_beside_a_camera(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_images_that_are_not_clear_are_named_beside_a_camera(tmp_path, capsys):
     entries = renamed(CLOUDLESS) + renamed(CLOUDLESS + 1, '/front_left/filtered')
     usual = camera_entries('left', CLOUDLESS, CLOUDLESS)
     usual += camera_entries('right', CLOUDLESS, CLOUDLESS)
@@ -108,7 +102,7 @@ def test_images_that_are_not_clear_are_named_beside_a_camera(
     assert '/front_left/flexx2, /front_left/filtered: not read' in said
 
 
-def test_two_candidates_for_depth_need_a_choice(tmp_path: Path) -> None:
+def test_two_candidates_for_depth_need_a_choice(tmp_path):
     entries = renamed(CLOUDLESS) + renamed(CLOUDLESS + 1, '/front_left/filtered')
     bag = write(tmp_path / 'bag', entries)
     with pytest.raises(InputError, match='/front_left/flexx2.*/front_left/filtered.*--camera'):
@@ -116,7 +110,7 @@ def test_two_candidates_for_depth_need_a_choice(tmp_path: Path) -> None:
     assert same(load_recording(bag, '/front_left/filtered').depth, CLOUDLESS + 1)
 
 
-def test_an_image_without_a_camera_info_is_no_camera(tmp_path: Path) -> None:
+def test_an_image_without_a_camera_info_is_no_camera(tmp_path):
     entries = [entry for entry in renamed(CLOUDLESS) if entry[0].endswith('flexx2')]
     entries.append(info('/front_left/calibration', 1, (50, 40)))
     bag = write(tmp_path / 'bag', entries)
@@ -126,7 +120,7 @@ def test_an_image_without_a_camera_info_is_no_camera(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures('ros')
-def test_a_remapped_camera_is_recorded(child_env: dict[str, str], tmp_path: Path) -> None:
+def test_a_remapped_camera_is_recorded(child_env, tmp_path):
     bag = tmp_path / 'bag'
     listener = streams.Listener()
     node = listener.node
@@ -135,25 +129,23 @@ def test_a_remapped_camera_is_recorded(child_env: dict[str, str], tmp_path: Path
     frame = np.full((172, 224), 1.5, np.float32)
     stamp = 0
 
-    def publish() -> bool:
+    def publish():
         nonlocal stamp
         stamp += SECOND // 30
         depth.publish(image_message(frame + stamp / SECOND, stamp))
         infos.publish(info_message(streams.FLEXX2, stamp))
         return bag.exists() and len(list(Bag(bag).messages({'/renamed/flexx2'}))) > 5
 
-    def recorded() -> bool:
+    def recorded():
         try:
             return publish()
         except InputError:  # Nothing is in the bag yet.
             return False
 
-    try:
-        with flexx2(child_env, 'record', bag, '--cameras', 'renamed') as process:
-            listener.spin_until(recorded, 'a camera that is recognised')
-            finish(process, signal.SIGINT)
-    finally:
-        listener.close()
+    with flexx2(child_env, 'record', bag, '--cameras', 'renamed') as process:
+        listener.spin_until(recorded, 'a camera that is recognised')
+        finish(process, signal.SIGINT)
+    listener.close()
     recording = load_recording(bag)
     assert recording.camera == 'renamed/flexx2'
     np.testing.assert_allclose(recording.depth[:, 0, 0], 1.5 + recording.stamp, rtol=1e-6)

@@ -1,8 +1,5 @@
 """Assumptions of the model that do not hold are found, and no others."""
 
-from pathlib import Path
-from typing import Any
-
 from boards import board
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.characterize import characterize, check_assumptions
@@ -16,74 +13,74 @@ NOISE = flexx2().mode('Mode_9_30fps').noise
 GENERATOR = np.random.default_rng
 
 
-def plain(distance: float, angle: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def plain(distance, angle, seed):
     """Return clean depth, sigma_z and independent standard normals."""
     target = board(distance, angle, size=SIZE)
     sigma = NOISE.sigma_z(target.depth, target.incidence)
     return target.depth, sigma, GENERATOR(seed).standard_normal((FRAMES, *SIZE))
 
 
-def ideal(distance: float, angle: float, seed: int) -> np.ndarray:
+def ideal(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     return clean + sigma * noise
 
 
-def slow(distance: float, angle: float, seed: int) -> np.ndarray:
+def slow(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     for t in range(1, FRAMES):
         noise[t] = 0.3 * noise[t - 1] + np.sqrt(1 - 0.09) * noise[t]
     return clean + sigma * noise
 
 
-def blurred(distance: float, angle: float, seed: int) -> np.ndarray:
+def blurred(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     noise[:, :, 1:] = (noise[:, :, 1:] + 0.3 * noise[:, :, :-1]) / np.sqrt(1.09)
     return clean + sigma * noise
 
 
-def shaking(distance: float, angle: float, seed: int) -> np.ndarray:
+def shaking(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     return clean + sigma * (noise + 0.15 * GENERATOR(seed + 99).standard_normal((FRAMES, 1, 1)))
 
 
-def drifting(distance: float, angle: float, seed: int) -> np.ndarray:
+def drifting(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     return clean + sigma * (noise + np.linspace(-0.1, 0.1, FRAMES)[:, None, None])
 
 
-def heavy(distance: float, angle: float, seed: int) -> np.ndarray:
+def heavy(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     outlier = GENERATOR(seed + 99).random(noise.shape) < 0.01
     return clean + sigma * np.where(outlier, 4 * noise, noise)
 
 
-def skewed(distance: float, angle: float, seed: int) -> np.ndarray:
+def skewed(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     return clean + sigma * (noise + 0.1 * (noise**2 - 1))
 
 
-def biased(distance: float, angle: float, seed: int) -> np.ndarray:
+def biased(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     return clean + sigma * noise + 0.01 * distance
 
 
-def patterned(distance: float, angle: float, seed: int) -> np.ndarray:
+def patterned(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     return clean + sigma * (noise + 0.3 * GENERATOR(0).standard_normal(SIZE))
 
 
-def dropping(distance: float, angle: float, seed: int) -> np.ndarray:
+def dropping(distance, angle, seed):
     depth = ideal(distance, angle, seed)
     depth[GENERATOR(seed + 99).random(depth.shape) < 0.02] = np.nan
     return depth
 
 
-def glaring(distance: float, angle: float, seed: int) -> np.ndarray:
+def glaring(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     return clean + sigma * noise * (1.25 if angle == 0 else 1.0)
 
 
-def crooked(distance: float, angle: float, seed: int) -> np.ndarray:
+def crooked(distance, angle, seed):
     clean, sigma, noise = plain(distance, angle, seed)
     return clean + sigma * noise * (1.0 + 0.2 * np.sin(9 * distance + angle))
 
@@ -114,9 +111,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(('made', 'found', 'along'), CASES)
-def test_wrong_assumptions_are_found(
-    tmp_path: Path, made: Any, found: str, along: tuple[str, ...]
-) -> None:
+def test_wrong_assumptions_are_found(tmp_path, made, found, along):
     """
     Assert each deviation is named with its evidence and none is named for nothing.
 
@@ -148,7 +143,7 @@ def test_wrong_assumptions_are_found(
     )
 
 
-def test_a_bias_within_the_tapes_accuracy_is_not_reported(tmp_path: Path) -> None:
+def test_a_bias_within_the_tapes_accuracy_is_not_reported(tmp_path):
     for number, (distance, angle) in enumerate(PLACES):
         target = board(distance + 0.005, angle, size=SIZE)
         depth = target.depth + 0.003 * GENERATOR(number).standard_normal((FRAMES, *SIZE))

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 import re
-from typing import Any
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics
 from flexx2_sim_ros.characterize import characterize, to_profile
@@ -12,7 +11,6 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.profiles.files import ProfileFile, save_profile
-from flexx2_sim_ros.profiles.modes import Profile
 from made_bags import DISTORTION, DRIVER, driver_bag, MATRIX
 import numpy as np
 from programs import call_flexx2
@@ -20,16 +18,14 @@ import pytest
 
 
 @pytest.fixture
-def camera() -> Any:
+def camera():
     """Return a camera of 80 x 60 pixels, for quick captures."""
     return replace(
         flexx2(), intrinsics=replace(flexx2().intrinsics, width=80, height=60, cx=39.5, cy=29.5)
     )
 
 
-def test_from_a_capture_to_a_running_camera(
-    tmp_path: Path, camera: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_from_a_capture_to_a_running_camera(tmp_path, camera, monkeypatch):
     """Assert the three commands of the documentation, one after the other."""
     monkeypatch.chdir(tmp_path)
     save_profile(tmp_path / 'small.yaml', ProfileFile(camera))
@@ -47,7 +43,7 @@ def test_from_a_capture_to_a_running_camera(
     )
 
 
-def test_an_interrupted_capture_resumes(tmp_path: Path, camera: Any) -> None:
+def test_an_interrupted_capture_resumes(tmp_path, camera):
     wanted = conditions(camera, ['Mode_5_30fps'], [0.5, 0.8], [0, 30])
     first = dict(capture(tmp_path, wanted, camera, frames=3))
     assert list(first.values()) == [True] * 4
@@ -62,7 +58,7 @@ def test_an_interrupted_capture_resumes(tmp_path: Path, camera: Any) -> None:
         np.savez(other, **{**arrays, 'depth': arrays['depth'] + np.float32(0.01)})
     (tmp_path / '.flexx2-0.part').mkdir()
     (tmp_path / '.flexx2-0.part' / lost.name).write_bytes(b'of a capture that was killed')
-    said: list[str] = []
+    said = []
     again = dict(capture(tmp_path, wanted, camera, frames=3, say=said.append))
     assert all(again.values())
     assert [sum(str(path) in text for text in said) for path in sorted(first)] == [0, 1, 1, 1]
@@ -73,7 +69,7 @@ def test_an_interrupted_capture_resumes(tmp_path: Path, camera: Any) -> None:
     assert len(characterize(tmp_path).modes[0].cells) == 4
 
 
-def test_a_capture_replaces_what_another_one_recorded(tmp_path: Path, camera: Any) -> None:
+def test_a_capture_replaces_what_another_one_recorded(tmp_path, camera):
     wanted = conditions(camera, ['Mode_5_30fps'], [0.5], [0])
     path = next(capture(tmp_path, wanted, camera, frames=3))[0]
     noisy = replace(
@@ -87,7 +83,7 @@ def test_a_capture_replaces_what_another_one_recorded(tmp_path: Path, camera: An
         (camera, 4, 1, 'seed: differs'),
         (noisy, 4, 1, 'depth: differs'),
     ):
-        said: list[str] = []
+        said = []
         assert dict(
             capture(tmp_path, wanted, profile, frames=frames, seed=seed, say=said.append)
         ) == {path: True}
@@ -95,9 +91,7 @@ def test_a_capture_replaces_what_another_one_recorded(tmp_path: Path, camera: An
 
 
 @pytest.mark.parametrize('lost', [('seed',), ('seed', 'K')])
-def test_a_capture_overwrites_no_real_recording(
-    lost: tuple[str, ...], tmp_path: Path, camera: Any
-) -> None:
+def test_a_capture_overwrites_no_real_recording(lost, tmp_path, camera):
     wanted = conditions(camera, ['Mode_5_30fps'], [0.5], [0])
     path = next(capture(tmp_path, wanted, camera, frames=3))[0]
     with np.load(path) as arrays:
@@ -108,7 +102,7 @@ def test_a_capture_overwrites_no_real_recording(
     assert path.read_bytes() == before
 
 
-def test_a_distorted_camera_sees_the_same_board(tmp_path: Path, camera: Any) -> None:
+def test_a_distorted_camera_sees_the_same_board(tmp_path, camera):
     """Assert the clean depth is the board's, by the camera's own rays."""
     bent = replace(
         camera,
@@ -125,7 +119,7 @@ def test_a_distorted_camera_sees_the_same_board(tmp_path: Path, camera: Any) -> 
         np.testing.assert_array_equal(recording['distortion'], bent.intrinsics.distortion)
 
 
-def test_a_lens_that_distorts_changes_no_result(tmp_path: Path, camera: Any) -> None:
+def test_a_lens_that_distorts_changes_no_result(tmp_path, camera):
     """
     Assert planes and edges are straightened: neither bends into the noise.
 
@@ -143,7 +137,6 @@ def test_a_lens_that_distorts_changes_no_result(tmp_path: Path, camera: Any) -> 
     edges = []
     for cell in result.modes[0].cells:
         m = cell.measurement
-        assert m.condition is not None
         assert m.angle_deg == pytest.approx(m.condition.angle_deg, abs=0.05)
         assert m.pixels.flatness < 0.0002
         assert abs(cell.axial.debiased) < 0.002
@@ -171,25 +164,20 @@ RANGES = (
 
 @pytest.mark.parametrize('limits', RANGES)
 def test_a_campaign_without_distances_is_inside_any_range(
-    limits: tuple[float, float],
-    tmp_path: Path,
-    camera: Any,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    limits, tmp_path, camera, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     mode = one_mode(camera, limits)
     save_profile('own.yaml', ProfileFile(mode))
     own = ['--profile', 'own.yaml', '--angles', '0', '--frames', '1']
     assert main(['characterize', 'plan', *own]) == 0
     planned = re.findall(r'- \[ \] `own_(\S+)m_0deg`', capsys.readouterr().out)
-    assert planned
     assert all(limits[0] <= float(distance) <= limits[1] for distance in planned)
     assert main(['characterize', 'capture', 'campaign', *own, '--jobs', '1']) == 0
     assert len(list(Path('campaign').iterdir())) == len(planned)
 
 
-def one_mode(camera: Profile, limits: tuple[float, float]) -> Profile:
+def one_mode(camera, limits):
     """Return a camera with one mode of a range; sigma_z is 1 % of depth."""
     noise = replace(camera.modes[0].noise, a=0.0, b=0.01, c=0.0, d=0.0)
     near, far = limits
@@ -207,13 +195,7 @@ def one_mode(camera: Profile, limits: tuple[float, float]) -> Profile:
         ((12.0, 100.0), '--distances: must be 0.1 to 10 m, where the simulated board can be'),
     ],
 )
-def test_a_range_in_which_no_board_can_be_is_named(
-    limits: tuple[float, float],
-    named: str,
-    tmp_path: Path,
-    camera: Any,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_range_in_which_no_board_can_be_is_named(limits, named, tmp_path, camera, capsys):
     profile = tmp_path / 'own.yaml'
     save_profile(profile, ProfileFile(one_mode(camera, limits)))
     arguments = ['capture', str(tmp_path / 'campaign'), '--profile', str(profile)]
@@ -221,7 +203,7 @@ def test_a_range_in_which_no_board_can_be_is_named(
     assert named in capsys.readouterr().err
 
 
-def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_plan_is_the_captures_campaign(capsys):
     assert main(['characterize', 'plan']) == 0
     printed = capsys.readouterr().out
     names = re.findall(r'- \[ \] `(\S+)`', printed)
@@ -260,13 +242,7 @@ def test_the_plan_is_the_captures_campaign(capsys: pytest.CaptureFixture[str]) -
         (['fit', '.', '--box', '5', '5', '1', '1'], 'must have recordings'),
     ],
 )
-def test_bad_arguments_are_named(
-    arguments: list[str],
-    named: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_bad_arguments_are_named(arguments, named, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(['characterize', *arguments]) == 2
     assert named in capsys.readouterr().err
@@ -274,7 +250,7 @@ def test_bad_arguments_are_named(
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_the_real_drivers_bags_give_its_noise(tmp_path: Path, storage: str) -> None:
+def test_the_real_drivers_bags_give_its_noise(tmp_path, storage):
     """
     Assert distance, incidence and sigma_z from the driver's topics, through its lens.
 
@@ -300,7 +276,6 @@ def test_the_real_drivers_bags_give_its_noise(tmp_path: Path, storage: str) -> N
     assert profile.intrinsics == camera
     for cell in result.modes[0].cells:
         m = cell.measurement
-        assert m.condition is not None
         assert m.distance == pytest.approx(m.condition.distance, abs=0.001)
         assert m.angle_deg == pytest.approx(m.condition.angle_deg, abs=0.1)
         assert cell.sigma == pytest.approx(sigma, rel=0.01)

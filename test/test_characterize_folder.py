@@ -4,7 +4,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 import re
 import shlex
-from typing import Any
 
 from boards import board
 from flexx2_sim_ros.camera import flexx2
@@ -23,13 +22,7 @@ MODE_9 = flexx2().mode('Mode_9_30fps')
 PNG = b'\x89PNG'
 
 
-def content(
-    distance: float = 1.0,
-    angle: float = 15.0,
-    frames: int = 12,
-    size: tuple[int, int] = (60, 80),
-    blur: float = 0.0,
-) -> dict[str, Any]:
+def content(distance=1.0, angle=15.0, frames=12, size=(60, 80), blur=0.0):
     """Make a recording of a board that fills the image; its noise may be blurred (pixels)."""
     target = board(distance, angle, size=size)
     sigma = MODE_9.noise.sigma_z(target.depth, target.incidence)
@@ -46,7 +39,7 @@ def content(
     }
 
 
-def write(folder: Path, name: str, **changes: Any) -> Path:
+def write(folder, name, **changes):
     """Write a recording that is right but for the changes."""
     condition = parse_name(Path(name))
     made = (
@@ -56,7 +49,7 @@ def write(folder: Path, name: str, **changes: Any) -> Path:
     return folder / name
 
 
-def good(folder: Path) -> list[Path]:
+def good(folder):
     """Write five recordings that are right."""
     return [
         write(folder, f'Mode_9_30fps_{distance:.2f}m_{angle}deg.npz')
@@ -64,7 +57,7 @@ def good(folder: Path) -> list[Path]:
     ]
 
 
-def tiny() -> np.ndarray:
+def tiny():
     depth = np.full((12, 60, 80), np.nan, np.float32)
     depth[:, 26:34, 36:44] = 1.0
     return depth
@@ -104,7 +97,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize('kind', WRONG)
-def test_a_wrong_recording_is_left_out_and_the_rest_analysed(tmp_path: Path, kind: str) -> None:
+def test_a_wrong_recording_is_left_out_and_the_rest_analysed(tmp_path, kind):
     good(tmp_path)
     changes, named = WRONG[kind]
     bad = write(tmp_path, 'Mode_9_30fps_1.00m_15deg.npz', **changes)
@@ -116,10 +109,9 @@ def test_a_wrong_recording_is_left_out_and_the_rest_analysed(tmp_path: Path, kin
     assert len(result.modes[0].cells) == 5
 
 
-def test_two_frames_with_invalid_pixels_are_enough(tmp_path: Path) -> None:
+def test_two_frames_with_invalid_pixels_are_enough(tmp_path):
     for path in good(tmp_path):
         condition = parse_name(path)
-        assert condition is not None
         two = content(condition.distance, condition.angle_deg, frames=2)
         lost = np.random.default_rng(4).uniform(size=two['depth'].shape) < 0.05
         two['depth'][lost] = np.nan
@@ -129,7 +121,7 @@ def test_two_frames_with_invalid_pixels_are_enough(tmp_path: Path) -> None:
     assert [cell.sigma / cell.modelled for cell in cells] == pytest.approx([1.0] * 5, abs=0.07)
 
 
-def test_pictures_of_somebody_else_stay(tmp_path: Path) -> None:
+def test_pictures_of_somebody_else_stay(tmp_path):
     campaign, out = tmp_path / 'campaign', tmp_path / 'thesis'
     for folder in (campaign, out):
         folder.mkdir()
@@ -139,9 +131,7 @@ def test_pictures_of_somebody_else_stay(tmp_path: Path) -> None:
     assert (out / 'lateral.png').read_bytes() == b'mine'
 
 
-def test_without_usable_recordings_every_reason_is_listed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_usable_recordings_every_reason_is_listed(tmp_path, capsys):
     (tmp_path / 'a.npz').write_bytes(b'no archive')
     write(tmp_path, 'b.npz', depth=np.zeros((12, 60, 80), np.float32))
     assert main(['characterize', 'fit', str(tmp_path), '--jobs', '1']) == 2
@@ -156,26 +146,24 @@ def test_without_usable_recordings_every_reason_is_listed(
 class Page(HTMLParser):
     """Collects what a page refers to, and its text."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         """Start with nothing."""
         super().__init__()
-        self.links: list[str] = []
-        self.tags: list[str] = []
+        self.links = []
+        self.tags = []
         self.text = ''
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         """Keep links."""
         self.tags.append(tag)
         self.links += [value or '' for key, value in attrs if key in ('src', 'href')]
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         """Keep text."""
         self.text += data
 
 
-def test_the_command_writes_a_page_figures_and_a_profile(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_a_page_figures_and_a_profile(tmp_path, capsys):
     """Assert the page is whole in itself and nothing in a file's name gets into its markup."""
     good(tmp_path)
     hostile = write(tmp_path, 'Mode_9_30fps_1.00m_15deg.npz', usecase='<b>x&y')
@@ -222,7 +210,7 @@ def test_the_command_writes_a_page_figures_and_a_profile(
     assert not (out / 'lateral.png').exists()
 
 
-def test_a_modes_name_is_text_wherever_it_is_shown(tmp_path: Path) -> None:
+def test_a_modes_name_is_text_wherever_it_is_shown(tmp_path):
     """Assert a name full of markup does no harm, and that no profile can have it."""
     good(tmp_path)
     hostile = r'<i>$\nothing{'
@@ -238,7 +226,7 @@ def test_a_modes_name_is_text_wherever_it_is_shown(tmp_path: Path) -> None:
     assert load_profile(out / 'profile.yaml').names == ['Mode_9_30fps']
 
 
-def test_bags_and_arrays_give_the_same_result(tmp_path: Path) -> None:
+def test_bags_and_arrays_give_the_same_result(tmp_path):
     arrays, bags = tmp_path / 'arrays', tmp_path / 'bags'
     arrays.mkdir()
     bags.mkdir()
@@ -251,7 +239,7 @@ def test_bags_and_arrays_give_the_same_result(tmp_path: Path) -> None:
         assert same.measurement.condition == cell.measurement.condition
 
 
-def test_a_truncated_bag_is_measured_and_reported(tmp_path: Path) -> None:
+def test_a_truncated_bag_is_measured_and_reported(tmp_path):
     arrays, bags = tmp_path / 'arrays', tmp_path / 'bags'
     arrays.mkdir()
     bags.mkdir()
@@ -270,9 +258,7 @@ def test_a_truncated_bag_is_measured_and_reported(tmp_path: Path) -> None:
     assert 'Mode_9_30fps_0.70m_0deg' in notes
 
 
-def test_crops_of_one_image_are_one_camera(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_crops_of_one_image_are_one_camera(tmp_path, capsys):
     """Assert recordings that differ in crop alone are kept, another focal length is not."""
     crops = ((0, 0, 60, 50), (10, 0, 80, 60), (0, 5, 70, 60), (20, 10, 80, 55))
     for number, (x0, y0, x1, y1) in enumerate(crops):
@@ -296,7 +282,7 @@ def test_crops_of_one_image_are_one_camera(
     assert '4 recordings, 48 frames of crops of 80 x 60 pixels' in page
 
 
-def test_another_camera_and_mode_make_a_profile(tmp_path: Path) -> None:
+def test_another_camera_and_mode_make_a_profile(tmp_path):
     """Assert what is not known is said, and the profile can be run."""
     for number, (distance, angle) in enumerate(((0.6, 5), (0.9, 40), (1.3, 10), (1.8, 45))):
         made = content(distance, angle, size=(96, 128))
@@ -317,7 +303,7 @@ def test_another_camera_and_mode_make_a_profile(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('blur', [0.0, 0.85])
-def test_single_frames_are_measured_in_space_and_reported(blur: float, tmp_path: Path) -> None:
+def test_single_frames_are_measured_in_space_and_reported(blur, tmp_path):
     """
     Assert sigma within 6 %, of independent pixels and of such that correlate by 0.7.
 
@@ -338,7 +324,7 @@ def test_single_frames_are_measured_in_space_and_reported(blur: float, tmp_path:
     assert np.sqrt(np.mean(ratios)) == pytest.approx(1, rel=0.06)
 
 
-def test_a_box_says_where_the_board_is(tmp_path: Path) -> None:
+def test_a_box_says_where_the_board_is(tmp_path):
     """Assert a board in a corner is measured there; false failures: sigma is known to 0.6 %."""
     near, far = content(1.0, 15), content(2.5, 0)
     depth = far['depth'].copy()
@@ -356,7 +342,7 @@ def test_a_box_says_where_the_board_is(tmp_path: Path) -> None:
         characterize(tmp_path, box=(2, 2, 90, 26))
 
 
-def test_single_frames_beside_one_with_several_are_named(tmp_path: Path) -> None:
+def test_single_frames_beside_one_with_several_are_named(tmp_path):
     whole, *others = good(tmp_path)
     for path in others:
         with np.load(path) as arrays:

@@ -1,35 +1,34 @@
 """Real frames of a Kinect v2 and an Azure Kinect give the figures that are known of them."""
 
 import math
-from pathlib import Path
 
 from flexx2_sim_ros.characterize.amplitude import count_invalid, sigma_against
 from flexx2_sim_ros.characterize.board_finding import find_board
-from flexx2_sim_ros.characterize.measurement import measure, Measurement
+from flexx2_sim_ros.characterize.measurement import measure
 from flexx2_sim_ros.characterize.moments import Accumulator
 from flexx2_sim_ros.characterize.pixel_statistics import FrameMeans, pixel_statistics
 from flexx2_sim_ros.characterize.tiles import join
 import numpy as np
 import pytest
-from real_frames import kinect_views, load, View
+from real_frames import kinect_views, load
 
 # Within 15 % of what is known of the data.
 AGREEMENT = 0.15
 
 
-def known(value: float) -> object:
+def known(value):
     return pytest.approx(value, rel=AGREEMENT)
 
 
 @pytest.fixture(scope='module')
-def views() -> list[View]:
+def views():
     return kinect_views()
 
 
 @pytest.fixture(scope='module')
-def measured(views: list[View], tmp_path_factory: pytest.TempPathFactory) -> list[Measurement]:
+def measured(views, tmp_path_factory):
     """Measure every view as a recording of one frame."""
-    path: Path = tmp_path_factory.mktemp('kinect') / 'view.npz'
+    path = tmp_path_factory.mktemp('kinect') / 'view.npz'
     results = []
     for view in views:
         np.savez(
@@ -44,7 +43,7 @@ def measured(views: list[View], tmp_path_factory: pytest.TempPathFactory) -> lis
     return results
 
 
-def test_kinect_views_are_measured_with_their_own_conditions(measured: list[Measurement]) -> None:
+def test_kinect_views_are_measured_with_their_own_conditions(measured):
     assert len(measured) == 102
     assert all(m.spatial for m in measured)
     assert 0.4 < min(m.distance for m in measured) < max(m.distance for m in measured) < 1.6
@@ -52,7 +51,7 @@ def test_kinect_views_are_measured_with_their_own_conditions(measured: list[Meas
     assert all(math.isnan(m.bias) and not m.bias_of for m in measured)
 
 
-def test_kinect_noise_falls_with_the_root_of_amplitude(measured: list[Measurement]) -> None:
+def test_kinect_noise_falls_with_the_root_of_amplitude(measured):
     tiles = join([m.tiles for m in measured])
     assert sigma_against(tiles).exponent == known(-0.49)
     edges = np.array([1.0, 1000, 5000, 7000, 20000, 40000, 60000, 66000])
@@ -63,12 +62,12 @@ def test_kinect_noise_falls_with_the_root_of_amplitude(measured: list[Measuremen
         assert 1.1 * (1 - AGREEMENT) < 1e3 * floor < 1.3 * (1 + AGREEMENT)
 
 
-def test_kinect_neighbours_are_correlated(measured: list[Measurement]) -> None:
+def test_kinect_neighbours_are_correlated(measured):
     mean = np.mean([0.5 * (m.pixels.right + m.pixels.down) for m in measured])
     assert mean == known(0.66)
 
 
-def test_kinect_saturates_at_the_top_of_its_scale(views: list[View]) -> None:
+def test_kinect_saturates_at_the_top_of_its_scale(views):
     amplitude = np.concatenate([view.amplitude.ravel() for view in views])
     valid = np.concatenate([np.isfinite(view.depth).ravel() for view in views])
     counts = count_invalid(amplitude, valid, np.array([60_000, 65_500, 1e6]))
@@ -77,7 +76,7 @@ def test_kinect_saturates_at_the_top_of_its_scale(views: list[View]) -> None:
     assert above == known(0.97)
 
 
-def test_kinect_white_is_seen_nearer_than_black(views: list[View]) -> None:
+def test_kinect_white_is_seen_nearer_than_black(views):
     """
     Assert the difference of white and black squares at 0.95 m and 1.2 m.
 
@@ -114,7 +113,7 @@ def test_kinect_white_is_seen_nearer_than_black(views: list[View]) -> None:
     assert far == known(-10.4)
 
 
-def step_between(depth: np.ndarray, inside: np.ndarray, white: np.ndarray) -> float:
+def step_between(depth, inside, white):
     """Fit a plane and a step robustly; return the step, white less black."""
     v, u = np.nonzero(inside)
     design = np.stack([np.ones(len(u)), u, v, white[inside]], axis=1)
@@ -126,7 +125,7 @@ def step_between(depth: np.ndarray, inside: np.ndarray, white: np.ndarray) -> fl
     return float(fitted[3])
 
 
-def test_kinect_bias_is_reported_for_the_nominal_camera_only(views: list[View]) -> None:
+def test_kinect_bias_is_reported_for_the_nominal_camera_only(views):
     """
     Assert 15 to 21 mm at 0.5 to 0.8 m, falling beyond 1.3 m, with the nominal focal length.
 
@@ -141,7 +140,7 @@ def test_kinect_bias_is_reported_for_the_nominal_camera_only(views: list[View]) 
     assert np.median(bias[distance > 1.3]) < near - 4
 
 
-def test_azure_loses_dark_pixels() -> None:
+def test_azure_loses_dark_pixels():
     with load('azurekinect_charuco_blackwall.npz') as data:
         counts = count_invalid(
             data['ir16'].astype(float), data['depth_mm'] > 0, np.array([0.0, 50, 100, 200])
@@ -150,7 +149,7 @@ def test_azure_loses_dark_pixels() -> None:
     assert counts.invalid / counts.pixels == known(np.array([0.99, 0.78, 0.25]))
 
 
-def test_azure_has_fixed_pattern_noise() -> None:
+def test_azure_has_fixed_pattern_noise():
     """Assert the pattern of two captures of one board, and how alike it makes them."""
     with load('azurekinect_charuco_blackwall.npz') as data:
         depth = np.where(

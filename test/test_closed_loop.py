@@ -15,7 +15,7 @@ FRAMES = 600
 
 
 @pytest.mark.parametrize('usecase', MEASURED)
-def test_axial_noise_is_the_models_in_every_cell(usecase: str) -> None:
+def test_axial_noise_is_the_models_in_every_cell(usecase):
     """
     Assert sigma_z within 3 %, KL within 0.003 nats, and no bias, at all distances and angles.
 
@@ -45,7 +45,7 @@ def test_axial_noise_is_the_models_in_every_cell(usecase: str) -> None:
 
 @pytest.mark.parametrize('angle', [0, 15, 30])
 @pytest.mark.parametrize('usecase', MEASURED)
-def test_edges_move_by_sigma_x(usecase: str, angle: int) -> None:
+def test_edges_move_by_sigma_x(usecase, angle):
     """
     Assert sigma_x within 3 % on a board's left and right edge.
 
@@ -62,7 +62,7 @@ def test_edges_move_by_sigma_x(usecase: str, angle: int) -> None:
         assert measured == pytest.approx(mode.noise.sigma_x, rel=0.03)
 
 
-def test_level_edges_move_along_columns() -> None:
+def test_level_edges_move_along_columns():
     """Assert the same along columns; false failures as above (300 frames x 224 columns)."""
     target = board(1.0, 15, half_width=0.2, background=2.0, turn='pitch')
     seen = Camera('Mode_9_30fps', seed=3).capture(target.depth, target.K, np.arange(300)).depth

@@ -1,7 +1,6 @@
 """What cannot be used, in every command: one sentence, exit status 2, nothing written."""
 
 import argparse
-from collections.abc import Iterator
 import json
 import os
 from pathlib import Path
@@ -35,9 +34,7 @@ NEEDS = {
 NUMBERS = ['nan', 'inf', '-inf', '-1e30', '1e400', '', 'x', '\udcff', '9' * 5000]
 
 
-def parsers(
-    parser: argparse.ArgumentParser, name: str = ''
-) -> Iterator[tuple[str, argparse.ArgumentParser]]:
+def parsers(parser, name=''):
     """Iterate over all commands, those within others included."""
     groups = [
         action for action in parser._actions if isinstance(action, argparse._SubParsersAction)
@@ -49,7 +46,7 @@ def parsers(
         yield name, parser
 
 
-def numeric_options() -> list[tuple[str, str, int]]:
+def numeric_options():
     """Return the command, the option and its number of values, for every number there is."""
     return [
         (name, action.option_strings[0], action.nargs if isinstance(action.nargs, int) else 1)
@@ -60,7 +57,7 @@ def numeric_options() -> list[tuple[str, str, int]]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path, monkeypatch):
     """Go to a folder with a scene, a campaign and targets that cannot be."""
     monkeypatch.chdir(tmp_path)
     recording = {'clean_depth': np.full((43, 56), 1.5), 'K': K}
@@ -81,7 +78,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+def refused(words, capsys):
     """Run a command that has to refuse; return its sentence."""
     before = sorted(Path().rglob('*'))
     assert main(words) == 2
@@ -92,7 +89,7 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     return said
 
 
-def test_every_number_is_checked() -> None:
+def test_every_number_is_checked():
     """Assert that the options below are found at all."""
     options = numeric_options()
     assert {
@@ -109,9 +106,7 @@ def test_every_number_is_checked() -> None:
 
 
 @pytest.mark.parametrize(('name', 'option', 'count'), numeric_options())
-def test_numbers(
-    folder: Path, capsys: pytest.CaptureFixture[str], name: str, option: str, count: int
-) -> None:
+def test_numbers(folder, capsys, name, option, count):
     """Assert that no command starts with a number that is none or has no end."""
     for value in NUMBERS:
         words = [*name.split(), *NEEDS.get(name, []), *[f'{option}={value}'] * (count == 1)]
@@ -134,9 +129,7 @@ def test_numbers(
         (['record', '{}'], ''),
     ],
 )
-def test_files_to_write(
-    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str], what: str
-) -> None:
+def test_files_to_write(folder, capsys, words, what):
     """Assert targets that cannot be are refused before the work."""
     ending = f'.{what}' if what else ''
     for target in ('missing/a', 'file/a', 'loop', 'loop/a', 'n' * 256, '/proc/self/a'):
@@ -159,9 +152,7 @@ def test_files_to_write(
         ['gap', 'benchmark', '--quick', '--out', '{}'],
     ],
 )
-def test_folders_to_write(
-    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str]
-) -> None:
+def test_folders_to_write(folder, capsys, words):
     """Assert folders that cannot be are refused before the work."""
     for target in ('file', 'file/a', 'loop', 'loop/a', 'n' * 256, '/proc/self/a'):
         refused([word.format(target) for word in words], capsys)
@@ -169,9 +160,7 @@ def test_folders_to_write(
 
 @pytest.mark.parametrize('command', ['simulate', 'convert'])
 @pytest.mark.parametrize('target', ['in.npz', './in.npz', 'dir/../in.npz', 'link.npz', 'hard.npz'])
-def test_the_output_is_the_input(
-    folder: Path, capsys: pytest.CaptureFixture[str], command: str, target: str
-) -> None:
+def test_the_output_is_the_input(folder, capsys, command, target):
     """Assert the same file is noticed under every name, and stays as it was."""
     before = Path('in.npz').read_bytes()
     assert 'must be another file than the input' in refused([command, 'in.npz', target], capsys)
@@ -223,9 +212,7 @@ def test_the_output_is_the_input(
         ),
     ],
 )
-def test_what_was_given_is_named(
-    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str], sentence: str
-) -> None:
+def test_what_was_given_is_named(folder, capsys, words, sentence):
     np.savez('nan.npz', clean_depth=np.ones((2, 4, 4)), K=K, stamp=[0.0, np.nan])
     Path('list.yaml').write_text('schema: 1\nplanes: []\n')
     Path('empty.xml').write_text('<mujoco/>')
@@ -233,13 +220,11 @@ def test_what_was_given_is_named(
     assert sentence in refused(words, capsys)
 
 
-def test_a_long_name_is_not_repeated(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_long_name_is_not_repeated(folder, capsys):
     assert len(refused(['simulate', 'in.npz', 'n' * 4000], capsys)) < 250
 
 
-def test_a_scene_in_millimetres_is_noticed(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_scene_in_millimetres_is_noticed(folder, capsys):
     np.savez('mm.npz', clean_depth=np.full((43, 56), 1500.0, np.float32), K=K)
     assert main(['simulate', 'mm.npz', 'out.npz', '--frames', '1']) == 0
     said = ' '.join(capsys.readouterr().err.split())
@@ -251,9 +236,7 @@ def test_a_scene_in_millimetres_is_noticed(
     assert not Path('whole.npz').exists()
 
 
-def test_each_command_has_an_example_and_its_help_fits_80_columns(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_each_command_has_an_example_and_its_help_fits_80_columns(monkeypatch):
     monkeypatch.setenv('COLUMNS', '80')
     for name, parser in parsers(commands.make_parser()):
         text = parser.format_help()
@@ -263,7 +246,7 @@ def test_each_command_has_an_example_and_its_help_fits_80_columns(
 
 
 @pytest.mark.parametrize('words', ['--help', 'gap --help', 'nonsense'])
-def test_help_loads_no_command_and_lists_all(words: str) -> None:
+def test_help_loads_no_command_and_lists_all(words):
     program = (
         'import sys; from flexx2_sim_ros.cli import commands\n'
         'try: commands.make_parser(sys.argv[1:]).parse_args(sys.argv[1:])\n'
@@ -289,7 +272,7 @@ print(json.dumps(ends))
 """
 
 
-def test_a_file_that_cannot_grow(folder: Path) -> None:
+def test_a_file_that_cannot_grow(folder):
     """Assert one sentence and no output where the file system takes no more."""
     commands = [
         ['simulate', 'in.npz', 'out.npz', '--frames', '9'],
@@ -313,7 +296,7 @@ def test_a_file_that_cannot_grow(folder: Path) -> None:
 
 
 @pytest.fixture
-def full(folder: Path) -> Iterator[Path]:
+def full(folder):
     """Return a file system of 64 KB with 20 KB left."""
     if os.geteuid():
         pytest.skip('only root may mount a small file system')
@@ -354,7 +337,7 @@ def full(folder: Path) -> Iterator[Path]:
     ],
     ids=str,
 )
-def test_a_full_disk(full: Path, capsys: pytest.CaptureFixture[str], words: list[str]) -> None:
+def test_a_full_disk(full, capsys, words):
     """Assert one sentence that names the file, and none of it left."""
     assert main(words) == 2
     said = capsys.readouterr().err.strip().splitlines()
@@ -367,7 +350,7 @@ def test_a_full_disk(full: Path, capsys: pytest.CaptureFixture[str], words: list
 COMMAND = [sys.executable, '-m', 'flexx2_sim_ros.cli.main']
 
 
-def test_output_that_cannot_be_written() -> None:
+def test_output_that_cannot_be_written():
     with Path('/dev/full').open('wb') as full:
         done = subprocess.run(
             [*COMMAND, 'modes'], stdout=full, stderr=subprocess.PIPE, text=True, check=False
@@ -378,7 +361,7 @@ def test_output_that_cannot_be_written() -> None:
     )
 
 
-def test_too_many_open_files_are_not_blamed_on_the_output(folder: Path) -> None:
+def test_too_many_open_files_are_not_blamed_on_the_output(folder):
     # Pipes need two file descriptors and have no file name; this leaves room for one.
     program = (
         'import os, resource, sys\n'

@@ -1,16 +1,13 @@
 """What a consumer starts ends with it: real processes, found by their numbers."""
 
-from collections.abc import Callable
 from pathlib import Path
-import subprocess
 import sys
-import time
 
 from flexx2_sim_ros.consumers.loading import ConsumerSource
 from flexx2_sim_ros.consumers.running import run
+from programs import PATIENCE, started, until
 import pytest
 
-PATIENCE = 60.0
 CONSUMER = """
 import os
 from pathlib import Path
@@ -65,15 +62,7 @@ if __name__ == '__main__':
 """
 
 
-def wait_for(condition: Callable[[], bool]) -> None:
-    """Wait until a condition holds, and fail where it never does."""
-    end = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def ended(pid: int) -> bool:
+def ended(pid):
     """Say whether a process has ended; nobody may have asked for its exit status."""
     try:
         return Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0] in 'ZX'
@@ -82,7 +71,7 @@ def ended(pid: int) -> bool:
 
 
 @pytest.fixture
-def file(tmp_path: Path) -> Path:
+def file(tmp_path):
     """Return a file with consumers that start a process and say which."""
     path = tmp_path / 'mine.py'
     path.write_text(CONSUMER)
@@ -90,20 +79,21 @@ def file(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize('name', ['Good', 'Ends', 'Raises'])
-def test_children_of_a_consumer_end_with_it(file: Path, name: str) -> None:
+def test_children_of_a_consumer_end_with_it(file, name):
     result = run(ConsumerSource('mine', str(file), name, True), [], 1.0, lambda: None)
     assert bool(result.fault) == (name != 'Good')
     child = int(file.with_suffix('.pid').read_text())
-    wait_for(lambda: ended(child))
+    until(lambda: ended(child))
 
 
 @pytest.mark.parametrize('end', ['terminate', 'kill'])
-def test_children_of_a_consumer_end_with_the_command(file: Path, end: str) -> None:
+def test_children_of_a_consumer_end_with_the_command(file, end):
     script = file.with_name('command.py')
     script.write_text(COMMAND)
-    with subprocess.Popen([sys.executable, script, file]) as command:
-        wait_for(file.with_suffix('.pid').exists)
+    with started([sys.executable, script, file]) as command:
+        until(file.with_suffix('.pid').exists)
         child = int(file.with_suffix('.pid').read_text())
         assert not ended(child)
         getattr(command, end)()
-    wait_for(lambda: ended(child))
+        command.wait(PATIENCE)
+    until(lambda: ended(child))

@@ -21,7 +21,7 @@ LENS = Intrinsics.from_field_of_view(224, 172, 56.0, 44.0)
 HEIGHT, PITCH = 0.6, 35.0
 
 
-def look(step: float = 0.0, wall: float = 9.0, start: float = 0.9) -> CameraView:
+def look(step=0.0, wall=9.0, start=0.9):
     """Return what a camera sees of the ground, a step up at x = start, and a wall at x = wall."""
     standing = mounted(HEIGHT, PITCH)
     view = CameraView(
@@ -40,16 +40,15 @@ def look(step: float = 0.0, wall: float = 9.0, start: float = 0.9) -> CameraView
     return replace(view, centre=best_centre(view.points(0)))
 
 
-def test_the_ground_is_found_below_a_tilted_camera() -> None:
+def test_the_ground_is_found_below_a_tilted_camera():
     view = look(step=0.12, start=1.2)
     found = find_ground(view.depth[0], LENS, MODE.sensor)
-    assert found is not None
     np.testing.assert_allclose(found.rotation, view.rotation, atol=0.01)
     np.testing.assert_allclose(found.position, view.position, atol=0.01)
     assert find_ground(np.full((172, 224), 1.5, np.float32), LENS, MODE.sensor) is None
 
 
-def test_the_height_grid_is_that_of_the_batch() -> None:
+def test_the_height_grid_is_that_of_the_batch():
     view = look(step=0.1)
     assert view.centre is not None
     own = HeightGrid().look(view)
@@ -61,7 +60,7 @@ def test_the_height_grid_is_that_of_the_batch() -> None:
 
 
 @pytest.mark.parametrize('consumer', [HeightGrid(), ElevationMap()])
-def test_maps_measure_a_shift_and_holes(consumer: HeightGrid | ElevationMap) -> None:
+def test_maps_measure_a_shift_and_holes(consumer):
     true, low = look(), look(step=-0.03, start=0.0)
     assert (low.points(0)[:, 2] < -0.02).all()
     low = replace(low, centre=true.centre)
@@ -77,7 +76,7 @@ def test_maps_measure_a_shift_and_holes(consumer: HeightGrid | ElevationMap) -> 
     assert errors['height_error'] < 1
 
 
-def test_steps_are_missed_and_invented() -> None:
+def test_steps_are_missed_and_invented():
     flat, step = look(), look(step=0.12)
     step = replace(step, centre=flat.centre)
     grid = HeightGrid()
@@ -88,8 +87,8 @@ def test_steps_are_missed_and_invented() -> None:
     assert invented['invented_steps'] == missed['missed_steps']
 
 
-def test_the_edge_of_a_step_is_measured_within_a_cell() -> None:
-    def profile(edge: float) -> np.ndarray:
+def test_the_edge_of_a_step_is_measured_within_a_cell():
+    def profile(edge):
         return np.clip((np.arange(20)[:, None] - edge) / 0.8, 0, 1) * 0.1 * np.ones((1, 4))
 
     assert edge_error(profile(9.6), profile(9.1), 0.04) == pytest.approx(20, abs=1)
@@ -98,7 +97,7 @@ def test_the_edge_of_a_step_is_measured_within_a_cell() -> None:
     assert height_errors(np.zeros((2, 2)), np.full((2, 2), np.nan)) == {}
 
 
-def test_a_cell_is_a_kalman_filter_with_a_gate() -> None:
+def test_a_cell_is_a_kalman_filter_with_a_gate():
     heights, spread = np.full((1, 1), np.nan), np.zeros((1, 1))
     low, high = np.full((1, 1), np.inf), np.full((1, 1), -np.inf)
     points = np.array([[0.5, 0.5, 0.10], [0.5, 0.5, 0.12], [0.5, 0.5, 0.90], [5.0, 0.5, 0.1]])
@@ -113,7 +112,7 @@ def test_a_cell_is_a_kalman_filter_with_a_gate() -> None:
     assert high[0, 0] == 0.9
 
 
-def test_voxels_of_a_shifted_wall_are_wrong() -> None:
+def test_voxels_of_a_shifted_wall_are_wrong():
     pytest.importorskip('pyoctomap')
     consumer = OccupancyMap()
     true, behind, before = (consumer.look(look(wall=x)) for x in (1.0, 1.4, 0.7))
@@ -122,7 +121,7 @@ def test_voxels_of_a_shifted_wall_are_wrong() -> None:
     assert consumer.errors(before, true)['wrongly_occupied'] > 50
 
 
-def test_the_nearest_obstacle_is_found() -> None:
+def test_the_nearest_obstacle_is_found():
     consumer = NearestObstacle()
     true, near, none = (consumer.look(look(wall=x)) for x in (1.0, 0.9, 9.0))
     assert true.distance == pytest.approx(1.0, abs=0.01)
@@ -134,7 +133,7 @@ def test_the_nearest_obstacle_is_found() -> None:
     assert consumer.errors(none, true)['wrong_presence'] == 100
 
 
-def test_sigma_is_that_of_the_profile_straight_on() -> None:
+def test_sigma_is_that_of_the_profile_straight_on():
     noise = MODE.noise
     depth = np.array([0.5, 1.0, 2.0], np.float32)
     expected = noise.a + noise.b * depth + noise.c * depth**2

@@ -2,7 +2,6 @@
 
 from array import array
 from types import SimpleNamespace
-from typing import Any
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.errors import InputError
@@ -27,7 +26,7 @@ SMALL = st.integers(0, 12)
 
 
 @st.composite
-def images(draw: Any) -> SimpleNamespace:
+def images(draw):
     """Return an image message, some of whose fields may be anything."""
     encoding = draw(st.sampled_from([*ENCODINGS, 'mono8', 'bgr8', '', '32fc1', '32FC3']))
     height, width = draw(SMALL), draw(SMALL)
@@ -52,9 +51,7 @@ def images(draw: Any) -> SimpleNamespace:
 
 
 @given(images(), st.sampled_from([ENCODINGS, ('32FC1',)]))
-def test_any_image_is_decoded_or_refused(
-    message: SimpleNamespace, encodings: tuple[str, ...]
-) -> None:
+def test_any_image_is_decoded_or_refused(message, encodings):
     """Assert a right array or an InputError that says field, must be and got."""
     try:
         image = decode_image(message, 'topic', encodings)
@@ -86,7 +83,7 @@ def test_any_image_is_decoded_or_refused(
     st.sampled_from('<>'),
     SMALL,
 )
-def test_round_trip(depth: np.ndarray, encoding: str, order: str, padding: int) -> None:
+def test_round_trip(depth, encoding, order, padding):
     """Assert any layout of an image gives the image back."""
     if encoding == '16UC1':
         millimetres = (np.nan_to_num(np.abs(depth)) % 65536).astype(np.uint16)
@@ -107,7 +104,7 @@ def test_round_trip(depth: np.ndarray, encoding: str, order: str, padding: int) 
     np.testing.assert_array_equal(decode_image(message, 'topic', ENCODINGS), depth)
 
 
-def test_doubles_beyond_float32_are_invalid() -> None:
+def test_doubles_beyond_float32_are_invalid():
     """Assert they become infinite, silently."""
     data = np.array([[1e300, -1e300, 1.5]])
     message = SimpleNamespace(
@@ -136,7 +133,7 @@ INFOS = st.builds(
 
 
 @given(INFOS)
-def test_any_camera_info_is_decoded_or_refused(message: CameraFields) -> None:
+def test_any_camera_info_is_decoded_or_refused(message):
     """Assert a camera, or an InputError that names the topic and what it must be."""
     try:
         camera = decode_camera_info(message, 'topic')
@@ -156,11 +153,11 @@ def test_any_camera_info_is_decoded_or_refused(message: CameraFields) -> None:
     assert not any(message.d) or message.distortion_model in ('plumb_bob', 'rational_polynomial')
 
 
-def _info(**fields: Any) -> CameraFields:
+def _info(**fields):
     return CameraFields(**{'width': 224, 'height': 172, 'k': GOOD_K, **fields})
 
 
-def test_camera_infos_of_pinholes() -> None:
+def test_camera_infos_of_pinholes():
     """Assert that what stands for no distortion is taken, and a fisheye's is not."""
     plain = Intrinsics(224, 172, 211.0, 213.0, 111.5, 85.5)
     assert decode_camera_info(_info()) == plain
@@ -190,7 +187,7 @@ def test_camera_infos_of_pinholes() -> None:
     ('model', 'coefficients', 'kept'),
     [('plumb_bob', 5, 8), ('rational_polynomial', 8, 12), ('rational_polynomial', 8, 14)],
 )
-def test_zeros_at_the_end_are_no_distortion(model: str, coefficients: int, kept: int) -> None:
+def test_zeros_at_the_end_are_no_distortion(model, coefficients, kept):
     given = [0.1 * (i + 1) for i in range(coefficients)]
     zeros = [0.0] * (kept - coefficients)
     assert decode_camera_info(_info(d=[*given, *zeros], distortion_model=model)).distortion == (
@@ -208,13 +205,13 @@ def test_zeros_at_the_end_are_no_distortion(model: str, coefficients: int, kept:
     ],
     ids=['unit matrix', 'zeros', 'fractions', 'skew'],
 )
-def test_a_matrix_that_is_no_calibration_is_refused(k: tuple[float, ...]) -> None:
+def test_a_matrix_that_is_no_calibration_is_refused(k):
     with pytest.raises(InputError, match='camera_info: K: must be'):
         decode_camera_info(_info(k=k))
 
 
 @given(st.integers(-(2**31), 2**31 - 1), UINT32)
-def test_stamps(sec: int, nanosec: int) -> None:
+def test_stamps(sec, nanosec):
     """Assert whole nanoseconds, and that what is no time is refused."""
     stamp = SimpleNamespace(sec=sec, nanosec=nanosec)
     assert stamp_nanoseconds(stamp) == sec * 10**9 + nanosec
@@ -227,7 +224,7 @@ def test_stamps(sec: int, nanosec: int) -> None:
             check_stamp(stamp, 'topic')
 
 
-def test_bytes_are_little_endian() -> None:
+def test_bytes_are_little_endian():
     """Assert the bytes of a frame, contiguous or not."""
     frame = np.arange(12, dtype=np.float32).reshape(3, 4)
     assert bytes(little_endian_bytes(frame)) == frame.astype('<f4').tobytes()

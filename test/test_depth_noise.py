@@ -2,13 +2,11 @@
 
 import copy
 import json
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 from batches import scenes
 from flexx2_sim_ros.batch import BatchCamera, depth_noise, noisy_depth
-from flexx2_sim_ros.effects import Randomisation, save_randomisation
+from flexx2_sim_ros.effects import save_randomisation
 from flexx2_sim_ros.effects.randomisation import fixed, of_strengths
 from flexx2_sim_ros.effects.registry import registry
 from flexx2_sim_ros.errors import InputError
@@ -20,18 +18,18 @@ CLEAN = np.full((6, 24, 32), 1.2, np.float32)
 BIAS = {'offset': {'bias': 0.1}}
 
 
-def drawn_offsets() -> Randomisation:
+def drawn_offsets():
     """Return cameras that differ in an offset of up to 10 mm."""
     return of_strengths([registry()['offset']()], 0.0, 2.0)
 
 
-def offset_of(seen: Any) -> np.ndarray:
+def offset_of(seen):
     """Return (N,) metres by which images differ from the clean ones."""
     return np.array(np.median(np.asarray(seen), axis=(1, 2)) - CLEAN[0, 0, 0])
 
 
 @pytest.mark.parametrize('effects', [(), 'typical', {'time_offset': {'delay': 0.04}}])
-def test_effects_that_are_not_drawn_are_those_of_the_batch(effects: Any) -> None:
+def test_effects_that_are_not_drawn_are_those_of_the_batch(effects):
     clean = scenes(4)[:, 60:84, 80:112]
     options = {'effects': effects, 'seed': [3, 1, 4, 1], 'device': 'cpu'}
     noise = depth_noise('flexx2', mode='Mode_5_30fps', **options)
@@ -44,7 +42,7 @@ def test_effects_that_are_not_drawn_are_those_of_the_batch(effects: Any) -> None
             batch.reset(np.arange(4) == 1)
 
 
-def test_randomised_cameras_differ_and_change_at_a_reset() -> None:
+def test_randomised_cameras_differ_and_change_at_a_reset():
     noise = depth_noise('flexx2', mode='Mode_9_30fps', effects='randomised', pool=64)
     noise(CLEAN)
     before = noise.camera.drawn.drawn.numpy().copy()
@@ -58,7 +56,7 @@ def test_randomised_cameras_differ_and_change_at_a_reset() -> None:
     assert np.isfinite(other(CLEAN)).all()
 
 
-def test_progress_scales_the_strength_of_each_camera() -> None:
+def test_progress_scales_the_strength_of_each_camera():
     noise = depth_noise(effects=drawn_offsets(), pool=32, progress=0.5)
     half = offset_of(noise(CLEAN))
     noise.set_progress(1.0)
@@ -77,7 +75,7 @@ def test_progress_scales_the_strength_of_each_camera() -> None:
         depth_noise(effects={'pose_error': None}, progress=0.5)
 
 
-def test_latency_is_drawn_for_each_environment() -> None:
+def test_latency_is_drawn_for_each_environment():
     noise = depth_noise(mode='Mode_9_30fps', latency=(0.0, 0.2), step_s=0.02, pool=64)
     for step in range(16):
         noise(CLEAN + np.float32(0.01 * step))
@@ -95,8 +93,8 @@ def test_latency_is_drawn_for_each_environment() -> None:
         depth_noise(effects={'time_offset': None}, latency=0.1)
 
 
-def test_a_checkpoint_goes_on() -> None:
-    options: dict[str, Any] = {'effects': drawn_offsets(), 'pool': 32, 'seed': 7}
+def test_a_checkpoint_goes_on():
+    options = {'effects': drawn_offsets(), 'pool': 32, 'seed': 7}
     noise = depth_noise(**options)
     noise(CLEAN)
     noise.reset([1, 2])
@@ -120,7 +118,7 @@ def test_a_checkpoint_goes_on() -> None:
         noise.load_state_dict({'weights': 1})
 
 
-def test_a_file_of_distributions_and_a_curriculum_of_the_environment(tmp_path: Path) -> None:
+def test_a_file_of_distributions_and_a_curriculum_of_the_environment(tmp_path):
     path = tmp_path / 'mine.yaml'
     save_randomisation(path, fixed([registry()['offset'].from_mapping({'bias': 0.1})]))
     env = SimpleNamespace(num_envs=6, device='cpu', image=CLEAN, share=0.0)
@@ -131,7 +129,7 @@ def test_a_file_of_distributions_and_a_curriculum_of_the_environment(tmp_path: P
         assert abs(offset_of(seen) - 0.1 * env.share).max() < 0.003
 
 
-def test_images_of_torch_are_written_in_place() -> None:
+def test_images_of_torch_are_written_in_place():
     torch = pytest.importorskip('torch')
     noise = depth_noise(effects=BIAS)
     clean = torch.from_numpy(CLEAN.copy())
@@ -143,7 +141,7 @@ def test_images_of_torch_are_written_in_place() -> None:
     noise.reset(torch.arange(6) > 3)
 
 
-def test_images_of_jax_come_back_as_such() -> None:
+def test_images_of_jax_come_back_as_such():
     jax = pytest.importorskip('jax')
     noise = depth_noise(effects='typical', device='cpu')
     seen = noise(jax.numpy.asarray(CLEAN))
@@ -153,7 +151,7 @@ def test_images_of_jax_come_back_as_such() -> None:
 
 
 @pytest.mark.parametrize('library', ['numpy', 'torch', 'jax'])
-def test_images_are_processed_as_your_program_does(library: str) -> None:
+def test_images_are_processed_as_your_program_does(library):
     stages = [
         {'decimate': {'factor': 4}},
         {'fill': {'method': 'temporal'}},
@@ -161,12 +159,12 @@ def test_images_are_processed_as_your_program_does(library: str) -> None:
     ]
     stages += [{'spatial': {}}, {'smooth': {'persistency': 3}}, {'fill': {'method': 'inpaint'}}]
     stages += [{'normalise': {'high': 2.0, 'invalid': -1.0}}]
-    options: dict[str, Any] = {'mode': 'Mode_9_30fps', 'step_s': 0.02, 'device': 'cpu'}
+    options = {'mode': 'Mode_9_30fps', 'step_s': 0.02, 'device': 'cpu'}
     noise = depth_noise(process=stages, **options)
     plain = depth_noise(invalid_value='nan', **options)
     made, wanted = parse_chain(stages), None
     clean = scenes(6)[:, 60:84, 80:112]
-    given: Any = clean[:, None]
+    given = clean[:, None]
     if library == 'torch':
         given = pytest.importorskip('torch').from_numpy(given)
     elif library == 'jax':

@@ -24,7 +24,7 @@ PAGE = (ROOT / 'docs' / 'diagnose_your_flexx2.md').read_text(encoding='utf-8')
 PAGE = PAGE.split('\n## The plan\n')[0]
 
 
-def lines(language: str) -> list[str]:
+def lines(language):
     """Return the lines of the page's boxes in a language."""
     boxes = re.findall(rf'```{language}\n(.*?)```', PAGE, re.DOTALL)
     return [line for box in boxes for line in box.splitlines()]
@@ -37,7 +37,7 @@ PLACES = {'recordings/corner': range(4), 'fresh/window': range(4, 6)}
 
 
 @pytest.fixture(scope='module')
-def views(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def views(tmp_path_factory):
     """Write what a camera with a temporal filter sees in six places, and the room's scan."""
     folder = tmp_path_factory.mktemp('views')
     camera = ScannedCamera(5, {'temporal_filter': 1.0}, 6, 8, width=112, height=86)
@@ -51,7 +51,7 @@ def views(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def record(words: list[str], views: Path, env: dict[str, str]) -> None:
+def record(words, views, env):
     """Run the command while the stand-in publishes one view; write the other bags."""
     first, *others = PLACES[words[1]]
     env = env | {'COLUMNS': '200'}  # so that no topic's name is folded
@@ -78,9 +78,7 @@ def record(words: list[str], views: Path, env: dict[str, str]) -> None:
         assert main(['convert', str(views / f'{number}.npz'), str(bag), '--camera', DRIVER]) == 0
 
 
-def test_every_command_leads_to_the_next(
-    views: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, child_env: dict[str, str]
-) -> None:
+def test_every_command_leads_to_the_next(views, tmp_path, monkeypatch, child_env):
     monkeypatch.chdir(tmp_path)
     shutil.copy(views / 'room.ply', tmp_path)
     for command in COMMANDS:
@@ -106,7 +104,7 @@ def test_every_command_leads_to_the_next(
         assert 'temporal_filter' in str(simulated['effects'])
 
 
-def test_the_commands_for_another_camera_exist() -> None:
+def test_the_commands_for_another_camera_exist():
     parser = make_parser()
     commands = [shlex.split(line)[1:] for line in lines('text') if line.startswith('flexx2 ')]
     profiles = [parser.parse_args(words).profile for words in commands]

@@ -1,18 +1,16 @@
 """What stands in for the vendor's driver: parameters, cloud, frame, and the launch files."""
 
 import os
-from pathlib import Path
 import re
 import shutil
 import signal
 import subprocess
 import sys
-from typing import Any
 
 from flexx2_sim_ros.nodes.tf_frames import optical_transform
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
-from programs import node_words, run_flexx2
+from programs import finish, node_words, PATIENCE, ROOT, run_flexx2, started
 import pytest
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import PointCloud2
@@ -26,7 +24,7 @@ from streams import (
     Image,
     image_message,
     info_message,
-    Listener,
+    listening,
     nanoseconds,
     PointField,
     SECOND,
@@ -37,13 +35,11 @@ import yaml
 
 pytestmark = pytest.mark.usefixtures('ros')
 
-ROOT = Path(__file__).resolve().parents[1]
 DRIVER = '/pmd_royale_ros_camera_node'
 OPTICAL = 'pmd_royale_ros_camera_node_optical_frame'
-PATIENCE = 60.0
 
 
-def test_the_cloud_has_the_drivers_layout_when_asked_for() -> None:
+def test_the_cloud_has_the_drivers_layout_when_asked_for():
     with stream(DEPTH, CLOUD, invalid_value='zero', seed=2) as seen:
         seen.show(boards(), START)
         assert seen.set(cloud_layout='driver').successful
@@ -65,7 +61,7 @@ def test_the_cloud_has_the_drivers_layout_when_asked_for() -> None:
         assert (depth == 0).any()
 
 
-def test_the_optical_frame_is_where_the_mount_is() -> None:
+def test_the_optical_frame_is_where_the_mount_is():
     # The driver's launch files: x, y, z, w = 0.5, 0.5, -0.5, -0.5 (its negative is the same).
     driver = optical_transform((f'{DRIVER[1:]}_link', OPTICAL), (0, 0, 0), (0, 0, np.pi))
     turn = driver.transform.rotation
@@ -83,7 +79,7 @@ def test_the_optical_frame_is_where_the_mount_is() -> None:
     assert (moved.x, moved.y, moved.z) == (0.1, 0.2, 0.3)
 
 
-def test_a_parent_names_the_frame() -> None:
+def test_a_parent_names_the_frame():
     with stream(DEPTH, parent_frame='base_link') as seen:
         seen.show(boards(), START, frame_id='of_the_input')
         assert seen.set(frame_id='mine').successful
@@ -94,19 +90,18 @@ def test_a_parent_names_the_frame() -> None:
         ]
 
 
-def _first_cloud(process: 'subprocess.Popen[str]') -> PointCloud2:
+def _first_cloud(process):
     """Feed the driver's stand-in until it publishes a cloud."""
-    user = Listener()
-    try:
+    with listening() as user:
         image, info = (
             user.node.create_publisher(kind, f'/clean/{topic}', 10)
             for kind, topic in ((Image, 'depth_image'), (CameraInfo, 'camera_info'))
         )
-        heard: list[PointCloud2] = []
+        heard = []
         user.node.create_subscription(PointCloud2, f'{DRIVER}/point_cloud_0', heard.append, 10)
         stamps = iter(range(START, START + 10**6 * SECOND, SECOND))
 
-        def feed() -> bool:
+        def feed():
             assert process.poll() is None
             stamp = next(stamps)
             info.publish(info_message(FLEXX2, stamp))
@@ -116,37 +111,27 @@ def _first_cloud(process: 'subprocess.Popen[str]') -> PointCloud2:
 
         user.spin_until(feed, 'a cloud')
         return heard[0]
-    finally:
-        user.close()
 
 
-def _check_driver(process: 'subprocess.Popen[str]') -> None:
+def _check_driver(process):
     cloud = _first_cloud(process)
     assert (cloud.width, cloud.height) == (172, 224)
     assert cloud.header.frame_id == OPTICAL
     assert not np.isnan(np.frombuffer(cloud.data, '<f4')).any()
-    process.send_signal(signal.SIGINT)
-    output = process.communicate(timeout=PATIENCE)[0]
-    assert process.returncode == 0, output
-    assert 'Traceback' not in output
+    finish(process, signal.SIGINT)
 
 
-def test_the_parameter_file_makes_the_node_the_driver(child_env: dict[str, str]) -> None:
+def test_the_parameter_file_makes_the_node_the_driver(child_env):
     path = config_dir() / 'flexx2_driver.yaml'
     given = yaml.safe_load(path.read_text())['/**']['ros__parameters']
     assert given['parent_frame'] == f'{DRIVER[1:]}_link'
-    with subprocess.Popen(
-        node_words('flexx2_camera', '--params-file', path, '-r', f'__node:={DRIVER[1:]}'),
-        env=child_env,
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-    ) as process:
+    words = node_words('flexx2_camera', '--params-file', path, '-r', f'__node:={DRIVER[1:]}')
+    with started(words, env=child_env) as process:
         _check_driver(process)
 
 
 @pytest.fixture
-def launch(child_env: dict[str, str]) -> Any:
+def launch(child_env):
     """Return a function that runs a launch file; skip where there is no launch."""
     reason = (
         'launch_ros is not installed (it is not on the package index): source a ROS 2 '
@@ -154,7 +139,7 @@ def launch(child_env: dict[str, str]) -> Any:
     )
     pytest.importorskip('launch_ros.actions', reason=reason)
 
-    def run(name: str, *arguments: str) -> 'subprocess.Popen[str]':
+    def run(name, *arguments):
         program = (
             'import sys; from launch import LaunchService; '
             'from launch.actions import IncludeLaunchDescription as Include; '
@@ -165,62 +150,54 @@ def launch(child_env: dict[str, str]) -> Any:
             'Description([Include(Source(sys.argv[1]), launch_arguments='
             '[tuple(a.split(":=")) for a in sys.argv[2:]])])); sys.exit(service.run())'
         )
-        return subprocess.Popen(
-            [sys.executable, '-c', program, ROOT / 'launch' / name, *arguments],
-            env=child_env,
-            text=True,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-        )
+        words = [sys.executable, '-c', program, ROOT / 'launch' / name, *arguments]
+        return started(words, env=child_env, stderr=subprocess.STDOUT)
 
     return run
 
 
-def test_the_drivers_launch_file(launch: Any) -> None:
+def ended(process, number=None, code=0):
+    """End a launch, if it does not by itself, and return what it printed."""
+    if number is not None:
+        process.send_signal(number)
+    output = process.communicate(timeout=PATIENCE)[0]
+    assert process.returncode == code, output
+    return output
+
+
+def test_the_drivers_launch_file(launch):
     with launch('flexx2_driver.launch.py') as process:
         _check_driver(process)
 
 
 @pytest.mark.parametrize('together', ['true', 'false'])
-def test_the_robots_launch_file(launch: Any, together: str) -> None:
+def test_the_robots_launch_file(launch, together):
     words = ['scene:=corner', 'renderer:=ray', 'motion:=stand', 'usecase:=Mode_5_15fps']
     with launch('go1.launch.py', *words, f'one_process:={together}') as process:
-        user = Listener()
-        try:
+        with listening() as user:
             for camera in ('front_left', 'front_right'):
                 heard = user.listen(f'/{camera}/flexx2_camera/depth_image_0', Image)
                 user.spin_until(lambda heard=heard: heard, f'an image of {camera}')
                 assert heard[0].header.frame_id == f'{camera}_optical_frame'
-        finally:
-            user.close()
-            process.send_signal(signal.SIGINT)
-        output = process.communicate(timeout=PATIENCE)[0]
-        assert process.returncode == 0, output
+        output = ended(process, signal.SIGINT)
         started = len(re.findall('flexx2_camera-.*process started', output))
         assert started == (1 if together == 'true' else 2)
 
 
-def test_the_robots_launch_file_starts_the_cameras_of_its_robot(
-    launch: Any, tmp_path: Path
-) -> None:
+def test_the_robots_launch_file_starts_the_cameras_of_its_robot(launch, tmp_path):
     mine = (ROOT / 'config' / 'robots' / 'go1.yaml').read_text()
     mine = mine.replace('../models', str(ROOT / 'config' / 'models'))
     (tmp_path / 'mine.yaml').write_text(mine.replace('front_left', 'chin'))
     with launch(
         'go1.launch.py', f'robot:={tmp_path / "mine.yaml"}', 'renderer:=ray', 'motion:=stand'
     ) as process:
-        user = Listener()
-        try:
+        with listening() as user:
             heard = user.listen('/chin/flexx2_camera/depth_image_0', Image)
             user.spin_until(lambda: heard, 'an image of the camera chin')
-        finally:
-            user.close()
-            process.send_signal(signal.SIGINT)
-        output = process.communicate(timeout=PATIENCE)[0]
-        assert process.returncode == 0, output
+        ended(process, signal.SIGINT)
 
 
-def test_arguments_of_the_launch_reach_all_nodes(launch: Any) -> None:
+def test_arguments_of_the_launch_reach_all_nodes(launch):
     """Assert it of images, their stamps, the names of nodes and their parameters."""
     given = {
         'effects': 'typical',
@@ -230,8 +207,7 @@ def test_arguments_of_the_launch_reach_all_nodes(launch: Any) -> None:
     }
     more = [f'{name}:={value}' for name, value in given.items()]
     with launch('go1.launch.py', 'renderer:=ray', 'rate:=20', 'namespace:=mine', *more) as process:
-        user = Listener()
-        try:
+        with listening() as user:
             heard = user.listen('/mine/front_left/flexx2_camera/depth_image_0', Image)
             user.spin_until(lambda: len(heard) > 1, 'two images')
             client = user.node.create_client(
@@ -240,11 +216,7 @@ def test_arguments_of_the_launch_reach_all_nodes(launch: Any) -> None:
             user.spin_until(client.service_is_ready, 'parameters')
             answer = client.call_async(GetParameters.Request(names=list(given)))
             user.spin_until(answer.done, 'an answer')
-        finally:
-            user.close()
-            process.send_signal(signal.SIGINT)
-        output = process.communicate(timeout=PATIENCE)[0]
-    assert process.returncode == 0, output
+        ended(process, signal.SIGINT)
     first, second = (nanoseconds(message) for message in heard[:2])
     assert (second - first) % (SECOND // 20) == 0
     assert (heard[0].width, heard[0].height) == (512, 424)
@@ -264,26 +236,22 @@ def test_arguments_of_the_launch_reach_all_nodes(launch: Any) -> None:
         ('scene:=nowhere', 'scene: .*nowhere'),
     ],
 )
-def test_a_launch_that_fails_ends_with_all_its_nodes(
-    launch: Any, argument: str, said: str
-) -> None:
+def test_a_launch_that_fails_ends_with_all_its_nodes(launch, argument, said):
     """Assert an exit status that is not 0, also where a node finds the mistake."""
     with launch('go1.launch.py', 'renderer:=ray', 'namespace:=failing', argument) as process:
-        output = process.communicate(timeout=PATIENCE)[0]  # Its pipe closes with the last node.
-    assert process.returncode == 1, output
+        output = ended(process, code=1)  # Its pipe closes with the last node.
     assert re.search(said, output)
 
 
 @pytest.mark.skipif(shutil.which('rviz2') is not None, reason='RViz is installed')
-def test_a_launch_without_rviz_starts_nothing(launch: Any) -> None:
+def test_a_launch_without_rviz_starts_nothing(launch):
     with launch('go1.launch.py', 'renderer:=ray', 'namespace:=no_rviz', 'rviz:=true') as process:
-        output = process.communicate(timeout=PATIENCE)[0]  # Its pipe closes with the last node.
-    assert process.returncode == 1, output
+        output = ended(process, code=1)  # Its pipe closes with the last node.
     assert 'Caught exception in launch' in output
     assert 'process started' not in output
 
 
-def test_the_launch_files_are_documented() -> None:
+def test_the_launch_files_are_documented():
     pages = (ROOT / 'docs' / 'nodes.md').read_text()
     for path in (ROOT / 'launch').glob('*.launch.py'):
         assert path.name in pages
@@ -291,34 +259,26 @@ def test_the_launch_files_are_documented() -> None:
             assert f'`{argument}`' in pages
 
 
-def logged(env: dict[str, str], cache: Path, until: str) -> str:
+def logged(env, cache, until):
     """Return what a camera node logs up to a text, with a cache of its own."""
-    with subprocess.Popen(
-        node_words('flexx2_camera', '-r', '__ns:=/fresh'),
-        env={**env, 'NUMBA_CACHE_DIR': str(cache)},
-        text=True,
-        stderr=subprocess.PIPE,
-    ) as process:
-        assert process.stderr is not None
+    words = node_words('flexx2_camera', '-r', '__ns:=/fresh')
+    with started(words, env={**env, 'NUMBA_CACHE_DIR': str(cache)}) as process:
         said = ''
         for line in process.stderr:
             said += line
             if until in line:
                 break
-        process.kill()
     return said
 
 
-def test_the_first_start_says_that_it_compiles(child_env: dict[str, str], tmp_path: Path) -> None:
+def test_the_first_start_says_that_it_compiles(child_env, tmp_path):
     said = logged(child_env, tmp_path, until='compiling')
     assert 'compiling the camera model' in said
     assert 'waiting for' not in said
 
 
-def test_compiled_ahead_of_time_it_starts_at_once(
-    child_env: dict[str, str], tmp_path: Path
-) -> None:
-    def compile_command() -> str:
+def test_compiled_ahead_of_time_it_starts_at_once(child_env, tmp_path):
+    def compile_command():
         return run_flexx2(
             'compile',
             '--no-effects',

@@ -1,11 +1,9 @@
 """Sets of effects in files and tables, right ones and wrong ones."""
 
-from collections.abc import Iterator
 import io
 import json
 import math
 from pathlib import Path
-from typing import Any
 import zipfile
 
 from flexx2_sim_ros.camera import Camera
@@ -24,7 +22,7 @@ import yaml
 ROOT = Path(__file__).parent.parent
 
 
-def test_sets_are_written_and_read_again(tmp_path: Path) -> None:
+def test_sets_are_written_and_read_again(tmp_path):
     values = {
         'wiggling': {'a1': -0.001, 'b4': 1e-5},
         'low_signal_dropout': {'half': 1e-5},
@@ -49,7 +47,7 @@ def test_sets_are_written_and_read_again(tmp_path: Path) -> None:
         save_effects(tmp_path / 'nowhere' / 'some.yaml', effects)
 
 
-def test_presets_are_what_the_registry_says() -> None:
+def test_presets_are_what_the_registry_says():
     """Run `flexx2 effects --write-presets config/effects` when this fails."""
     folder = config_dir() / 'effects'
     assert {path.name: path.read_text() for path in folder.iterdir()} == preset_files()
@@ -63,12 +61,12 @@ def test_presets_are_what_the_registry_says() -> None:
     assert np.isfinite(frame.depth).mean() > 0.3
 
 
-def test_the_documentation_is_what_the_registry_says() -> None:
+def test_the_documentation_is_what_the_registry_says():
     """Run `flexx2 effects --markdown > docs/effects.md` when this fails."""
     assert (ROOT / 'docs' / 'effects.md').read_text(encoding='utf-8') == markdown()
 
 
-def bad_tables() -> Iterator[tuple[Any, str]]:
+def bad_tables():
     """Return tables that cannot be used, and what the error must name."""
     yield {'blur': None}, 'blur'
     yield {5: None}, '5'
@@ -83,7 +81,7 @@ def bad_tables() -> Iterator[tuple[Any, str]]:
 
 
 @pytest.mark.parametrize(('table', 'named'), list(bad_tables()))
-def test_what_cannot_be_used_is_named(table: Any, named: str, tmp_path: Path) -> None:
+def test_what_cannot_be_used_is_named(table, named, tmp_path):
     with pytest.raises(InputError, match=f'^effects: {named}'):
         parse_effects(table)
     with pytest.raises(InputError, match=f'^effects: {named}'):
@@ -108,7 +106,7 @@ def test_what_cannot_be_used_is_named(table: Any, named: str, tmp_path: Path) ->
         '\x00',
     ],
 )
-def test_a_ruined_file_is_named(text: str, tmp_path: Path) -> None:
+def test_a_ruined_file_is_named(text, tmp_path):
     path = tmp_path / 'bad.yaml'
     path.write_text(text)
     for use in (load_effects, lambda path: Camera(effects=path)):
@@ -121,7 +119,7 @@ def test_a_ruined_file_is_named(text: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('line', 'got'), [('', 'none'), ('schema: 2\n', '2'), ("schema: '1'\n", "'1'")]
 )
-def test_a_file_of_another_schema_says_what_it_has(line: str, got: str, tmp_path: Path) -> None:
+def test_a_file_of_another_schema_says_what_it_has(line, got, tmp_path):
     path = tmp_path / 'other.yaml'
     path.write_text(f'{line}effects: {{}}\n')
     with pytest.raises(InputError, match=rf'schema: must be 1 .*, got {got}$'):
@@ -129,12 +127,12 @@ def test_a_file_of_another_schema_says_what_it_has(line: str, got: str, tmp_path
 
 
 @pytest.mark.parametrize('effects', [5, [5], ['offset'], None, [registry()['offset']]])
-def test_what_is_no_effect_is_refused(effects: Any) -> None:
+def test_what_is_no_effect_is_refused(effects):
     with pytest.raises(InputError, match='^effects: must be'):
         Camera(effects=effects)
 
 
-def test_numbers_are_made_floats() -> None:
+def test_numbers_are_made_floats():
     offset = registry()['offset']
     for number in (0, np.float32(0.0), np.int8(0)):
         effect = offset(bias=number)
@@ -143,7 +141,7 @@ def test_numbers_are_made_floats() -> None:
     assert isinstance(offset(), Effect)
 
 
-CURVES: dict[str, dict[str, Any]] = {
+CURVES = {
     'offset': {'curve': {'knots': [0.0, 4.0], 'values': [0.01, 0.03]}},
     'wiggling': {'curve': {'knots': [0, 0.5, 1.0], 'values': [0, 1e-5, 0.004], 'period': 2.5}},
     'amplitude_bias': {'curve': {'knots': [-4.0, 0.0], 'values': [-0.02, 0.0]}},
@@ -162,7 +160,7 @@ CURVES: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize('name', list(CURVES))
-def test_a_curve_map_or_number_takes_the_place_of_the_formula(name: str, tmp_path: Path) -> None:
+def test_a_curve_map_or_number_takes_the_place_of_the_formula(name, tmp_path):
     own = parse_effects({name: CURVES[name]})
     path = tmp_path / 'calibrated.yaml'
     save_effects(path, own)
@@ -178,17 +176,17 @@ def test_a_curve_map_or_number_takes_the_place_of_the_formula(name: str, tmp_pat
 
 
 @pytest.mark.filterwarnings('error')
-def test_pixels_without_a_return_cause_no_warning() -> None:
+def test_pixels_without_a_return_cause_no_warning():
     for table in (*({name: value} for name, value in CURVES.items()), {'wiggling': {'mhz': 40.0}}):
         frame = capture(table, scenes(2), np.arange(2) / 30.0)
         assert np.isnan(frame.depth).any()
 
 
-def test_curves_are_metres_along_the_ray_and_maps_metres_of_depth() -> None:
+def test_curves_are_metres_along_the_ray_and_maps_metres_of_depth():
     clean = np.linspace(1.0, 1.4, 32) * np.ones((24, 1))
     length = ray_length(SMALL, clean.shape)
 
-    def shifts_by(table: dict[str, Any], wanted: np.ndarray) -> bool:
+    def shifts_by(table, wanted):
         change = capture(table, clean, 0).depth - capture((), clean, 0).depth
         return np.allclose(change, wanted, atol=1e-6)
 
@@ -205,7 +203,7 @@ def test_curves_are_metres_along_the_ray_and_maps_metres_of_depth() -> None:
     assert shifts_by(warm, 0.01 / length)
 
 
-def test_curves_of_dropouts_are_chances() -> None:
+def test_curves_of_dropouts_are_chances():
     """200 frames of 100 or more pixels: the share is known to 0.005, 8 of these are 0.04."""
     clean = np.full(SHADES.shape, 1.0, np.float32)
     stamps = np.arange(200) / 30.0
@@ -221,7 +219,7 @@ def test_curves_of_dropouts_are_chances() -> None:
         assert lost[:, -1].max() == 0
 
 
-def bad_curves() -> Iterator[tuple[Any, str]]:
+def bad_curves():
     """Return curves and maps that cannot be used, and what the error must name."""
     good = CURVES['wiggling']['curve']
     for value in (3, [1, 2], {}, {'knots': [1]}, {**good, 'more': 1}):
@@ -238,7 +236,7 @@ def bad_curves() -> Iterator[tuple[Any, str]]:
 
 
 @pytest.mark.parametrize(('table', 'named'), list(bad_curves()))
-def test_a_curve_that_cannot_be_used_is_named(table: Any, named: str) -> None:
+def test_a_curve_that_cannot_be_used_is_named(table, named):
     with pytest.raises(InputError, match=f'^effects: {named}') as error:
         parse_effects(table)
     assert len(str(error.value)) < 300
@@ -247,15 +245,15 @@ def test_a_curve_that_cannot_be_used_is_named(table: Any, named: str) -> None:
 @pytest.mark.parametrize(
     'value', [np.zeros(3), np.zeros((2, 2), int), np.full((2, 2), 0.3), np.full((2, 2), np.nan)]
 )
-def test_a_map_that_cannot_be_used_is_named(value: Any) -> None:
+def test_a_map_that_cannot_be_used_is_named(value):
     with pytest.raises(InputError, match=r'^effects: fixed_pattern\.pattern: must be'):
         parse_effects({'fixed_pattern': {'pattern': value}})
 
 
-def test_a_map_comes_from_one_array_beside_the_file(tmp_path: Path) -> None:
+def test_a_map_comes_from_one_array_beside_the_file(tmp_path):
     path, side = tmp_path / 'some.yaml', tmp_path / 'pattern.npz'
 
-    def refused(name: Any) -> str:
+    def refused(name):
         table = {'schema': 1, 'effects': {'fixed_pattern': {'pattern': name}}}
         path.write_text(yaml.safe_dump(table))
         with pytest.raises(
@@ -290,7 +288,7 @@ def test_a_map_comes_from_one_array_beside_the_file(tmp_path: Path) -> None:
     assert len(refused('n' * 5000 + '.npz')) < 700
 
 
-def test_a_map_of_another_size_than_the_image_is_named() -> None:
+def test_a_map_of_another_size_than_the_image_is_named():
     effects = parse_effects({'fixed_pattern': {'pattern': np.zeros((5, 4))}})
     with pytest.raises(
         InputError, match=r'fixed_pattern\.pattern: must have the size.*\(24, 32\)'
@@ -298,7 +296,7 @@ def test_a_map_of_another_size_than_the_image_is_named() -> None:
         capture(effects, scenes(1), 0)
 
 
-def test_a_report_names_the_file_of_a_map(tmp_path: Path) -> None:
+def test_a_report_names_the_file_of_a_map(tmp_path):
     curve = {'knots': [0.0, 1.0], 'values': [0.0, 0.01]}
     camera = {'fixed_pattern': {'pattern': np.full((3, 4), 0.01)}, 'offset': {'curve': curve}}
     effects = parse_effects(camera)

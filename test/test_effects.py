@@ -4,10 +4,8 @@ The effects: one test over the whole registry, and what holds for sets of them.
 An effect that is added without a signature in `signatures` fails here.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 import math
-from typing import Any
 
 from boards import K
 from flexx2_sim_ros.camera import Camera, flexx2
@@ -57,7 +55,7 @@ ORDER = [
 # (a) It changes what its parameters say; see `signatures`.
 
 
-def has_its_signature(name: str) -> None:
+def has_its_signature(name):
     assert name in SIGNATURES, f'write the signature of {name} in test/signatures'
     SIGNATURES[name]()
 
@@ -78,7 +76,7 @@ TOLERANCES = {
 }
 
 
-def channels(effects: Any) -> dict[str, np.ndarray]:
+def channels(effects):
     """
     Measure every channel on a still scene: two slanted boards, one before the other.
 
@@ -119,12 +117,12 @@ def channels(effects: Any) -> dict[str, np.ndarray]:
 
 
 @pytest.fixture(scope='module')
-def plain() -> dict[str, np.ndarray]:
+def plain():
     """Return every channel without an effect."""
     return channels(())
 
 
-def changes_nothing_else(name: str, plain: dict[str, np.ndarray]) -> None:
+def changes_nothing_else(name, plain):
     kind = registry()[name]
     assert set(kind.changes) <= set(CHANNELS) == set(TOLERANCES)
     found = channels({name: {'strength': 1.5}})
@@ -142,11 +140,11 @@ def changes_nothing_else(name: str, plain: dict[str, np.ndarray]) -> None:
 # (c) Off is off.
 
 
-def costs_nothing_when_off(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def costs_nothing_when_off(name, monkeypatch):
     clean, stamps = scenes(3), np.arange(3) * PERIOD
     wanted = capture((), clean, stamps)
 
-    def never(*_: Any) -> None:
+    def never(*_):
         raise AssertionError('the way of effects is taken, although none is on')
 
     monkeypatch.setattr(pipeline, 'run_stages', never)
@@ -164,7 +162,7 @@ def costs_nothing_when_off(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 # (d) Seeded, whatever was dropped.
 
 
-def is_seeded(name: str) -> None:
+def is_seeded(name):
     effects = {name: {'strength': 1.5}}
     stamps = np.arange(8) * PERIOD
     whole = capture(effects, scenes(8), stamps)
@@ -207,9 +205,7 @@ def is_seeded(name: str) -> None:
         ({'share': 0.5, 'second': 0.0, 'gate': 1000.0}, (0.5, 0.25, 0.125)),
     ],
 )
-def test_filters_over_frames_have_the_correlation_of_their_kernel(
-    settings: dict[str, float], lags: tuple[float, ...]
-) -> None:
+def test_filters_over_frames_have_the_correlation_of_their_kernel(settings, lags):
     """Assert it within 0.02, about six standard errors of 24 x 32 pixels and 380 frames."""
     clean, stamps = np.full((400, 24, 32), 1.5), np.arange(400) * PERIOD
     frame = capture({'temporal_filter': {**settings, 'strength': 1.0}}, clean, stamps)
@@ -219,7 +215,7 @@ def test_filters_over_frames_have_the_correlation_of_their_kernel(
         assert found == pytest.approx(wanted, abs=0.02)
 
 
-def test_a_mean_of_frames_follows_a_change_at_once() -> None:
+def test_a_mean_of_frames_follows_a_change_at_once():
     clean = np.concatenate([np.full((5, 24, 32), 1.5), np.full((5, 24, 32), 1.8)])
     frame = capture({'temporal_filter': {'window': 4.0}}, clean, np.arange(10) * PERIOD)
     plain = capture((), clean, np.arange(10) * PERIOD)
@@ -231,7 +227,7 @@ def test_a_mean_of_frames_follows_a_change_at_once() -> None:
 # (e) A batch is a loop.
 
 
-def batch_equals_loop(name: str) -> None:
+def batch_equals_loop(name):
     effects = {name: {'strength': 1.5}}
     clean = np.stack([scenes(5), scenes(5)[::-1] + 0.4, np.broadcast_to(scenes(1), (5, 24, 32))])
     stamps = np.arange(5) * PERIOD
@@ -259,12 +255,7 @@ def batch_equals_loop(name: str) -> None:
     ids=lambda check: check.__name__,
 )
 @pytest.mark.parametrize('name', NAMES)
-def test_effect(
-    name: str,
-    check: Callable[..., None],
-    plain: dict[str, np.ndarray],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_effect(name, check, plain, monkeypatch):
     extra = {changes_nothing_else: (plain,), costs_nothing_when_off: (monkeypatch,)}
     check(name, *extra.get(check, ()))
 
@@ -272,7 +263,7 @@ def test_effect(
 # All together
 
 
-def test_the_registry() -> None:
+def test_the_registry():
     assert ORDER == NAMES
     assert set(SIGNATURES) == set(NAMES)
     stages = [kind.stage for kind in registry().values()]
@@ -293,7 +284,7 @@ def test_the_registry() -> None:
 
 @pytest.mark.parametrize('usecase', ['Mode_5_60fps', 'Mode_9_30fps'])
 @pytest.mark.parametrize('strength', [0.01, 1.0, 4.0])
-def test_all_effects_together_accept_any_scene(usecase: str, strength: float) -> None:
+def test_all_effects_together_accept_any_scene(usecase, strength):
     """Assert frames are whole: NaN where invalid, else within range; for any size and value."""
     mode = flexx2().mode(usecase)
     camera = Camera(usecase, effects={name: {'strength': strength} for name in NAMES}, seed=1)
@@ -320,7 +311,7 @@ def test_all_effects_together_accept_any_scene(usecase: str, strength: float) ->
     [(20e6,), (60.24e6,), (80.32e6, 60.24e6), (100e6, 20e6), (16e6, 80e6, 120e6)],
     ids=str,
 )
-def test_other_frequencies(frequencies: tuple[float, ...]) -> None:
+def test_other_frequencies(frequencies):
     """Assert all effects work with one to three frequencies, and where distances wrap."""
     spans = [299_792_458 / 2 / f for f in frequencies]
     wrap = {1: spans[0], 2: 7.46 if frequencies[0] < 90e6 else 7.495, 3: 18.737}[len(spans)]
@@ -341,8 +332,8 @@ def test_other_frequencies(frequencies: tuple[float, ...]) -> None:
 # Light
 
 
-def test_exposure_scales_the_light_that_effects_see() -> None:
-    def frames(name: str, share: float, distance: float, **parameters: float) -> Any:
+def test_exposure_scales_the_light_that_effects_see():
+    def frames(name, share, distance, **parameters):
         camera = Camera(effects={name: parameters}, seed=1)
         camera.exposure_share = share
         return camera.capture(np.full((40, 40), distance), K, 0)
@@ -356,7 +347,7 @@ def test_exposure_scales_the_light_that_effects_see() -> None:
     np.testing.assert_allclose(dim.sigma, np.hypot(bright.sigma, bright.sigma * 1.7), rtol=0.03)
 
 
-def test_gray_and_confidence_follow_the_light() -> None:
+def test_gray_and_confidence_follow_the_light():
     """Assert saturated pixels are white, too dark ones black, and noisier ones less certain."""
     u = np.mgrid[:172, :224][1]
     near, far = np.full((172, 224), 0.35), np.full((172, 224), 3.0)
@@ -382,9 +373,7 @@ def test_gray_and_confidence_follow_the_light() -> None:
 
 
 @pytest.mark.parametrize(('x', 'y'), [(0.012, 0.0), (-0.012, 0.0), (0.0, 0.012), (0.0, -0.012)])
-def test_a_camera_that_moved_sideways_sees_outlines_move_with_the_surface_in_front(
-    x: float, y: float
-) -> None:
+def test_a_camera_that_moved_sideways_sees_outlines_move_with_the_surface_in_front(x, y):
     clean = np.full((172, 224), 3.0, np.float32)
     clean[60:110, 80:150] = 0.6
     moved = {'pose_error': {'x': x, 'y': y, 'z': 0, 'pitch_deg': 0, 'yaw_deg': 0, 'roll_deg': 0}}

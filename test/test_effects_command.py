@@ -2,7 +2,6 @@
 
 from pathlib import Path
 import re
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli import effects_view
@@ -16,18 +15,18 @@ K = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
 
 
 @pytest.fixture
-def printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Any:
+def printed(monkeypatch, capsys):
     """Return what a command, which has to succeed, prints on a terminal of 80 columns."""
     monkeypatch.setenv('COLUMNS', '80')
 
-    def run(*words: str) -> str:
+    def run(*words):
         assert main(list(words)) == 0
         return capsys.readouterr().out
 
     return run
 
 
-def test_the_table_of_parameters(printed: Any) -> None:
+def test_the_table_of_parameters(printed):
     """Assert every effect, stage, parameter, range and unit, whole, in 80 columns."""
     text = printed('effects')
     assert max(map(len, text.splitlines())) <= 80
@@ -49,7 +48,7 @@ def test_the_table_of_parameters(printed: Any) -> None:
             assert rows[start + offset][-len(wanted) :] == wanted
 
 
-def test_the_table_of_sources(printed: Any) -> None:
+def test_the_table_of_sources(printed):
     text = printed('effects', '--sources')
     assert max(map(len, text.splitlines())) <= 80
     words = ' '.join(text.split())
@@ -57,7 +56,7 @@ def test_the_table_of_sources(printed: Any) -> None:
         assert f'{kind.name} {kind.title} {kind.source}' in words
 
 
-def test_the_page_and_the_presets(printed: Any, tmp_path: Path) -> None:
+def test_the_page_and_the_presets(printed, tmp_path):
     assert printed('effects', '--markdown') == markdown()
     folder = tmp_path / 'new' / 'effects'
     printed('effects', '--write-presets', str(folder))
@@ -81,9 +80,7 @@ def test_the_page_and_the_presets(printed: Any, tmp_path: Path) -> None:
         'saturation',
     ],
 )
-def test_show_writes_a_picture(
-    name: str, printed: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_show_writes_a_picture(name, printed, tmp_path, monkeypatch):
     monkeypatch.setattr(effects_view, '_FRAMES', 9)
     monkeypatch.chdir(tmp_path)
     out = () if name == 'offset' else ('--out', 'picture')
@@ -95,7 +92,7 @@ def test_show_writes_a_picture(
     assert all(re.search(rf'^{item.name} ', text, re.M) for item in kind.parameters())
 
 
-def simulate(folder: Path, *options: str, **arrays: Any) -> dict[str, np.ndarray]:
+def simulate(folder, *options, **arrays):
     """Run flexx2 simulate on a small scene and read what it wrote."""
     np.savez(folder / 'in.npz', clean_depth=np.full((43, 56), 1.5), K=K, **arrays)
     assert (
@@ -106,7 +103,7 @@ def simulate(folder: Path, *options: str, **arrays: Any) -> dict[str, np.ndarray
         return {key: archive[key] for key in archive.files}
 
 
-def test_simulate_with_effects(tmp_path: Path) -> None:
+def test_simulate_with_effects(tmp_path):
     """Assert the library's frames, memory and all, and that the recording says which effects."""
     path = tmp_path / 'mine.yaml'
     effects = parse_effects({'temporal_filter': None, 'warm_up_drift': {'tau': 1.0}})
@@ -143,9 +140,7 @@ def test_simulate_with_effects(tmp_path: Path) -> None:
         (('simulate', '{folder}/in.npz', '{folder}/out.npz', '--effects', 'typica'), 'typica'),
     ],
 )
-def test_what_cannot_be_used_is_named(
-    words: tuple[str, ...], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_used_is_named(words, named, tmp_path, capsys):
     np.savez(tmp_path / 'in.npz', clean_depth=np.full((43, 56), 1.5), K=K)
     (tmp_path / 'bad.yaml').write_text('schema: 1\neffects: {offset: {bias: 3}}')
     assert main([word.format(folder=tmp_path) for word in words]) == 2

@@ -1,7 +1,6 @@
 """What effects keep between frames, and for which environments."""
 
 import math
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import parse_effects, registry
@@ -17,7 +16,7 @@ PERIOD = 33_333_333
 KEEPS = {name: {'strength': 2.0} for name, kind in registry().items() if kind.keeps}
 
 
-def test_a_reset_forgets_the_chosen_environments_only() -> None:
+def test_a_reset_forgets_the_chosen_environments_only():
     assert set(KEEPS) >= {
         'fixed_pattern',
         'temporal_filter',
@@ -29,7 +28,7 @@ def test_a_reset_forgets_the_chosen_environments_only() -> None:
     clean = np.stack([scenes(4), scenes(4) + 0.3])
     stamps = np.array([0, 1, 2, 3]) * 20 * PERIOD
 
-    def run(mask: Any) -> np.ndarray:
+    def run(mask):
         camera = Camera(effects=KEEPS, seed=2)
         camera.capture(clean[:, :3], SMALL, stamps[:3])
         if mask is not False:
@@ -46,7 +45,7 @@ def test_a_reset_forgets_the_chosen_environments_only() -> None:
     np.testing.assert_array_equal(run([False, False]), on)
 
 
-def test_a_mask_that_does_not_fit_is_refused() -> None:
+def test_a_mask_that_does_not_fit_is_refused():
     camera = Camera(effects=KEEPS)
     camera.reset([True])  # There is nothing to forget yet.
     camera.capture(np.stack([scenes(1), scenes(1)]), SMALL, 0)
@@ -56,7 +55,7 @@ def test_a_mask_that_does_not_fit_is_refused() -> None:
     camera.reset(np.array([True, False])[:, None])
 
 
-def test_effects_restart_after_an_earlier_stamp_or_another_batch_size() -> None:
+def test_effects_restart_after_an_earlier_stamp_or_another_batch_size():
     stamps = np.arange(3) * 20 * PERIOD
     first = capture(KEEPS, scenes(3), stamps)
     camera = Camera(effects=KEEPS, seed=3)
@@ -71,7 +70,7 @@ def test_effects_restart_after_an_earlier_stamp_or_another_batch_size() -> None:
     assert np.isfinite(last.depth).any()
 
 
-def test_effects_can_be_changed_between_two_frames() -> None:
+def test_effects_can_be_changed_between_two_frames():
     camera = Camera(effects={'warm_up_drift': None, 'temporal_filter': None}, profile=QUIET)
     wall = np.ones((4, 4))
     assert camera.capture(wall, SMALL, 0).depth[0, 0] == pytest.approx(1.01)
@@ -86,7 +85,7 @@ def test_effects_can_be_changed_between_two_frames() -> None:
     assert camera.effects == ()
 
 
-def test_the_kernel_of_a_filter_can_be_changed_between_two_frames() -> None:
+def test_the_kernel_of_a_filter_can_be_changed_between_two_frames():
     """Assert that none of the kernels stumbles over what another one has kept."""
     camera, wall = Camera(profile=QUIET), np.ones((4, 4))
     kernels = ({}, {'second': 0.5}, {'window': 3.0}, {'second': 0.5}, {'window': 1.0}, {})
@@ -99,7 +98,7 @@ def test_the_kernel_of_a_filter_can_be_changed_between_two_frames() -> None:
 
 @pytest.mark.parametrize('before', [{}, {'offset': {'bias': 0.0}}])
 @pytest.mark.parametrize('seen', [True, False])
-def test_the_time_since_power_on_counts_every_frame(before: Any, seen: bool) -> None:
+def test_the_time_since_power_on_counts_every_frame(before, seen):
     """Assert that a camera that streams without the drift, or unseen, is warm afterwards."""
     camera, wall = Camera(effects=before, profile=QUIET), np.ones((4, 4))
     for second in (0, 1800, 3600):
@@ -112,7 +111,7 @@ def test_the_time_since_power_on_counts_every_frame(before: Any, seen: bool) -> 
     assert depth == pytest.approx(1 + 0.1 * math.exp(-5), abs=1e-5)
 
 
-def test_a_filter_starts_with_the_frame_before_when_its_kernel_changes() -> None:
+def test_a_filter_starts_with_the_frame_before_when_its_kernel_changes():
     """Assert that frames of a mean are not taken for the outcome of a second filter."""
     camera, wall = Camera(profile=QUIET), np.ones((4, 4))
     camera.effects = {'temporal_filter': {'window': 16.0, 'gate': 1000.0}}
@@ -123,7 +122,7 @@ def test_a_filter_starts_with_the_frame_before_when_its_kernel_changes() -> None
     np.testing.assert_allclose(seen, 1.16, atol=1e-5)
 
 
-def test_a_latency_of_zero_keeps_no_frames() -> None:
+def test_a_latency_of_zero_keeps_no_frames():
     wall, late = np.ones((4, 4)), {'time_offset': {'latency': 0.02}}
     camera = Camera(effects=late, profile=QUIET)
     camera.capture(wall, SMALL, np.arange(5) / 30)

@@ -9,7 +9,6 @@ recordings are not there. The predictions are made by the effects in a camera wi
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera
 import numpy as np
@@ -37,7 +36,7 @@ class View:
     black: np.ndarray
 
 
-def square_coordinates(corners: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def square_coordinates(corners, u, v):
     """Return pixels (u, v) in squares of the board, whose corners are at 0..4, 0..6; (2, h, w)."""
     rows = []
     for (x, y), (cu, cv) in zip(np.ndindex(7, 5), corners, strict=True):
@@ -52,7 +51,7 @@ def square_coordinates(corners: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.
 
 
 @lru_cache(maxsize=1)
-def views() -> tuple[View, ...]:
+def views():
     """Read all views; metres."""
     with np.load(KINECT, allow_pickle=False) as data:
         arrays = {key: data[key] for key in data.files}
@@ -84,7 +83,7 @@ def views() -> tuple[View, ...]:
     return tuple(found)
 
 
-def board_plane(view: View, where: np.ndarray) -> np.ndarray:
+def board_plane(view, where):
     """Return (a, b, c) of the board's plane 1/z = a + b x + c y, from the valid pixels there."""
     design = np.stack([np.ones_like(view.x), view.x, view.y], axis=-1)
     use = where & (view.depth > 0)
@@ -96,7 +95,7 @@ def board_plane(view: View, where: np.ndarray) -> np.ndarray:
     return plane
 
 
-def seen(name: str, amplitude: np.ndarray, **parameters: float) -> np.ndarray:
+def seen(name, amplitude, **parameters):
     """Return what a wall at 1 m becomes that sends these amplitudes (n,), at most 1, back."""
     matrix = np.array([[1e6, 0, 500], [0, 1e6, 500], [0, 0, 1]])  # all pixels are head-on
     paint = np.zeros((-(-amplitude.size // 1000), 1000))
@@ -107,7 +106,7 @@ def seen(name: str, amplitude: np.ndarray, **parameters: float) -> np.ndarray:
     return frame.depth.ravel()[: amplitude.size]
 
 
-def fit_logistic(x: np.ndarray, lost: np.ndarray) -> tuple[float, float]:
+def fit_logistic(x, lost):
     """Return where half are lost and the slope, by Newton's method on the likelihood."""
     half, slope = float(np.average(x, weights=lost + 0.01)), np.sign(np.cov(x, lost)[0, 1])
     for _ in range(60):
@@ -119,7 +118,7 @@ def fit_logistic(x: np.ndarray, lost: np.ndarray) -> tuple[float, float]:
     return half, slope
 
 
-def shares(x: np.ndarray, lost: np.ndarray, edges: np.ndarray, fewest: int = 100) -> np.ndarray:
+def shares(x, lost, edges, fewest=100):
     """Return the share lost in every bin, NaN where there are few pixels."""
     index = np.digitize(x, edges) - 1
     return np.array(
@@ -130,12 +129,12 @@ def shares(x: np.ndarray, lost: np.ndarray, edges: np.ndarray, fewest: int = 100
     )
 
 
-def rms(values: np.ndarray) -> float:
+def rms(values):
     """Return the root mean square of what is known."""
     return float(np.sqrt(np.nanmean(values**2)))
 
 
-def black_squares(chosen: Any) -> np.ndarray:
+def black_squares(chosen):
     """Return per view: log infrared of white, of black, and black minus white depth, metres."""
     rows = []
     for view in chosen:
@@ -155,7 +154,7 @@ def black_squares(chosen: Any) -> np.ndarray:
 
 @needs_kinect
 @pytest.mark.parametrize('half', [0, 1])
-def test_amplitude_bias_of_a_kinect(half: int) -> None:
+def test_amplitude_bias_of_a_kinect(half):
     """
     Assert half the views' bias of black squares predicts the other half's curve.
 
@@ -203,7 +202,7 @@ def test_amplitude_bias_of_a_kinect(half: int) -> None:
     assert unexplained < 0.4 * all_of
 
 
-def white_amplitudes(chosen: Any, light: np.ndarray | None) -> tuple[np.ndarray, ...]:
+def white_amplitudes(chosen, light):
     """
     Return log amplitude, infrared and loss of all pixels of white squares.
 
@@ -230,7 +229,7 @@ def white_amplitudes(chosen: Any, light: np.ndarray | None) -> tuple[np.ndarray,
 
 @needs_kinect
 @pytest.mark.parametrize('half', [0, 1])
-def test_saturation_of_a_kinect(half: int) -> None:
+def test_saturation_of_a_kinect(half):
     """
     Assert half the views' saturation predicts the other half's, over amplitude.
 
@@ -262,14 +261,14 @@ def test_saturation_of_a_kinect(half: int) -> None:
 
 @needs_kinect
 @pytest.mark.parametrize('half', [0, 1])
-def test_low_signal_dropout_of_a_kinect(half: int) -> None:
+def test_low_signal_dropout_of_a_kinect(half):
     """
     Assert half the views' losses in the dark predict the other half's, over infrared.
 
     Within 0.06 root mean square: the real curve has a shoulder, a logistic has none.
     """
 
-    def dark(start: int) -> tuple[np.ndarray, np.ndarray]:
+    def dark(start):
         infrared = np.concatenate([view.infrared.ravel()[::5] for view in views()[start::2]])
         lost = np.concatenate([view.depth.ravel()[::5] == 0 for view in views()[start::2]])
         use = (infrared > 0) & (infrared < 2e4)
@@ -295,7 +294,7 @@ def test_low_signal_dropout_of_a_kinect(half: int) -> None:
 
 @needs_azure
 @pytest.mark.parametrize('half', [0, 1])
-def test_low_signal_dropout_of_an_azure_kinect(half: int) -> None:
+def test_low_signal_dropout_of_an_azure_kinect(half):
     """Assert every second tile of 32 x 32 pixels predicts the others: within 0.05."""
     with np.load(AZURE, allow_pickle=False) as data:
         depth, infrared = data['depth_mm'], data['ir16'].astype(float)

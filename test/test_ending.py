@@ -1,94 +1,40 @@
 """How commands end: by a signal, killed, or with their parent. Real processes throughout."""
 
-from collections.abc import Callable, Iterator
 from contextlib import suppress
 import os
-from pathlib import Path
 import random
 import signal
 import subprocess
-import sys
 import time
-from typing import Any
 
+from bench.torture_kill import family, handles_signals, MARK
+from campaigns import save
 import numpy as np
-from programs import run_python
+from programs import flexx2_words, PATIENCE, run_python, starting, until
 import pytest
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
-PATIENCE = 60.0
-MARK = 'FLEXX2_TEST_RUN'
-Start = Callable[..., 'subprocess.Popen[str]']
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Start]:
+def start(tmp_path):
     """Return a function that starts `flexx2`; all that comes of it is gone at the end."""
     env = {**os.environ, MARK: str(tmp_path), 'TMPDIR': str(tmp_path / 'tmp')}
     (tmp_path / 'tmp').mkdir()
-    started: list[subprocess.Popen[str]] = []
-
-    def run(*words: object) -> 'subprocess.Popen[str]':
-        started.append(
-            subprocess.Popen(
-                [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *map(str, words)],
-                env=env,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.PIPE,
-                text=True,
-                cwd=tmp_path,
-            )
-        )
-        return started[-1]
-
-    yield run
-    for process in started:
-        process.kill()
-        process.communicate()
+    with starting(env=env, cwd=tmp_path) as run:
+        yield lambda *words: run(flexx2_words(*words))
     for pid in family(tmp_path):
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
 
 
-def family(folder: Path) -> list[int]:
-    """Return the processes that come of a test's commands, zombies left out."""
-    mark = f'{MARK}={folder}\0'.encode()
-    found = []
-    for entry in Path('/proc').iterdir():
-        with suppress(OSError):
-            if (
-                entry.name.isdigit()
-                and int(entry.name) != os.getpid()
-                and mark in (entry / 'environ').read_bytes()
-            ):
-                found.append(int(entry.name))
-    return found
-
-
-def until(condition: Callable[[], Any], what: str) -> None:
-    """Wait for what other processes do."""
-    deadline = time.monotonic() + PATIENCE
-    while not condition():
-        assert time.monotonic() < deadline, what
-        time.sleep(0.005)
-
-
-def handles_signals(process: 'subprocess.Popen[str]') -> bool:
-    """Say whether a process handles both signals; Python alone handles SIGINT only."""
-    with suppress(OSError):
-        status = Path(f'/proc/{process.pid}/status').read_text()
-        caught = int(status.split('SigCgt:')[1].split()[0], 16)
-        return all(caught & 1 << (number - 1) for number in SIGNALS)
-    return False
-
-
-def leftovers(folder: Path) -> list[Path]:
+def leftovers(folder):
     """Return scratch files and whatever lies in the folder for temporary files."""
     return [*folder.rglob('.flexx2-*'), *(folder / 'tmp').iterdir()]
 
 
 @pytest.fixture
-def campaign(tmp_path: Path) -> Path:
+def campaign(tmp_path):
     """Return a folder with two scenes, one of them long."""
     folder = tmp_path / 'campaign'
     folder.mkdir()
@@ -96,14 +42,7 @@ def campaign(tmp_path: Path) -> Path:
     matrix = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
     depth = clean + np.random.default_rng(1).normal(0, 0.003, (40, 43, 56)).astype('f4')
     for name in ('a', 'b'):
-        np.savez(
-            folder / f'{name}.npz',
-            clean_depth=clean,
-            K=matrix,
-            depth=depth,
-            usecase='Mode_9_30fps',
-            stamp=np.arange(40) / 30,
-        )
+        save(folder / f'{name}.npz', depth, clean, matrix)
     return folder
 
 
@@ -127,12 +66,10 @@ COMMANDS = {
         ('capture', signal.SIGTERM, 2.0),
     ],
 )
-def test_a_signal(
-    tmp_path: Path, start: Start, campaign: Path, name: str, number: signal.Signals, seconds: float
-) -> None:
+def test_a_signal(tmp_path, start, campaign, name, number, seconds):
     """Assert 130 and 143, silence, no leftovers and no processes, however early it comes."""
     process = start(*COMMANDS[name])
-    until(lambda: handles_signals(process), 'the command does not handle signals')
+    until(lambda: handles_signals(process.pid), 'the command does not handle signals')
     time.sleep(seconds * random.Random(f'{name} {number}').random())
     process.send_signal(number)
     _, err = process.communicate(timeout=PATIENCE)
@@ -144,9 +81,7 @@ def test_a_signal(
 
 
 @pytest.mark.parametrize('name', ['fit', 'diagnose', 'benchmark'])
-def test_workers_end_with_a_killed_command(
-    tmp_path: Path, start: Start, campaign: Path, name: str
-) -> None:
+def test_workers_end_with_a_killed_command(tmp_path, start, campaign, name):
     """Assert no worker is left of a command that was killed with kill -9."""
     process = start(*COMMANDS[name])
     # The command, its resource tracker and its workers; a diagnosis is one of its jobs itself.
@@ -160,30 +95,15 @@ def test_workers_end_with_a_killed_command(
     until(lambda: not family(tmp_path), 'a worker outlives its command')
 
 
-def test_a_killed_writer(tmp_path: Path, start: Start, campaign: Path) -> None:
-    """Assert a kill -9 leaves no output, and the next run nothing of the killed one."""
-    out = tmp_path / 'out.npz'
-    process = start(*COMMANDS['simulate'])
-    until(lambda: list(tmp_path.glob('.flexx2-*')) or out.exists(), 'nothing is written')
-    process.kill()
-    process.communicate(timeout=PATIENCE)
-    assert not out.exists()
-    again = start(*COMMANDS['simulate'][:4], '10')
-    _, err = again.communicate(timeout=PATIENCE)
-    assert again.returncode == 0, err
-    assert out.is_file()
-    assert leftovers(tmp_path) == []
-
-
 @pytest.mark.parametrize(
     'words', [['modes'], ['effects'], ['effects', '--sources'], ['--help'], ['gap', '--help']]
 )
-def test_a_reader_that_stops_reading_ends_the_command(words: list[str]) -> None:
+def test_a_reader_that_stops_reading_ends_the_command(words):
     """`flexx2 modes | head -1` ends with 128 + SIGPIPE (13), without a word, also unbuffered."""
     reading, writing = os.pipe()
     os.close(reading)
     done = subprocess.run(
-        [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
+        flexx2_words(*words),
         stdout=writing,
         stderr=subprocess.PIPE,
         env={**os.environ, 'PYTHONUNBUFFERED': '1'},
@@ -194,7 +114,7 @@ def test_a_reader_that_stops_reading_ends_the_command(words: list[str]) -> None:
 
 
 @pytest.mark.parametrize('node', ['flexx2_camera', 'go1_cameras'])
-def test_a_node_that_is_asked_for_help_prints_it_and_does_not_start(node: str) -> None:
+def test_a_node_that_is_asked_for_help_prints_it_and_does_not_start(node):
     done = run_python('-m', f'flexx2_sim_ros.nodes.{node}', '--help', check=True, timeout=PATIENCE)
     assert done.stdout.startswith(f'usage: {node}')
     assert f'example: {node} --ros-args' in done.stdout

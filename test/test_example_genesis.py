@@ -1,8 +1,6 @@
 """The example of Genesis, in Genesis: its depth, its intrinsics, and the noise on its depth."""
 
 import importlib
-from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera
 import numpy as np
@@ -16,24 +14,24 @@ example = importlib.import_module('genesis_depth')  # in examples/, which needs 
 
 
 @pytest.fixture(scope='module')
-def camera() -> Any:
+def camera():
     """Return the camera in the room; Genesis compiles for a minute or more."""
     return example.build()
 
 
 @pytest.fixture(scope='module')
-def image(camera: Any) -> np.ndarray:
+def image(camera):
     """Return Genesis's depth image."""
     return example.rendered(camera)
 
 
-def test_depth_is_along_the_optical_axis_and_the_far_plane_for_nothing(image: np.ndarray) -> None:
+def test_depth_is_along_the_optical_axis_and_the_far_plane_for_nothing(image):
     exact = exact_room(example.SQUARE)
     assert_same_depth(example.depth(image), exact)
     np.testing.assert_allclose(image[np.isnan(exact)], FAR, rtol=1e-4)
 
 
-def test_its_intrinsics_are_half_a_pixel_off(camera: Any, image: np.ndarray) -> None:
+def test_its_intrinsics_are_half_a_pixel_off(camera, image):
     lens, given = example.SQUARE, np.asarray(camera.intrinsics)
     np.testing.assert_allclose(np.diag(given), np.diag(lens.matrix), rtol=1e-6)
     np.testing.assert_allclose(given[:2, 2] - lens.matrix[:2, 2], 0.5)
@@ -43,13 +41,13 @@ def test_its_intrinsics_are_half_a_pixel_off(camera: Any, image: np.ndarray) -> 
     assert np.nanpercentile(error, 95) > 0.01
 
 
-def test_the_noise_is_sigma_of_the_base_model(image: np.ndarray) -> None:
+def test_the_noise_is_sigma_of_the_base_model(image):
     clean, lens = example.depth(image), example.SQUARE
     noisy = Camera(USECASE, seed=3).capture(clean, lens.matrix, stamp=0.0).depth
     assert_noise_is_sigma(clean[None], noisy[None], lens, USECASE)
 
 
-def test_the_picture_is_drawn(image: np.ndarray, tmp_path: Path) -> None:
+def test_the_picture_is_drawn(image, tmp_path):
     clean = example.depth(image)
     draw(tmp_path / 'depth.png', 'depth', image, clean, clean)
     assert (tmp_path / 'depth.png').stat().st_size > 10_000

@@ -3,9 +3,7 @@
 import contextlib
 import importlib
 import os
-from pathlib import Path
 import sys
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera, ray_length
 from flexx2_sim_ros.physics.geometry import pixel_rays
@@ -21,19 +19,19 @@ example = importlib.import_module('gym_quadruped_depth')  # in examples/, which 
 
 
 @pytest.fixture(scope='module')
-def env(tmp_path_factory: pytest.TempPathFactory) -> Any:
+def env(tmp_path_factory):
     """Return the Aliengo in front of stairs."""
     with contextlib.chdir(tmp_path_factory.mktemp('env')):  # MuJoCo logs warnings to a file
         return example.build()
 
 
 @pytest.fixture(scope='module')
-def clean(env: Any) -> np.ndarray:
+def clean(env):
     """Return its depth image."""
     return example.depth(env.mjModel, env.mjData)
 
 
-def test_depth_is_that_of_exact_rays(env: Any, clean: np.ndarray) -> None:
+def test_depth_is_that_of_exact_rays(env, clean):
     model, data, lens = env.mjModel, env.mjData, example.lens(env.mjModel)
     camera = model.camera(example.CAMERA).id
     x, y = pixel_rays(lens)
@@ -51,7 +49,7 @@ def test_depth_is_that_of_exact_rays(env: Any, clean: np.ndarray) -> None:
     assert_same_depth(*close, share=0.97)
 
 
-def test_its_depth_image_is_neither_depth_nor_range(env: Any, clean: np.ndarray) -> None:
+def test_its_depth_image_is_neither_depth_nor_range(env, clean):
     matrix, given = example.lens(env.mjModel).matrix, example.gym_depth(env)
     there = np.isfinite(clean)
     assert np.max((given - clean)[there]) > 0.3
@@ -61,14 +59,14 @@ def test_its_depth_image_is_neither_depth_nor_range(env: Any, clean: np.ndarray)
     assert given[~there].min() >= 0.999 * far
 
 
-def test_the_noise_is_sigma_of_the_base_model(env: Any, clean: np.ndarray) -> None:
+def test_the_noise_is_sigma_of_the_base_model(env, clean):
     lens = example.lens(env.mjModel)
     stamps = np.arange(12) / 30.0
     noisy = Camera(USECASE, seed=3).capture(clean, lens.matrix, stamp=stamps).depth
     assert_noise_is_sigma(np.broadcast_to(clean, noisy.shape), noisy, lens, USECASE)
 
 
-def test_the_picture_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_picture_is_drawn(tmp_path, monkeypatch):
     out = tmp_path / 'depth.png'
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, 'argv', ['gym_quadruped_depth.py', '--out', str(out)])

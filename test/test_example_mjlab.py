@@ -1,8 +1,6 @@
 """The example of mjlab, in mjlab: its manager, its renderer, its resets and randomisation."""
 
 import importlib
-from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.rendering.ground import SceneGround
@@ -18,13 +16,13 @@ example = importlib.import_module('mjlab_go1')  # in examples/, which needs mjla
 
 COUNT, WIDTH, HEIGHT = 64, 56, 43
 EFFECTS = [{}] * 32 + example.different_cameras(32)
-SHOWN: list[Any] = []  # every clean image of front_left, in the order of calls
+SHOWN = []  # every clean image of front_left, in the order of calls
 
 
 class Recorded(example.DepthImages):
     """Depth images that are kept, by a reference that survives the manager's deep copies."""
 
-    def __call__(self, env: Any) -> Any:
+    def __call__(self, env):
         """Return the images and keep a copy."""
         images = super().__call__(env)
         SHOWN.append(images.clone())
@@ -32,7 +30,7 @@ class Recorded(example.DepthImages):
 
 
 @pytest.fixture(scope='module')
-def cfg() -> Any:
+def cfg():
     """Return the example's task, with small images."""
     cfg = example.task(COUNT, WIDTH, HEIGHT, EFFECTS)
     cfg.observations['images'].terms['front_left'].params['depth'] = Recorded('front_left')
@@ -40,7 +38,7 @@ def cfg() -> Any:
 
 
 @pytest.fixture(scope='module')
-def env(cfg: Any) -> Any:
+def env(cfg):
     """Return the environment after some steps, two of its robots reset."""
     env = example.ManagerBasedRlEnv(cfg, device='cpu')
     env.reset()
@@ -51,12 +49,12 @@ def env(cfg: Any) -> Any:
 
 
 @pytest.fixture(scope='module')
-def lens(cfg: Any) -> Any:
+def lens(cfg):
     """Return the intrinsics of the images."""
     return cfg.observations['actor'].terms['height_scan'].params['lens']
 
 
-def mujoco_state(env: Any, index: int) -> tuple[Any, Any]:
+def mujoco_state(env, index):
     """Return one environment, with its randomised cameras, as MuJoCo's model and data."""
     model = env.sim.mj_model
     for name in ('cam_pos', 'cam_quat'):
@@ -68,7 +66,7 @@ def mujoco_state(env: Any, index: int) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize('index', [0, 1, 40])
-def test_clean_depth_is_that_of_exact_rays(env: Any, lens: Any, index: int) -> None:
+def test_clean_depth_is_that_of_exact_rays(env, lens, index):
     model, data = mujoco_state(env, index)
     exact, _ = open_renderer(model, lens, 'ray').render(data, 'robot/front_right')
     depth = env.scene['front_right'].data.depth[index, ..., 0].numpy()
@@ -77,7 +75,7 @@ def test_clean_depth_is_that_of_exact_rays(env: Any, lens: Any, index: int) -> N
     assert np.percentile(off, 98) < 1e-3  # the rest are edges, and floors beyond the far plane
 
 
-def test_the_manager_makes_the_frames_of_the_camera_and_resets_them(env: Any, lens: Any) -> None:
+def test_the_manager_makes_the_frames_of_the_camera_and_resets_them(env, lens):
     # The manager calls each term when it is made, after the reset, after the step, and after
     # the second reset.
     first, start, step, last = SHOWN
@@ -101,12 +99,12 @@ def test_the_manager_makes_the_frames_of_the_camera_and_resets_them(env: Any, le
     assert torch.equal(env.seen['images']['front_left'][..., 0], expected)
 
 
-def test_the_noise_is_sigma_of_the_base_model(env: Any, lens: Any) -> None:
+def test_the_noise_is_sigma_of_the_base_model(env, lens):
     clean, noisy = SHOWN[-1][:32, ..., 0], env.seen['images']['front_left'][:32, ..., 0]
     assert_noise_is_sigma(clean.numpy(), noisy.numpy(), lens, example.USECASE)
 
 
-def test_each_environment_has_a_camera_of_its_own(env: Any) -> None:
+def test_each_environment_has_a_camera_of_its_own(env):
     clean, noisy = SHOWN[-1][..., 0].numpy(), env.seen['images']['front_left'][..., 0].numpy()
     before = SHOWN[1][..., 0].numpy()  # what the filter mixes in, while the robots fall
     before[40] = clean[40]  # but not after the reset
@@ -122,7 +120,7 @@ def test_each_environment_has_a_camera_of_its_own(env: Any) -> None:
     assert (model[:, ids].std(dim=0) > 1e-3).all()
 
 
-def test_the_height_grid_is_the_ground(env: Any, lens: Any) -> None:
+def test_the_height_grid_is_the_ground(env, lens):
     grids = {group: example.height_grid(env, env.seen, group) for group in ('actor', 'critic')}
     assert (grids['critic'] != example.UNSEEN).float().mean() > 0.3
     errors = []
@@ -145,6 +143,6 @@ def test_the_height_grid_is_the_ground(env: Any, lens: Any) -> None:
     assert 1e-5 < difference.median() < 1e-2
 
 
-def test_the_picture_is_drawn(env: Any, tmp_path: Path) -> None:
+def test_the_picture_is_drawn(env, tmp_path):
     example.draw(tmp_path / 'grid.png', env, env.seen)
     assert (tmp_path / 'grid.png').stat().st_size > 20_000

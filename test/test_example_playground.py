@@ -1,8 +1,6 @@
 """The example of mujoco_playground, on MJX: its rays become depth, and depth gets noise."""
 
 import importlib
-from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import ray_length
@@ -20,18 +18,18 @@ COUNT, LENS = 8, example.lens(112, 86)
 
 
 @pytest.fixture(scope='module')
-def made() -> Any:
+def made():
     """Return the environment and the states of some of them."""
     return example.build(COUNT)
 
 
 @pytest.fixture(scope='module')
-def clean(made: Any) -> Any:
+def clean(made):
     """Return (N, H, W) depth, a JAX array."""
     return example.cast(*made, example.directions(LENS)).reshape(COUNT, LENS.height, LENS.width)
 
 
-def test_depth_is_that_of_mujoco(made: Any, clean: Any) -> None:
+def test_depth_is_that_of_mujoco(made, clean):
     env, states = made
     data = mujoco.MjData(env.mj_model)
     camera = env.mj_model.camera(example.CAMERA).id
@@ -49,7 +47,7 @@ def test_depth_is_that_of_mujoco(made: Any, clean: Any) -> None:
         assert_same_depth(np.where(near, found, np.nan), np.where(near, exact, np.nan))
 
 
-def test_rays_of_length_1_give_no_depth(made: Any, clean: Any) -> None:
+def test_rays_of_length_1_give_no_depth(made, clean):
     rays = example.directions(LENS)
     unit = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     env, states = made
@@ -62,13 +60,13 @@ def test_rays_of_length_1_give_no_depth(made: Any, clean: Any) -> None:
     )
 
 
-def test_the_noise_is_sigma_of_the_base_model(clean: Any) -> None:
+def test_the_noise_is_sigma_of_the_base_model(clean):
     seen = BatchCamera(COUNT, USECASE, K=LENS.matrix, seed=3)(clean)
     assert isinstance(seen, jax.Array)
     assert_noise_is_sigma(np.asarray(clean), np.asarray(seen), LENS, USECASE)
 
 
-def test_the_picture_is_drawn(clean: Any, tmp_path: Path) -> None:
+def test_the_picture_is_drawn(clean, tmp_path):
     first = np.where(clean[0] > 0, clean[0], np.nan)
     draw(tmp_path / 'depth.png', 'depth', first, first, first)
     assert (tmp_path / 'depth.png').stat().st_size > 10_000

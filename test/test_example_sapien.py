@@ -21,7 +21,7 @@ example = importlib.import_module('sapien_depth')  # in examples/, which needs s
 
 
 @pytest.fixture(scope='module')
-def position() -> np.ndarray:
+def position():
     """Return the room's positions; the first picture compiles shaders for a minute on a CPU."""
     try:
         made = example.build()
@@ -30,7 +30,7 @@ def position() -> np.ndarray:
     return example.positions(*made)
 
 
-def off_centre(position: np.ndarray) -> np.ndarray:
+def off_centre(position):
     """Return (2, H, W) how far points are below and to the right of pixel centres, pixels."""
     x, y, z, buffer = np.moveaxis(position.astype(float), -1, 0)
     there = buffer < 1.0
@@ -39,11 +39,11 @@ def off_centre(position: np.ndarray) -> np.ndarray:
     return np.where(there, pixels - np.mgrid[: LENS.height, : LENS.width], 0.0)
 
 
-def test_rays_pass_through_the_centres_of_pixels(position: np.ndarray) -> None:
+def test_rays_pass_through_the_centres_of_pixels(position):
     assert np.abs(off_centre(position)).max() < ROUNDING
 
 
-def test_positions_are_in_the_axes_of_opengl(position: np.ndarray) -> None:
+def test_positions_are_in_the_axes_of_opengl(position):
     exact = exact_room()
     assert (position[..., 2] <= 0).all()  # taken for depth, nothing has a return
     assert (position[np.isnan(exact)] == (0.0, 0.0, 0.0, 1.0)).all()
@@ -52,13 +52,13 @@ def test_positions_are_in_the_axes_of_opengl(position: np.ndarray) -> None:
     assert_same_depth(depth_from_z_buffer(position[..., 3], NEAR, FAR), exact)
 
 
-def test_the_noise_is_sigma_of_the_base_model(position: np.ndarray) -> None:
+def test_the_noise_is_sigma_of_the_base_model(position):
     clean = example.depth(position)
     noisy = Camera(USECASE, seed=3).capture(clean, LENS.matrix, stamp=0.0).depth
     assert_noise_is_sigma(clean[None], noisy[None], LENS, USECASE)
 
 
-def test_the_picture_is_drawn(position: np.ndarray, tmp_path: Path) -> None:
+def test_the_picture_is_drawn(position, tmp_path):
     clean = example.depth(position)
     draw(tmp_path / 'depth.png', 'z', position[..., 2], clean, clean)
     assert (tmp_path / 'depth.png').stat().st_size > 10_000

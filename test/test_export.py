@@ -4,7 +4,6 @@ import ast
 import configparser
 from dataclasses import replace
 import math
-from pathlib import Path
 import re
 from xml.etree import ElementTree
 
@@ -22,12 +21,12 @@ import yaml
 CELL = 0.05
 
 
-def written(name: str, usecase: str = 'Mode_9_30fps') -> str:
+def written(name, usecase='Mode_9_30fps'):
     return TARGETS[name].write(measure_noise(flexx2(), usecase), CELL).text
 
 
 @pytest.mark.parametrize('usecase', flexx2().names)
-def test_elevation_mapping_has_the_sigma_of_the_camera(usecase: str) -> None:
+def test_elevation_mapping_has_the_sigma_of_the_camera(usecase):
     noise = measure_noise(flexx2(), usecase)
     table = yaml.safe_load(written('elevation_mapping', usecase))['sensor_processor']
     a, b, c, d, e = (table[f'normal_factor_{letter}'] for letter in 'abcde')
@@ -40,7 +39,7 @@ def test_elevation_mapping_has_the_sigma_of_the_camera(usecase: str) -> None:
     assert table['type'] == 'structured_light'
 
 
-def test_the_names_are_those_of_the_targets() -> None:
+def test_the_names_are_those_of_the_targets():
     perfect = yaml.safe_load(written('elevation_mapping_perfect'))
     assert perfect == {'sensor_processor': {'type': 'perfect'}}
     cupy = yaml.safe_load(written('elevation_mapping_cupy'))
@@ -55,9 +54,8 @@ def test_the_names_are_those_of_the_targets() -> None:
     assert float(ini['Core']['Grid\\RangeMax']) <= flexx2().mode('Mode_9_30fps').range_max
 
 
-def test_gazebo_reads_a_depth_camera() -> None:
+def test_gazebo_reads_a_depth_camera():
     sensor = ElementTree.fromstring(written('gazebo')).find('./model/link/sensor')
-    assert sensor is not None
     assert sensor.get('type') == 'depth_camera'
     values = {name: sensor.findtext(f'.//{name}') for name in ('width', 'height', 'near', 'far')}
     assert values == {'width': '224', 'height': '172', 'near': '0.1', 'far': '7'}
@@ -68,13 +66,13 @@ def test_gazebo_reads_a_depth_camera() -> None:
 
 
 @pytest.mark.parametrize('name', ['isaac_lab', 'mujoco_playground'])
-def test_configurations_in_python_are_one_call(name: str) -> None:
+def test_configurations_in_python_are_one_call(name):
     *_, last = ast.parse(written(name)).body
     assert isinstance(last, ast.Assign)
     assert isinstance(last.value, ast.Call)
 
 
-def test_playground_has_the_spread_of_a_uniform_distribution() -> None:
+def test_playground_has_the_spread_of_a_uniform_distribution():
     noise = measure_noise(flexx2(), 'Mode_9_30fps')
     sigma = fit_constant(noise.distance, noise.typical).values[0]
     scale = float(written('mujoco_playground').split('depth=')[1].split(')')[0])
@@ -82,7 +80,7 @@ def test_playground_has_the_spread_of_a_uniform_distribution() -> None:
     assert draws.std() == pytest.approx(sigma, rel=0.01)  # 1 % is 22 standard errors
 
 
-def test_fits_find_what_they_are_given() -> None:
+def test_fits_find_what_they_are_given():
     z = np.linspace(0.2, 4.0, 30)
     fit = fit_power(z, 0.003 * z**2, 2, 'a z^2')
     assert fit.values == pytest.approx((0.003,))
@@ -94,7 +92,7 @@ def test_fits_find_what_they_are_given() -> None:
     assert holes.values == pytest.approx((0.01,))
 
 
-def test_a_simulated_wall_has_the_sigma_of_the_model() -> None:
+def test_a_simulated_wall_has_the_sigma_of_the_model():
     # An offset leaves the noise as it is. 6,000 pixels a wall: a sigma is known to 0.9 %,
     # and 36 of them differ by over 6 % with a probability below 1e-8.
     effects = parse_effects({'offset': {'bias': 0.01}})
@@ -109,7 +107,7 @@ def test_a_simulated_wall_has_the_sigma_of_the_model() -> None:
     assert mean == pytest.approx(0.01, abs=1e-3)
 
 
-def test_lost_and_wrong_pixels_are_counted_apart() -> None:
+def test_lost_and_wrong_pixels_are_counted_apart():
     # At 100 MHz distances repeat after 1.5 m. A fifth of the 6,000 pixels of a wall is known to
     # 0.5 %: 5 % is 10 standard deviations.
     effects = parse_effects({'range_wrap': {'mhz': 100.0}, 'random_dropout': {'share': 0.2}})
@@ -124,7 +122,7 @@ def test_lost_and_wrong_pixels_are_counted_apart() -> None:
         assert any('lost pixels: up to 100%' in sentence for sentence in lost)
 
 
-def test_the_age_of_images_and_what_a_mean_bias_leaves_are_lost() -> None:
+def test_the_age_of_images_and_what_a_mean_bias_leaves_are_lost():
     effects = parse_effects({'time_offset': {'latency': 0.05, 'delay': 0.06}, 'wiggling': {}})
     noise = measure_noise(flexx2(), 'Mode_9_30fps', effects, angles=(0.0,))
     for name in ('gazebo', 'nvblox'):
@@ -136,7 +134,7 @@ def test_the_age_of_images_and_what_a_mean_bias_leaves_are_lost() -> None:
     assert not any('bias' in sentence or 'age' in sentence for sentence in plain)
 
 
-def test_other_cameras_are_exported(tmp_path: Path) -> None:
+def test_other_cameras_are_exported(tmp_path):
     out = tmp_path / 'kinect.yaml'
     assert main(['export', 'elevation_mapping', '--profile', 'kinect_v2', '--out', str(out)]) == 0
     assert yaml.safe_load(out.read_text())['sensor_processor']['type'] == 'structured_light'
@@ -145,18 +143,17 @@ def test_other_cameras_are_exported(tmp_path: Path) -> None:
     assert TARGETS['gazebo'].file_of(kinect) == 'kinect_v2.sdf'
     noise = measure_noise(replace(kinect, model='A---B'), kinect.default_usecase)
     model = ElementTree.fromstring(TARGETS['gazebo'].write(noise, CELL).text).find('model')
-    assert model is not None
     assert model.get('name') == 'a_b'
 
 
 @pytest.mark.parametrize('name', ['octomap_server', 'rtabmap'])
-def test_a_sigma_above_half_a_cell_everywhere_is_said(name: str) -> None:
+def test_a_sigma_above_half_a_cell_everywhere_is_said(name):
     noise = measure_noise(flexx2(), 'Mode_9_30fps')
     said = [TARGETS[name].write(noise, cell).lost for cell in (0.001, CELL)]
     assert [any('at all distances, so' in one for one in lost) for lost in said] == [True, False]
 
 
-def test_the_ratio_is_that_of_the_written_probability() -> None:
+def test_the_ratio_is_that_of_the_written_probability():
     # Almost all points lie within a cell of 1 m; the server takes at most 0.97.
     noise = measure_noise(flexx2(), 'Mode_9_30fps', distances=(0.3, 1.0))
     ((_, fit),) = TARGETS['octomap_server'].write(noise, 1.0).fits
@@ -164,16 +161,14 @@ def test_the_ratio_is_that_of_the_written_probability() -> None:
     assert fit.worst == pytest.approx(0.97)
 
 
-def test_all_targets_go_into_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_targets_go_into_a_folder(tmp_path, capsys):
     assert main(['export', 'all', '--out', str(tmp_path / 'out'), '--distances', '0.3', '3']) == 0
     names = {path.name for path in (tmp_path / 'out').iterdir()}
     assert names == {target.file_of(flexx2()) for target in TARGETS.values()}
     assert 'None of them can hold' in capsys.readouterr().out
 
 
-def test_a_file_is_written_over_only_by_force(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_is_written_over_only_by_force(tmp_path, capsys):
     out = tmp_path / 'flexx2.sdf'
     out.write_text('mine')
     assert main(['export', 'gazebo', '--out', str(out)]) == 2
@@ -183,7 +178,7 @@ def test_a_file_is_written_over_only_by_force(
     assert out.read_text() != 'mine'
 
 
-def test_distances_outside_the_range_are_refused() -> None:
+def test_distances_outside_the_range_are_refused():
     with pytest.raises(InputError, match='distances: must rise and be within'):
         measure_noise(flexx2(), 'Mode_9_30fps', distances=(3.0, 1.0))
     with pytest.raises(InputError, match='distances'):

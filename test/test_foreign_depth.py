@@ -1,13 +1,11 @@
 """Depth as other programs write it: what means no depth, units, compressed images."""
 
 from io import BytesIO
-from pathlib import Path
 import struct
-from typing import Any
 
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.recording import load_recording, Recording
-from made_bags import Entry, header, image, info, make, MATRIX, write
+from flexx2_sim_ros.recording import load_recording
+from made_bags import header, image, info, make, MATRIX, write
 from made_images import ost, save
 import numpy as np
 from PIL import Image
@@ -16,7 +14,7 @@ import pytest
 SIZE = 8, 10
 
 
-def converted(source: Path, *options: Any) -> Recording:
+def converted(source, *options):
     """Return what `flexx2 convert` makes of a file."""
     out = source.parent / 'converted.npz'
     assert main(['convert', str(source), str(out), *map(str, options)]) == 0
@@ -24,7 +22,7 @@ def converted(source: Path, *options: Any) -> Recording:
 
 
 @pytest.mark.parametrize('form', ['bag', 'big-endian bag', 'folder', 'npz', 'other npz'])
-def test_the_largest_count_of_16_bits_is_no_depth(form: str, tmp_path: Path) -> None:
+def test_the_largest_count_of_16_bits_is_no_depth(form, tmp_path):
     depth = np.full((2, *SIZE), 1500, np.uint16)
     depth[:, :3], depth[:, 3] = 65535, 65534
     source, options = tmp_path / 'source', []
@@ -52,11 +50,11 @@ def test_the_largest_count_of_16_bits_is_no_depth(form: str, tmp_path: Path) -> 
 COMPRESSED = 'sensor_msgs/msg/CompressedImage'
 
 
-def rvl(depth: np.ndarray) -> bytes:
+def rvl(depth):
     """Return depth as the codec of compressed_depth_image_transport writes it."""
-    nibbles: list[int] = []
+    nibbles = []
 
-    def put(value: int) -> None:
+    def put(value):
         while value > 7:
             nibbles.append(8 | (value & 7))
             value >>= 3
@@ -83,14 +81,14 @@ def rvl(depth: np.ndarray) -> bytes:
     return struct.pack(f'<II{len(words)}I', depth.shape[1], depth.shape[0], *words)
 
 
-def png(depth: np.ndarray) -> bytes:
+def png(depth):
     """Return a 16-bit PNG."""
     file = BytesIO()
     Image.fromarray(depth).save(file, 'PNG')
     return file.getvalue()
 
 
-def compressed(form: str, content: bytes, stamp: int = 0) -> Entry:
+def compressed(form, content, stamp=0):
     """Return a message of compressed depth."""
     data = np.frombuffer(struct.pack('<iff', 0, 0, 0) + content, np.uint8)
     message = make(COMPRESSED, header(stamp), form, data)
@@ -106,9 +104,7 @@ def compressed(form: str, content: bytes, stamp: int = 0) -> Entry:
         ('16UC1; compressedDepth rvl', rvl),
     ],
 )
-def test_compressed_depth_of_16_bits_is_read_without_loss(
-    form: str, encode: Any, tmp_path: Path
-) -> None:
+def test_compressed_depth_of_16_bits_is_read_without_loss(form, encode, tmp_path):
     depth = np.random.default_rng(1).integers(0, 65535, (2, *SIZE)).astype(np.uint16)
     depth[:, 3:5, 2:] = 0
     depth[1, -1] = 0
@@ -134,8 +130,8 @@ def test_compressed_depth_of_16_bits_is_read_without_loss(
     ],
 )
 def test_other_compressed_depth_is_refused_with_the_reason(
-    form: str, content: bytes, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    form, content, reason, tmp_path, capsys
+):
     entries = [info('/d/camera_info', 0, SIZE), compressed(form, content)]
     bag = write(tmp_path / 'bag', entries)
     assert main(['convert', str(bag), str(tmp_path / 'out.npz')]) == 2
@@ -155,9 +151,7 @@ def test_other_compressed_depth_is_refused_with_the_reason(
         ('/one', '/other', 'mono16', ['--camera', '/one', '--infrared', '/other']),
     ],
 )
-def test_depth_and_infrared_of_one_encoding(
-    depth: str, infrared: str, encoding: str, options: list[str], tmp_path: Path
-) -> None:
+def test_depth_and_infrared_of_one_encoding(depth, infrared, encoding, options, tmp_path):
     seen, bright = np.full(SIZE, 1500, np.uint16), np.full(SIZE, 77, np.uint16)
     bag = write(
         tmp_path / 'bag',
@@ -173,9 +167,7 @@ def test_depth_and_infrared_of_one_encoding(
     assert (found.amplitude == 77).all()
 
 
-def test_a_camera_that_is_not_found_is_said_with_the_reason_for_each_topic(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_camera_that_is_not_found_is_said_with_the_reason_for_each_topic(tmp_path, capsys):
     pixels = np.ones(SIZE, np.uint16)
     bag = write(
         tmp_path / 'bag',
@@ -205,7 +197,7 @@ def test_a_camera_that_is_not_found_is_said_with_the_reason_for_each_topic(
     assert '--infrared: must be the topic of an image of' in capsys.readouterr().err
 
 
-def test_a_camera_is_found_by_a_later_message(tmp_path: Path) -> None:
+def test_a_camera_is_found_by_a_later_message(tmp_path):
     """A driver sends an empty camera info before it has read its calibration."""
     entries = [info('/d/camera_info', 0, (0, 0), np.zeros((3, 3)))]
     for stamp in (1, 2):
@@ -218,7 +210,7 @@ def test_a_camera_is_found_by_a_later_message(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('form', ['bag', 'npz'])
-def test_depth_along_the_ray_becomes_depth_along_the_axis(form: str, tmp_path: Path) -> None:
+def test_depth_along_the_ray_becomes_depth_along_the_axis(form, tmp_path):
     v, u = np.mgrid[: SIZE[0], : SIZE[1]]
     matrix = np.array([[9.0, 0, 4.5], [0, 9.0, 3.5], [0, 0, 1]])
     along = (2 * np.sqrt(1 + ((u - 4.5) / 9) ** 2 + ((v - 3.5) / 9) ** 2)).astype(np.float32)
@@ -231,7 +223,7 @@ def test_depth_along_the_ray_becomes_depth_along_the_axis(form: str, tmp_path: P
     np.testing.assert_allclose(converted(source, '--radial').depth, 2.0, rtol=1e-5)
 
 
-def several(tmp_path: Path, form: str, stamps: list[int], **more: Any) -> Path:
+def several(tmp_path, form, stamps, **more):
     """Return a file of frames that show their stamp: 1 m and as many metres as it has ds."""
     depth = np.array([np.full(SIZE, 1 + stamp, np.float32) for stamp in stamps])
     nanoseconds = np.array(stamps, np.int64) * 100_000_000
@@ -258,9 +250,7 @@ def several(tmp_path: Path, form: str, stamps: list[int], **more: Any) -> Path:
         ([0, 2, 1, 2, 3], ['frames 3 (1 in all): the st', 'frames 2 (1 in all): a stamp before']),
     ],
 )
-def test_repeated_frames_are_left_out_and_late_ones_sorted(
-    form: str, stamps: list[int], notes: list[str], tmp_path: Path
-) -> None:
+def test_repeated_frames_are_left_out_and_late_ones_sorted(form, stamps, notes, tmp_path):
     path = several(tmp_path, form, stamps)
     for found in (load_recording(path), converted(path)):
         assert found.stamp_ns.tolist() == [100_000_000 * n for n in sorted(set(stamps))]
@@ -287,12 +277,10 @@ def test_repeated_frames_are_left_out_and_late_ones_sorted(
     ],
 )
 @pytest.mark.parametrize('frames', [True, False])
-def test_other_units_are_converted_with_a_note(
-    key: str, scale: int, dtype: type, note: str, frames: bool, tmp_path: Path
-) -> None:
+def test_other_units_are_converted_with_a_note(key, scale, dtype, note, frames, tmp_path):
     ramp = np.tile(np.linspace(0.2, 0.8, 80).reshape(SIZE), (2, 1, 1))
     given = {'depth': ramp + 1, 'clean_depth': ramp + 1, 'reflectivity': ramp, 'K': MATRIX}
-    wrong: np.ndarray = (given[key] * scale).round(2).astype(dtype)
+    wrong = (given[key] * scale).round(2).astype(dtype)
     whole = frames or key == 'depth'
     wanted = given[key] if whole else given[key][0]
     other = {key: wrong if whole else wrong[0]}

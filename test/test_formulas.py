@@ -1,7 +1,5 @@
 """Formulas: one source for NumPy, numba and Warp, and compiled again when it changes."""
 
-from collections.abc import Callable
-from pathlib import Path
 import pickle
 
 from flexx2_sim_ros.effects.between import frames_around
@@ -42,12 +40,12 @@ print(out[1], sum(fill.stats.cache_hits.values()))
 }
 
 
-def printed(folder: Path) -> str:
+def printed(folder):
     """Return what a new process prints that fills an image."""
     return run_python(folder / 'images.py', check=True).stdout.strip()
 
 
-def test_a_loop_is_compiled_again_when_a_formula_that_it_calls_changes(tmp_path: Path) -> None:
+def test_a_loop_is_compiled_again_when_a_formula_that_it_calls_changes(tmp_path):
     for name, text in _MODULES.items():
         (tmp_path / name).write_text(text)
     assert printed(tmp_path) == '3.0 0'
@@ -63,7 +61,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 """
 
 
-def test_a_loop_that_cannot_be_kept_runs_all_the_same(tmp_path: Path) -> None:
+def test_a_loop_that_cannot_be_kept_runs_all_the_same(tmp_path):
     for name, text in _MODULES.items():
         (tmp_path / name).write_text(text)
     images = tmp_path / 'images.py'
@@ -75,13 +73,13 @@ def test_a_loop_that_cannot_be_kept_runs_all_the_same(tmp_path: Path) -> None:
     assert [printed(tmp_path) for _ in range(2)] == ['3.0 0', '3.0 1']
 
 
-def _flipped(data: bytes) -> bytes:
+def _flipped(data):
     # A bit in the machine code of the loop, which is most of the file.
     middle = len(data) // 2
     return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
 
 
-DAMAGES: list[tuple[str, Callable[[bytes], bytes]]] = [
+DAMAGES = [
     ('nbi', lambda data: b'<html>not found</html>'),
     ('nbi', lambda data: data[: len(data) // 2]),
     ('nbi', lambda data: pickle.dumps(3)),
@@ -92,7 +90,7 @@ DAMAGES: list[tuple[str, Callable[[bytes], bytes]]] = [
 ]
 
 
-def test_damaged_files_of_the_cache_are_written_anew(tmp_path: Path) -> None:
+def test_damaged_files_of_the_cache_are_written_anew(tmp_path):
     for name, text in _MODULES.items():
         (tmp_path / name).write_text(text)
     assert printed(tmp_path) == '3.0 0'
@@ -115,15 +113,13 @@ def test_damaged_files_of_the_cache_are_written_anew(tmp_path: Path) -> None:
         (99, (0, 1)),
     ],
 )
-def test_frames_around_a_moment_in_slots_that_are_used_in_turn(
-    moment: int, around: tuple[int, int]
-) -> None:
+def test_frames_around_a_moment_in_slots_that_are_used_in_turn(moment, around):
     stamps = np.array([0, 0, 0, 0, 30, 40, 10, 20])  # of two cameras with four slots each
     assert frames_around(stamps, 4, 4, 2, 4, np.int64(moment)) == around
     assert frames_around(stamps, 4, 4, 2, 1, np.int64(moment)) == (2, 2)
 
 
-def test_weights_of_receivers_around_a_pixel() -> None:
+def test_weights_of_receivers_around_a_pixel():
     here, nothing, far = f32(0.5), f32(0.0), f32(0.1)
     right, down = f32(0.25), f32(0.5)
     alike = receiver_weights(here, right, down, here, here, here, here)

@@ -1,16 +1,12 @@
 """The check on withheld effects, as a user runs it, on a few small cases."""
 
 import json
-from pathlib import Path
 
 from flexx2_sim_ros.cli.main import main
-import pytest
 from study.benchmark import score
 
 
-def test_the_quick_benchmark_reaches_its_floors(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_quick_benchmark_reaches_its_floors(tmp_path, capsys):
     # In this process: two would each compile the blind camera and the diagnosis.
     assert main(['gap', 'benchmark', '--quick', '--out', str(tmp_path), '--jobs', '1']) == 0
     assert 'single effects, strength 1: correct' in capsys.readouterr().out

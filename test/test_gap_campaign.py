@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 import json
-from pathlib import Path
-from typing import Any
 
 from bench.gap_campaigns import write_campaign
 from campaigns import change
@@ -18,10 +16,10 @@ from made_bags import camera_entries, depths, SECOND, usecase, write
 import numpy as np
 import pytest
 
-TINY: dict[str, Any] = {'scale': 0.25, 'frames': 6, 'moving': 0}
+TINY = {'scale': 0.25, 'frames': 6, 'moving': 0}
 
 
-def test_a_recording_without_a_mode_has_that_of_a_profile_of_one_mode(tmp_path: Path) -> None:
+def test_a_recording_without_a_mode_has_that_of_a_profile_of_one_mode(tmp_path):
     path = tmp_path / 'of_another_driver.npz'
     wall = np.full((48, 64), 1.5, np.float32)
     matrix = np.array([[60.0, 0, 31.5], [0, 60.0, 23.5], [0, 0, 1]])
@@ -31,21 +29,18 @@ def test_a_recording_without_a_mode_has_that_of_a_profile_of_one_mode(tmp_path: 
     assert '--usecase MODE' in refused
     alone = replace(flexx2(), modes=flexx2().modes[:1])
     found = check(path, alone)
-    assert isinstance(found, Found)
     assert found.mode == alone.modes[0]
     assert any('usecase: not in the file' in note for note in found.notes)
 
 
-def test_bad_recordings_are_left_out_and_reported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_recordings_are_left_out_and_reported(tmp_path, capsys):
     folder = tmp_path / 'campaign'
     write_campaign(folder, seed=8, recordings=17, **TINY)
     files = sorted(folder.glob('*.npz'))
     with np.load(files[0]) as archive:
         depth, clean, stamp = archive['depth'], archive['clean_depth'], archive['stamp']
     left = np.arange(clean.shape[1]) < 28
-    wrong: list[tuple[dict[str, Any], str]] = [
+    wrong = [
         ({'depth': np.full_like(depth, np.nan)}, 'depth'),
         ({'clean_depth': clean[:-3]}, 'clean_depth'),
         ({'clean_depth': np.stack([clean] * 4)}, 'clean_depth'),
@@ -85,9 +80,7 @@ def test_bad_recordings_are_left_out_and_reported(
 
 
 @pytest.mark.parametrize('kind', ['empty', 'absent', 'broken'])
-def test_nothing_usable_is_an_error_and_writes_nothing(
-    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_usable_is_an_error_and_writes_nothing(kind, tmp_path, capsys):
     folder = tmp_path / 'campaign'
     if kind != 'absent':
         folder.mkdir()
@@ -99,9 +92,7 @@ def test_nothing_usable_is_an_error_and_writes_nothing(
     assert not (tmp_path / 'out').exists()
 
 
-def test_an_unwritable_output_is_refused_before_the_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_unwritable_output_is_refused_before_the_work(tmp_path, capsys):
     write_campaign(tmp_path / 'campaign', seed=1, recordings=1, **TINY)
     (tmp_path / 'file').write_text('')
     (tmp_path / 'taken' / 'effects.yaml').mkdir(parents=True)
@@ -123,7 +114,7 @@ def test_an_unwritable_output_is_refused_before_the_work(
     assert not list((tmp_path / 'taken' / 'effects.yaml').iterdir())
 
 
-def test_bags_and_arrays_give_the_same_result(tmp_path: Path) -> None:
+def test_bags_and_arrays_give_the_same_result(tmp_path):
     arrays, bags = tmp_path / 'arrays', tmp_path / 'bags'
     write_campaign(arrays, seed=3, effects={'excess_noise': {'factor': 1.5}}, recordings=3, **TINY)
     bags.mkdir()
@@ -135,7 +126,7 @@ def test_bags_and_arrays_give_the_same_result(tmp_path: Path) -> None:
         assert one[key] == other[key]
 
 
-def test_a_bag_whose_mode_changes_is_left_out(tmp_path: Path) -> None:
+def test_a_bag_whose_mode_changes_is_left_out(tmp_path):
     write_campaign(tmp_path, seed=3, recordings=2, **TINY)
     entries = camera_entries('left', depths(6, 43, 56), depths(6, 43, 56))
     middle = SECOND + 3 * (SECOND // 60)
@@ -149,7 +140,7 @@ def test_a_bag_whose_mode_changes_is_left_out(tmp_path: Path) -> None:
     assert 'usecase: Mode_9_30fps from about frame 4 on' in reasons['changes']
 
 
-def test_a_recording_with_hardly_any_surface_is_harmless(tmp_path: Path) -> None:
+def test_a_recording_with_hardly_any_surface_is_harmless(tmp_path):
     write_campaign(
         tmp_path, seed=3, effects={'excess_noise': {'factor': 1.6}}, recordings=4, **TINY
     )
@@ -167,9 +158,7 @@ def test_a_recording_with_hardly_any_surface_is_harmless(tmp_path: Path) -> None
 
 @pytest.mark.parametrize('hidden', [0, 3])
 @pytest.mark.parametrize('frames', [1, 6])
-def test_a_pixel_that_one_frame_hides_leaves_the_scene_still(
-    frames: int, hidden: int, tmp_path: Path
-) -> None:
+def test_a_pixel_that_one_frame_hides_leaves_the_scene_still(frames, hidden, tmp_path):
     write_campaign(tmp_path, seed=3, recordings=1, **TINY)
     (path,) = tmp_path.glob('*.npz')
     with np.load(path) as archive:
@@ -185,13 +174,13 @@ def test_a_pixel_that_one_frame_hides_leaves_the_scene_still(
     np.testing.assert_array_equal(seen.truth.known, known[hidden])
 
 
-def test_without_an_uptime_nothing_drifts() -> None:
+def test_without_an_uptime_nothing_drifts():
     effects = {'warm_up_drift': {'bias': 0.01}, 'offset': {'bias': 0.01}}
     assert with_uptime(effects, None) == {'offset': {'bias': 0.01}}
     assert with_uptime(effects, 60.0)['warm_up_drift'] == {'bias': 0.01, 'uptime': 60.0}
 
 
-def test_options_of_the_command_are_respected(tmp_path: Path) -> None:
+def test_options_of_the_command_are_respected(tmp_path):
     folder, out = tmp_path / 'campaign', tmp_path / 'out'
     # Scattered poses, as in `test_scattered_poses_are_a_finding`; here they are what is usual.
     write_campaign(folder, seed=6, pose=(0.012, 0.7), scale=0.5, recordings=4, frames=8, moving=1)

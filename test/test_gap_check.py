@@ -2,14 +2,13 @@
 
 import json
 import os
-from pathlib import Path
 import shutil
 
 from bench.gap_campaigns import write_campaign
 from campaigns import write_diagnosis
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.effects import Effect, load_effects, parse_effects, registry, save_effects
+from flexx2_sim_ros.effects import load_effects, parse_effects, registry, save_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import check, diagnose
 from flexx2_sim_ros.gap.check import judged
@@ -24,7 +23,7 @@ FEW = {**SMALL, 'recordings': 3}
 
 
 @pytest.fixture(scope='module')
-def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def diagnosis(tmp_path_factory):
     """Diagnose a camera with multipath; the campaign is kept beside it."""
     folder = tmp_path_factory.mktemp('diagnosed')
     write_campaign(folder / 'campaign', seed=101, effects={'multipath': {}}, **SMALL)
@@ -34,16 +33,14 @@ def diagnosis(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def fresh(tmp_path_factory):
     """Record other rooms with the same camera."""
     folder = tmp_path_factory.mktemp('fresh') / 'recordings'
     write_campaign(folder, seed=102, effects={'multipath': {}}, **FEW)
     return folder
 
 
-def test_a_right_diagnosis_holds(
-    diagnosis: Path, fresh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_right_diagnosis_holds(diagnosis, fresh, tmp_path, capsys):
     command = ['gap', 'check', str(diagnosis), str(fresh), '--out', str(tmp_path), '--jobs', '1']
     assert main(command) == 0
     said = capsys.readouterr().err
@@ -72,9 +69,7 @@ def test_a_right_diagnosis_holds(
     assert 'nan' not in page.split('</style>')[1]
 
 
-def test_a_wrong_diagnosis_does_not_hold(
-    diagnosis: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_diagnosis_does_not_hold(diagnosis, tmp_path, capsys):
     """Assert it on a camera without any effect: what was diagnosed makes it worse."""
     write_campaign(tmp_path / 'fresh', seed=103, **FEW)
     command = ['gap', 'check', str(diagnosis), str(tmp_path / 'fresh'), '--json', '--jobs', '1']
@@ -87,9 +82,7 @@ def test_a_wrong_diagnosis_does_not_hold(
     assert table == json.loads((tmp_path / 'out' / 'check.json').read_text())
 
 
-def test_recordings_of_the_diagnosis_are_refused(
-    diagnosis: Path, fresh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_recordings_of_the_diagnosis_are_refused(diagnosis, fresh, tmp_path, capsys):
     """Assert it for a recording under another name and with other ground truth."""
     used = diagnosis.parent / 'campaign' / 'scene_01.npz'
     mixed = tmp_path / 'mixed'
@@ -107,9 +100,7 @@ def test_recordings_of_the_diagnosis_are_refused(
     assert not out.exists()
 
 
-def test_a_camera_is_compared_at_the_noise_level_of_the_diagnosis(
-    diagnosis: Path, fresh: Path, tmp_path: Path
-) -> None:
+def test_a_camera_is_compared_at_the_noise_level_of_the_diagnosis(diagnosis, fresh, tmp_path):
     shutil.copytree(diagnosis, tmp_path / 'noisy')
     table = json.loads((diagnosis / 'diagnosis.json').read_text())
     table['gap']['noise_factor'] = 1.5
@@ -121,9 +112,7 @@ def test_a_camera_is_compared_at_the_noise_level_of_the_diagnosis(
     assert wrong['after'] > right['after'] + 0.5
 
 
-def test_an_older_diagnosis_knows_its_recordings_by_name(
-    diagnosis: Path, fresh: Path, tmp_path: Path
-) -> None:
+def test_an_older_diagnosis_knows_its_recordings_by_name(diagnosis, fresh, tmp_path):
     shutil.copytree(diagnosis, tmp_path / 'old')
     table = json.loads((diagnosis / 'diagnosis.json').read_text())
     for row in table['recordings']:
@@ -148,9 +137,7 @@ def test_an_older_diagnosis_knows_its_recordings_by_name(
         ('{"schema": 1, "recordings": [], "verdict": "none"}', 'effects to check, got none'),
     ],
 )
-def test_what_is_no_diagnosis_is_refused(
-    text: str, match: str, fresh: Path, tmp_path: Path
-) -> None:
+def test_what_is_no_diagnosis_is_refused(text, match, fresh, tmp_path):
     (tmp_path / 'diagnosis.json').write_text(text)
     (tmp_path / 'effects.yaml').write_text('schema: 1\neffects: {}\n')
     with pytest.raises(InputError, match=match):
@@ -158,18 +145,18 @@ def test_what_is_no_diagnosis_is_refused(
     assert not (tmp_path / 'out').exists()
 
 
-def test_a_pipe_is_no_diagnosis(fresh: Path, tmp_path: Path) -> None:
+def test_a_pipe_is_no_diagnosis(fresh, tmp_path):
     os.mkfifo(tmp_path / 'diagnosis.json')
     with pytest.raises(InputError, match='diagnosis.json: must be an ordinary file'):
         check(tmp_path, fresh)
 
 
-def test_a_folder_without_a_diagnosis_is_refused(fresh: Path, tmp_path: Path) -> None:
+def test_a_folder_without_a_diagnosis_is_refused(fresh, tmp_path):
     with pytest.raises(InputError, match='DIAGNOSIS: must be a folder that flexx2 gap diagnose'):
         check(tmp_path, fresh)
 
 
-def test_effects_taken_as_given_leave_the_rest(tmp_path: Path) -> None:
+def test_effects_taken_as_given_leave_the_rest(tmp_path):
     """Assert that a known offset of 3 cm hides nothing, and is not reported."""
     effects = {'offset': {'bias': 0.03}, 'multipath': {}}
     write_campaign(tmp_path / 'campaign', seed=101, effects=effects, **SMALL)
@@ -199,7 +186,7 @@ CURVES = {
 }
 
 
-def test_effects_given_with_curves_leave_the_rest(tmp_path: Path) -> None:
+def test_effects_given_with_curves_leave_the_rest(tmp_path):
     """Assert that a bias and the camera's own noise are found on top of given curves."""
     size = {'recordings': 5, 'frames': 8, 'scale': 0.35, 'moving': 0}
     camera = {**CURVES, 'amplitude_bias': {}}
@@ -215,10 +202,10 @@ def test_effects_given_with_curves_leave_the_rest(tmp_path: Path) -> None:
     assert table['gap']['noise_factor'] == pytest.approx(drawn, abs=0.02)
 
 
-def test_a_number_acts_on_top_of_a_given_curve() -> None:
+def test_a_number_acts_on_top_of_a_given_curve():
     clean, K = np.full((40, 50), 1.5, np.float32), np.array([[50, 0, 25], [0, 50, 20], [0, 0, 1]])
 
-    def seen(*effects: Effect) -> np.ndarray:
+    def seen(*effects):
         return Camera(effects=effects, seed=1).capture(clean, K, 0.0).depth
 
     given = given_effects(CURVES)
@@ -233,13 +220,13 @@ def test_a_number_acts_on_top_of_a_given_curve() -> None:
     np.testing.assert_array_equal(seen(*together((), parse_effects(CURVES))), plain)
 
 
-def test_a_curve_cannot_be_given_of_an_effect_that_is_checked(tmp_path: Path) -> None:
+def test_a_curve_cannot_be_given_of_an_effect_that_is_checked(tmp_path):
     folder = write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.02}})
     with pytest.raises(InputError, match='one of them has a curve, got offset'):
         check(folder, tmp_path, known=CURVES)
 
 
-def test_a_given_delay_leaves_the_latency_to_be_found(tmp_path: Path) -> None:
+def test_a_given_delay_leaves_the_latency_to_be_found(tmp_path):
     """Assert it of what `effects.yaml` of bags has: when images arrive changes none of them."""
     moving = {'recordings': 4, 'frames': 8, 'scale': 0.35, 'moving': 4}
     camera = {'time_offset': {'latency': 0.08}}
@@ -259,13 +246,13 @@ def test_a_given_delay_leaves_the_latency_to_be_found(tmp_path: Path) -> None:
     assert check(out, tmp_path / 'fresh', known=known)['holds']
 
 
-def test_a_pose_error_cannot_be_given(tmp_path: Path) -> None:
+def test_a_pose_error_cannot_be_given(tmp_path):
     write_campaign(tmp_path, seed=101, **{**SMALL, 'recordings': 1})
     with pytest.raises(InputError, match='known: must be effects of the camera, got pose_error'):
         diagnose(tmp_path, known={'pose_error': {}}, without=WITHOUT)
 
 
-def test_only_a_change_that_is_significant_and_matters_counts() -> None:
+def test_only_a_change_that_is_significant_and_matters_counts():
     none = np.zeros(4)
     scattered = np.array([[1.0, 2.0, 0.1], [2.0, 1.0, 0.1], [1.0, 1.5, 0.1], [2.0, 1.6, 0.1]])
     small = np.stack([none + 1, none + 1.01 + 0.001 * np.arange(4), none], axis=1)

@@ -1,7 +1,6 @@
 """The diagnosis on a Dask cluster: a real scheduler, two workers, one of which is killed."""
 
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 import json
 import os
 from pathlib import Path
@@ -10,20 +9,19 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros import jobs
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import check, diagnose
+from programs import ROOT, until
 import pytest
 
 distributed = pytest.importorskip('distributed', reason='extra cluster is not installed')
-ROOT = Path(__file__).resolve().parents[1]
 
 
 @contextmanager
-def process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
+def process(*arguments):
     """Run a module of distributed as a process; killed at the end."""
     environment = {
         **os.environ,
@@ -43,12 +41,11 @@ def process(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         if started.poll() is None:
             os.killpg(started.pid, signal.SIGKILL)
         started.wait()
-        assert started.stderr is not None
         started.stderr.close()
 
 
 @pytest.fixture(scope='module')
-def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def campaign(tmp_path_factory):
     """Return a folder of four small recordings with too much noise."""
     folder = tmp_path_factory.mktemp('cluster') / 'campaign'
     write_campaign(
@@ -58,7 +55,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @contextmanager
-def scheduler(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def scheduler(folder):
     """Run a scheduler that writes its address to ``scheduler.json`` in a folder; return both."""
     ready = folder / 'scheduler.json'
     with process(
@@ -71,11 +68,11 @@ def scheduler(folder: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
         '--scheduler-file',
         str(ready),
     ) as started:
-        wait_for(ready.exists)
+        until(ready.exists)
         yield started, json.loads(ready.read_text())['address']
 
 
-def worker(folder: Path) -> AbstractContextManager[subprocess.Popen[str]]:
+def worker(folder):
     """Run a worker of the scheduler whose address is in a folder."""
     return process(
         'distributed.cli.dask_worker',
@@ -90,24 +87,14 @@ def worker(folder: Path) -> AbstractContextManager[subprocess.Popen[str]]:
     )
 
 
-def wait_for(condition, seconds: float = 60.0) -> None:  # type: ignore[no-untyped-def]
-    """Poll until something is true."""
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline
-        threading.Event().wait(0.05)
-
-
-def test_what_a_cluster_lacks_or_loses(
-    campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_cluster_lacks_or_loses(campaign, tmp_path, monkeypatch):
     """Assert an error without workers, no change by a lost one, an error by a lost scheduler."""
-    lost: list[float] = []
+    lost = []
 
-    def lose(process: subprocess.Popen[str]) -> Callable[[str, float], None]:
+    def lose(process):
         lost.clear()
 
-        def progress(_text: str, share: float) -> None:
+        def progress(_text, share):
             # After the first recording, while others are being worked on.
             if share > 0.1 and not lost:
                 lost.append(share)
@@ -152,18 +139,16 @@ def test_what_a_cluster_lacks_or_loses(
 @pytest.mark.parametrize(
     'address', ['', 'nonsense', 'no://such', 'tcp://127.0.0.1:99999999', 'tcp://127.0.0.1:9']
 )
-def test_a_missing_scheduler_is_reported(
-    campaign: Path, monkeypatch: pytest.MonkeyPatch, address: str
-) -> None:
+def test_a_missing_scheduler_is_reported(campaign, monkeypatch, address):
     monkeypatch.setattr(jobs, '_CONNECT_SECONDS', 0.5)
     with pytest.raises(InputError, match='--scheduler: must be the address of a running'):
         diagnose(campaign, scheduler=address)
 
 
-def test_another_program_is_reported(campaign: Path) -> None:
+def test_another_program_is_reported(campaign):
     with socket.create_server(('127.0.0.1', 0)) as other:
 
-        def greet() -> None:
+        def greet():
             connection, _ = other.accept()
             connection.sendall(b'SSH-2.0-OpenSSH_9.2\r\n')
 
@@ -174,7 +159,7 @@ def test_another_program_is_reported(campaign: Path) -> None:
         thread.join(10)
 
 
-def test_what_never_answers_is_reported(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_never_answers_is_reported(campaign, monkeypatch):
     monkeypatch.setattr(jobs, '_CONNECT_SECONDS', 0.5)
     with (
         socket.create_server(('127.0.0.1', 0)) as silent,

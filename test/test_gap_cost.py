@@ -4,11 +4,10 @@ import json
 from pathlib import Path
 import re
 import shlex
-from typing import Any
 
 from bench.gap_campaigns import write_campaign
 from browser import chromium
-from campaigns import write_diagnosis
+from campaigns import save, write_diagnosis
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.consumers.comparison import compare
 from flexx2_sim_ros.consumers.loading import load, sources
@@ -28,7 +27,7 @@ import pytest
 DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'robots.md'
 EFFECTS = {'low_signal_dropout': {}, 'offset': {'bias': 0.05}}
 SETTINGS = {'pose_prior': [0.002, 0.125]}
-SIZE: dict[str, Any] = {'seed': 104, 'recordings': 3, 'frames': 4, 'scale': 0.5, 'moving': 1}
+SIZE = {'seed': 104, 'recordings': 3, 'frames': 4, 'scale': 0.5, 'moving': 1}
 BAD = """
 import os
 import time
@@ -103,22 +102,19 @@ class Nameless:
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """Return a folder with recordings, a diagnosis, and consumers in files."""
     folder = tmp_path_factory.mktemp('cost')
     write_campaign(folder / 'recordings', effects=EFFECTS, **SIZE)
     write_diagnosis(folder / 'diagnosis', EFFECTS, SETTINGS)
     code = re.search(r'```python\n(.*?)```', DOCS.read_text(), re.S)
-    assert code is not None
     (folder / 'my.py').write_text(code[1])
     (folder / 'bad.py').write_text(BAD)
     return folder
 
 
 @pytest.mark.parametrize('number', [0, 1])
-def test_the_commands_of_the_documentation_run(
-    number: int, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_commands_of_the_documentation_run(number, folder, monkeypatch, capsys):
     pytest.importorskip('pyoctomap')
     monkeypatch.chdir(folder)
     command = re.findall(r'```bash\n(.*?)\n```', DOCS.read_text(), re.S)[number]
@@ -146,9 +142,7 @@ def test_the_commands_of_the_documentation_run(
     assert page.count('data:image/png') >= 3  # recorded, as simulated, with all effects
 
 
-def test_the_report_of_a_diagnosis_has_the_cost(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_report_of_a_diagnosis_has_the_cost(tmp_path, capsys):
     """Assert that it is the one that `flexx2 gap cost` measures, and that a browser shows it."""
     recordings = tmp_path / 'recordings'
     write_campaign(recordings, effects={**EFFECTS, 'offset': {'bias': 0.02}}, **SIZE)
@@ -171,9 +165,7 @@ def test_the_report_of_a_diagnosis_has_the_cost(
     assert headline(table) in shown
 
 
-def test_a_diagnosis_without_effects_says_why_it_has_no_cost(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_diagnosis_without_effects_says_why_it_has_no_cost(tmp_path, capsys):
     write_campaign(tmp_path / 'same', seed=104, recordings=2, frames=4, scale=0.5)
     others = [word for name in registry() for word in ('--without', name)]
     command = ['gap', 'diagnose', str(tmp_path / 'same'), '--out', str(tmp_path / 'out')]
@@ -181,9 +173,7 @@ def test_a_diagnosis_without_effects_says_why_it_has_no_cost(
     assert 'No cost: no effect that changes images is named.' in capsys.readouterr().err
 
 
-def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(
-    folder: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(folder, tmp_path, capfd):
     names = ['Raises', 'NotANumber', 'Huge', 'NoPicture', 'Slow', 'Ends', 'Good']
     options = [f'--consumer={folder}/bad.py:{name}' for name in names]
     command = ['gap', 'cost', str(folder / 'recordings'), '--diagnosis', str(folder / 'diagnosis')]
@@ -204,15 +194,15 @@ def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(
 @pytest.mark.parametrize(
     ('name', 'said'), [('Nameless', 'name: must be an identifier'), ('Absent', 'must have Absent')]
 )
-def test_a_class_that_is_no_consumer_is_refused(folder: Path, name: str, said: str) -> None:
+def test_a_class_that_is_no_consumer_is_refused(folder, name, said):
     (source,) = sources([f'{folder}/bad.py:{name}'], lambda name, error: None)
     with pytest.raises(InputError, match=said):
         load(source)
 
 
-def test_effects_fitted_without_a_recording_are_used_for_it(folder: Path, tmp_path: Path) -> None:
+def test_effects_fitted_without_a_recording_are_used_for_it(folder, tmp_path):
     # The effects of the diagnosis do nothing; those fitted without each recording are right.
-    rows: list[dict[str, object]] = []
+    rows = []
     for path in sorted((folder / 'recordings').iterdir()):
         found = check_recording(path, None)
         assert not isinstance(found, str)
@@ -234,19 +224,13 @@ def test_effects_fitted_without_a_recording_are_used_for_it(folder: Path, tmp_pa
     assert 0.2 < height['effects']['offset']['share'] < 1
 
 
-def test_recordings_without_ground_need_the_mounting(folder: Path, tmp_path: Path) -> None:
+def test_recordings_without_ground_need_the_mounting(folder, tmp_path):
     one = load_recording(folder / 'recordings' / 'scene_00.npz')
     shape = one.depth.shape[1:]
     (tmp_path / 'walls').mkdir()
     for name in ('near', 'far'):
-        np.savez(
-            tmp_path / 'walls' / f'{name}.npz',
-            depth=np.full((3, *shape), 1.52, np.float32),
-            clean_depth=np.full(shape, 1.5, np.float32),
-            K=one.K,
-            stamp=np.arange(3) / 30.0,
-            usecase='Mode_9_30fps',
-        )
+        depth, clean = np.full((3, *shape), 1.52, 'f4'), np.full(shape, 1.5, 'f4')
+        save(tmp_path / 'walls' / f'{name}.npz', depth, clean, one.K)
     arguments = tmp_path / 'walls', folder / 'diagnosis'
     with pytest.raises(InputError, match='must show the ground') as refused:
         cost(*arguments, consumers=['nearest_obstacle'])
@@ -264,16 +248,14 @@ def test_recordings_without_ground_need_the_mounting(folder: Path, tmp_path: Pat
         (['--mounting', '1', '89'], 'degrees from -80 to 80'),
     ],
 )
-def test_wrong_options_are_refused(
-    options: list[str], said: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_options_are_refused(options, said, folder, tmp_path, capsys):
     command = ['gap', 'cost', str(folder / 'recordings'), '--diagnosis', str(folder / 'diagnosis')]
     assert main([*command, '--out', str(tmp_path / 'out'), *options]) == 2
     assert said in capsys.readouterr().err
     assert not (tmp_path / 'out').exists()
 
 
-def test_other_packages_offer_consumers(folder: Path, tmp_path: Path) -> None:
+def test_other_packages_offer_consumers(folder, tmp_path):
     (tmp_path / 'their_map.py').write_text((folder / 'my.py').read_text())
     group = 'flexx2_sim_ros.consumers'
     write_metadata(tmp_path, 'their-map', group, highest='their_map:Grid')
@@ -285,11 +267,11 @@ def test_other_packages_offer_consumers(folder: Path, tmp_path: Path) -> None:
             load(known['broken'])
 
 
-def test_a_consumer_that_is_named_twice_runs_once() -> None:
+def test_a_consumer_that_is_named_twice_runs_once():
     assert len(sources(['height_grid', 'height_grid'], lambda name, error: None)) == 1
 
 
-def test_one_recording_is_not_judged() -> None:
+def test_one_recording_is_not_judged():
     errors = {name: {'steps': 9.0} for name in ('real', 'simulated', 'again', 'a', 'all effects')}
     errors['simulated'] = {'steps': 0.0}
     # Two files may give their consumers the same name; only the first draws pictures.
@@ -317,7 +299,7 @@ def test_one_recording_is_not_judged() -> None:
     assert text.count(NOTHING_SEEN) == 1
 
 
-def test_the_ranking_is_not_lowered_by_noise() -> None:
+def test_the_ranking_is_not_lowered_by_noise():
     """Assert it for an effect that changes most of a measure whose noise is as large."""
     rng = np.random.default_rng(0)
     errors = []
@@ -337,7 +319,7 @@ def test_the_ranking_is_not_lowered_by_noise() -> None:
     assert large['interval'] == pytest.approx([0.8, 0.8])
 
 
-def test_effects_that_recordings_cannot_order_are_said() -> None:
+def test_effects_that_recordings_cannot_order_are_said():
     # Five recordings show one effect, three the other; both together change as much everywhere.
     errors = []
     for k in range(8):
@@ -365,7 +347,7 @@ def test_effects_that_recordings_cannot_order_are_said() -> None:
     assert 'cannot order' not in headline({**table, 'ranking': clear})
 
 
-def test_shares_and_their_intervals() -> None:
+def test_shares_and_their_intervals():
     rng = np.random.default_rng(0)
     rows = []
     for _ in range(20):
@@ -382,7 +364,6 @@ def test_shares_and_their_intervals() -> None:
         )
     names = ('real', 'simulated', 'again')
     one = compare(rows, 'steps', ['a', 'b', 'all'], names, 'all')
-    assert one is not None
     assert one.significant
     assert one.null == pytest.approx(0.1)
     assert one.left['a'].share == pytest.approx(0.7)
@@ -391,12 +372,10 @@ def test_shares_and_their_intervals() -> None:
     # Both move by 0.5 together: a alone by 0.7, b by 0.5 the other way.
     assert [one.left[name].part for name in ('a', 'b', 'all')] == pytest.approx([0.6, -1.0, 1.0])
     few = compare(rows[:2], 'steps', ['a'], names, 'a')
-    assert few is not None
     assert few.interval is None
     assert not few.significant
     assert compare(rows, 'holes', ['a'], names, 'a') is None
     # Nothing but noise is not significant.
     same = [{**row, 'real': {'steps': 0.1 * (-1) ** k}} for k, row in enumerate(rows)]
     noise = compare(same, 'steps', ['a'], names, 'a')
-    assert noise is not None
     assert not noise.significant

@@ -1,8 +1,6 @@
 """The rule of the verdict: what it says, how it is fitted, and how often it is right."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 from bench.decision_campaigns import MOST, plan, QUIET
 from bench.decision_counts import counted
@@ -10,13 +8,7 @@ from bench.decision_fit import calibrate, campaign, DiagnosedCampaign
 from bench.decision_lines import keep, KEPT, kept_arguments
 from bench.journal import entries
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.calibration.decisions import (
-    calibrated,
-    Decisions,
-    FILE,
-    Margin,
-    read_decisions,
-)
+from flexx2_sim_ros.gap.calibration.decisions import calibrated, FILE, Margin, read_decisions
 from flexx2_sim_ros.gap.inference.probability import judge
 from flexx2_sim_ros.gap.inference.support import EffectSupport, Support, support_from
 from flexx2_sim_ros.paths import config_dir
@@ -27,7 +19,7 @@ from study.benchmark.reliability import calibration_error
 import yaml
 
 
-def support(excess: float, gain: float, rival: float, t: float) -> Support:
+def support(excess, gain, rival, t):
     """Return the evidence of six recordings for an offset, with one rival."""
     offset = EffectSupport('offset', gain, t)
     other = EffectSupport('wiggling', rival, t * (gain - rival) / max(gain, 0.1))
@@ -38,12 +30,12 @@ def support(excess: float, gain: float, rival: float, t: float) -> Support:
     )
 
 
-def with_thresholds(**values: float) -> Decisions:
+def with_thresholds(**values):
     """Return the calibrated rule with some other thresholds of a gap."""
     return replace(calibrated(), thresholds=replace(calibrated().thresholds, **values))
 
 
-def test_more_evidence_makes_an_effect_more_probable() -> None:
+def test_more_evidence_makes_an_effect_more_probable():
     rule = calibrated()
     nothing = judge(support(0.5, -0.3, -0.4, 0.1), rule)
     weak = judge(support(4.0, 1.5, 0.5, 1.5), rule)
@@ -55,7 +47,7 @@ def test_more_evidence_makes_an_effect_more_probable() -> None:
     assert clear.effects['offset'] > 0.9 > 0.1 > clear.effects['wiggling']
 
 
-def test_a_gain_in_all_recordings_is_a_gap_where_no_loss_is_in_excess() -> None:
+def test_a_gain_in_all_recordings_is_a_gap_where_no_loss_is_in_excess():
     """Assert it of walls, whose own poses and few features leave none."""
     walls = replace(support(0.0, 4.0, 3.5, 8.0), left=-4.5, improved=(4.5,) * 6)
     assert judge(walls, calibrated()).verdict == 'identified'
@@ -63,7 +55,7 @@ def test_a_gain_in_all_recordings_is_a_gap_where_no_loss_is_in_excess() -> None:
         assert judge(other, calibrated()).verdict == 'none'
 
 
-def test_a_large_gap_that_nothing_explains_is_unknown() -> None:
+def test_a_large_gap_that_nothing_explains_is_unknown():
     rule = with_thresholds(
         probability=0.99, excess=10.0, excess_per_scatter=0.0, excess_per_fewer=0.0
     )
@@ -71,7 +63,7 @@ def test_a_large_gap_that_nothing_explains_is_unknown() -> None:
     assert judge(support(10.1, 0.1, 0.0, 0.5), rule).verdict == 'unknown'
 
 
-def test_the_same_loss_says_less_in_small_images() -> None:
+def test_the_same_loss_says_less_in_small_images():
     rule = calibrated()
     depths = rule.thresholds.most_depths
     least = rule.thresholds.excess_from(scatter=0.1, depths=depths)
@@ -85,7 +77,7 @@ def test_the_same_loss_says_less_in_small_images() -> None:
         assert judge(more, rule).verdict == judge(some, rule).verdict
 
 
-def test_effects_that_leave_a_large_gap_explain_it_partly() -> None:
+def test_effects_that_leave_a_large_gap_explain_it_partly():
     rule = with_thresholds(
         probability=0.99, excess=10.0, excess_per_scatter=0.0, excess_per_fewer=0.0
     )
@@ -94,7 +86,7 @@ def test_effects_that_leave_a_large_gap_explain_it_partly() -> None:
     assert judge(replace(clear, left=9.9), rule).verdict == 'identified'
 
 
-def test_effects_that_are_less_probable_than_not_explain_a_gap_partly() -> None:
+def test_effects_that_are_less_probable_than_not_explain_a_gap_partly():
     rule = replace(with_thresholds(probability=0.0), least_effect=0.0)
     noise = (EffectSupport('excess_noise', 0.6, 0.3),)
     weak = replace(support(5.0, 0.6, 0.5, 0.3), left=3.0, chosen=noise)
@@ -104,7 +96,7 @@ def test_effects_that_are_less_probable_than_not_explain_a_gap_partly() -> None:
     assert judge(clear, rule).verdict == 'identified'
 
 
-def test_wrong_poses_leave_a_loss_that_is_no_gap() -> None:
+def test_wrong_poses_leave_a_loss_that_is_no_gap():
     rule = with_thresholds(
         probability=0.999, excess=5.0, excess_per_scatter=20.0, excess_per_fewer=0.0
     )
@@ -113,7 +105,7 @@ def test_wrong_poses_leave_a_loss_that_is_no_gap() -> None:
     assert judge(replace(nothing, scatter=0.3), rule).verdict == 'none'
 
 
-def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left() -> None:
+def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left():
     rule = with_thresholds(probability=0.99, excess=10.0)
     one = support(4.0, 1.5, 0.5, 1.5)
     posed = replace(one, chosen=(EffectSupport('pose_error', 1.5, 1.5),))
@@ -128,7 +120,7 @@ def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left() -
     assert judge(left_out, rule).verdict == 'unknown'
 
 
-def test_evidence_survives_a_file() -> None:
+def test_evidence_survives_a_file():
     one = support(4.0, 1.5, 0.5, 1.5)
     read = support_from(yaml.safe_load(yaml.safe_dump(one.as_table())))
     assert read == replace(one, rivals=read.rivals, considered=read.considered)
@@ -136,7 +128,7 @@ def test_evidence_survives_a_file() -> None:
     assert [(row.name, row.gain) for row in read.rivals] == [('wiggling', 0.5)]
 
 
-def test_intervals_are_widened_by_the_margin_of_their_group() -> None:
+def test_intervals_are_widened_by_the_margin_of_their_group():
     few, large = Margin('partly', 4, 0.0, 0.2), Margin('partly', 100, 4e5, 0.1)
     many = Margin('partly', 100, 0.0, -0.3)
     rule = replace(calibrated(), margins=(few, large, many))
@@ -154,9 +146,7 @@ def test_intervals_are_widened_by_the_margin_of_their_group() -> None:
 @pytest.mark.parametrize(
     ('part', 'value'), [('gap', None), ('effect', {'threshold': float('nan')}), ('reduction', 3)]
 )
-def test_a_damaged_rule_is_an_error_that_names_the_file(
-    part: str, value: Any, tmp_path: Path
-) -> None:
+def test_a_damaged_rule_is_an_error_that_names_the_file(part, value, tmp_path):
     table = yaml.safe_load((config_dir() / FILE).read_text())
     path = tmp_path / 'rule.yaml'
     path.write_text(yaml.safe_dump({**table, part: value}))
@@ -164,7 +154,7 @@ def test_a_damaged_rule_is_an_error_that_names_the_file(
         read_decisions(path)
 
 
-def made(rng: np.random.Generator, count: int) -> list[DiagnosedCampaign]:
+def made(rng, count):
     """Return campaigns of a made-up world: half without effect, one in six of a hidden cause."""
     out = []
     for k in range(count):
@@ -193,7 +183,7 @@ def made(rng: np.random.Generator, count: int) -> list[DiagnosedCampaign]:
     return out
 
 
-def test_the_rule_keeps_its_error_rates_on_further_campaigns() -> None:
+def test_the_rule_keeps_its_error_rates_on_further_campaigns():
     # 9 of about 400 campaigns without an effect are false alarms of the rule, which is one of at
     # most 55. The rate on further campaigns is above 0.1 with a probability below 1e-6 (binomial,
     # 9 of 400 at 0.1: 1.1e-9, for each rule). The set of alternatives: 10 of 244 below, 0.25
@@ -209,7 +199,7 @@ def test_the_rule_keeps_its_error_rates_on_further_campaigns() -> None:
     assert calibration_error(out['confidence']) < 0.1
 
 
-def test_the_rule_is_what_the_kept_campaigns_give(tmp_path: Path) -> None:
+def test_the_rule_is_what_the_kept_campaigns_give(tmp_path):
     """Assert it of nearly all verdicts: the last digits of a fit depend on the machine."""
     campaigns = [campaign(line) for line in entries(KEPT)]
     assert len(campaigns) == yaml.safe_load((config_dir() / FILE).read_text())['campaigns']
@@ -225,12 +215,12 @@ def test_the_rule_is_what_the_kept_campaigns_give(tmp_path: Path) -> None:
     assert kept_arguments(copy) in (config_dir() / FILE).read_text().replace('\n  ', ' ')
 
 
-def test_a_confidence_that_is_too_high_is_a_calibration_error() -> None:
+def test_a_confidence_that_is_too_high_is_a_calibration_error():
     assert calibration_error([(0.9, True)] * 9 + [(0.9, False)]) == pytest.approx(0.0)
     assert calibration_error([(0.9, True), (0.9, False)] * 5) == pytest.approx(0.4)
 
 
-def test_campaigns_are_drawn_from_development_seeds_alone() -> None:
+def test_campaigns_are_drawn_from_development_seeds_alone():
     cases = [plan(index) for index in range(200)]
     assert all(c.seed in DEVELOPMENT and c.scene_seed in DEVELOPMENT for c, _ in cases)
     assert len({c.scene_seed for c, _ in cases}) == len({c.seed for c, _ in cases}) == 200

@@ -1,19 +1,15 @@
 """Recordings that disagree are found, and said: some have an effect that the others lack."""
 
-from pathlib import Path
 import shutil
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.cli.main import main
-import pytest
 
 SIZE = {'seed': 5, 'recordings': 6, 'frames': 8, 'scale': 0.5, 'moving': 2}
 BOTH = {'wiggling': {'strength': 1.5}}
 
 
-def test_a_setting_that_was_changed_midway_is_found(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_setting_that_was_changed_midway_is_found(tmp_path, capsys):
     changed = {'temporal_filter': {'share': 0.7}}
     before, after, campaign = (tmp_path / name for name in ('before', 'after', 'campaign'))
     write_campaign(before, effects=BOTH, **SIZE)

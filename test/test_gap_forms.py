@@ -1,7 +1,6 @@
 """Diagnosed effects get the form that recordings show."""
 
 import json
-from pathlib import Path
 
 from bench.gap_campaigns import write_campaign
 from campaigns import change
@@ -48,16 +47,15 @@ DIAGNOSED = {
 
 
 @pytest.fixture(scope='module')
-def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def campaign(tmp_path_factory):
     """Record rooms with a camera whose effects have forms of their own."""
     folder = tmp_path_factory.mktemp('campaign') / 'recordings'
     write_campaign(folder, seed=111, effects=CAMERA, **SMALL)
     return folder
 
 
-def test_forms_are_found_and_taken(campaign: Path) -> None:
+def test_forms_are_found_and_taken(campaign):
     found = fitted_forms(campaign, DIAGNOSED)
-    assert found is not None
     verdicts = {one.proposal.effect: one for one in found.explained.verdicts}
     assert list(verdicts) == ['wiggling', 'fixed_pattern', 'grazing_dropout']
     for one in verdicts.values():
@@ -79,7 +77,7 @@ def test_forms_are_found_and_taken(campaign: Path) -> None:
     assert 'nan' not in page.replace('base64', '').split('src="')[0]
 
 
-def test_a_diagnosis_has_the_form_of_the_camera(tmp_path: Path) -> None:
+def test_a_diagnosis_has_the_form_of_the_camera(tmp_path):
     """Assert that its effects take most of the gap to a camera of another kind in new scenes."""
     size = {'recordings': 4, 'frames': 8, 'width': 80, 'height': 61}
     mode, seeds = 'Mode_9_30fps', (DEVELOPMENT.seed(1001), DEVELOPMENT.seed(1))
@@ -115,7 +113,7 @@ def test_a_diagnosis_has_the_form_of_the_camera(tmp_path: Path) -> None:
     assert all(isinstance(one['wiggling']['curve'], Curve) for one in without.values())
 
 
-def test_a_diagnosis_carries_a_map(campaign: Path, tmp_path: Path) -> None:
+def test_a_diagnosis_carries_a_map(campaign, tmp_path):
     """Assert it of the file beside effects.yaml, and of the table, which JSON can hold."""
     out = tmp_path / 'out'
     table = diagnose(campaign, out=out)
@@ -130,7 +128,7 @@ def test_a_diagnosis_carries_a_map(campaign: Path, tmp_path: Path) -> None:
     assert row['parameters']['pattern'] == 'fixed_pattern.npz'
 
 
-def test_late_images_keep_their_delay_where_another_effect_gets_a_curve(tmp_path: Path) -> None:
+def test_late_images_keep_their_delay_where_another_effect_gets_a_curve(tmp_path):
     grazing = {'curve': {'knots': [40.0, 60.0], 'values': [0.0, 0.5]}}
     camera = {'time_offset': {'latency': 0.08}, 'grazing_dropout': grazing}
     size = {'recordings': 4, 'frames': 8, 'scale': 0.35, 'moving': 3}
@@ -147,12 +145,11 @@ def test_late_images_keep_their_delay_where_another_effect_gets_a_curve(tmp_path
     assert load_effects(out / 'effects.yaml') == parse_effects(found)
 
 
-def test_noise_that_depends_on_the_incidence_gets_a_curve(tmp_path: Path) -> None:
+def test_noise_that_depends_on_the_incidence_gets_a_curve(tmp_path):
     """Assert it of surfaces that add noise of their own, which does not grow with the rest."""
     slant = {'knots': [20.0, 60.0], 'values': [1.8, 1.0]}
     write_campaign(tmp_path, seed=113, effects={'excess_noise': {'slant': slant}}, **SMALL)
     found = fitted_forms(tmp_path, {'excess_noise': {'factor': 1.5}})
-    assert found is not None
     (one,) = found.explained.verdicts
     assert one.taken
     assert one.after.mean() < 0.7 * one.before.mean()
@@ -162,32 +159,30 @@ def test_noise_that_depends_on_the_incidence_gets_a_curve(tmp_path: Path) -> Non
     assert 'excess noise: factor on sigma_z' in shown
 
 
-def test_a_form_that_is_no_better_is_not_taken(tmp_path: Path) -> None:
+def test_a_form_that_is_no_better_is_not_taken(tmp_path):
     """Assert it of a camera that is as it was diagnosed."""
     right = {'offset': {'bias': 0.01}, 'low_signal_dropout': {'half': 0.1}}
     exact = {'pose': (0.0, 0.0), 'reflectivity': 0.0}
     write_campaign(tmp_path, seed=112, effects=right, **SMALL, **exact)
     found = fitted_forms(tmp_path, right)
-    assert found is not None
     assert not found.taken
     assert len(found.explained.verdicts) == 2
     assert found.effects(parse_effects(right)) == list(parse_effects(right))
 
 
-def test_too_few_recordings_give_no_form(campaign: Path, tmp_path: Path) -> None:
+def test_too_few_recordings_give_no_form(campaign, tmp_path):
     for path in sorted(campaign.iterdir())[:2]:
         (tmp_path / path.name).symlink_to(path)
     assert fitted_forms(tmp_path, {'offset': {}}) is None
 
 
-def test_a_map_needs_images_of_one_size(campaign: Path, tmp_path: Path) -> None:
+def test_a_map_needs_images_of_one_size(campaign, tmp_path):
     """Assert that other effects get their form."""
     mixed = tmp_path / 'mixed'
     write_campaign(mixed, seed=113, effects={}, **{**SMALL, 'recordings': 1, 'scale': 0.25})
     for path in sorted(campaign.iterdir())[:2]:
         (mixed / f'large_{path.name}').symlink_to(path)
     found = fitted_forms(mixed, {'fixed_pattern': {}, 'wiggling': {}})
-    assert found is not None
     assert [one.proposal.effect for one in found.explained.verdicts] == ['wiggling']
 
 
@@ -202,7 +197,7 @@ TINY = {'recordings': 4, 'frames': 6, 'scale': 0.25, 'moving': 0}
         {'temporal_filter': {'share': 0.8}},
     ],
 )
-def test_the_pose_with_effects_is_the_true_one(effects: dict, tmp_path: Path) -> None:
+def test_the_pose_with_effects_is_the_true_one(effects, tmp_path):
     """Assert it for late images, a wave and a filter, of cameras whose given pose is exact."""
     size = {**TINY, 'recordings': 2, 'moving': 2}
     write_campaign(tmp_path, seed=120, effects=effects, pose=(0.0, 0.0), **size)
@@ -214,19 +209,18 @@ def test_the_pose_with_effects_is_the_true_one(effects: dict, tmp_path: Path) ->
         assert np.linalg.norm(motion / prior) < 2.5
 
 
-def test_a_filter_over_frames_gets_its_own_kernel(tmp_path: Path) -> None:
+def test_a_filter_over_frames_gets_its_own_kernel(tmp_path):
     """Assert that a mean of four frames is not taken for a recursive filter."""
     filtered = {'temporal_filter': {'window': 4.0, 'gate': 100.0}}
     write_campaign(tmp_path, seed=117, effects=filtered, **{**TINY, 'frames': 12})
     found = fitted_forms(tmp_path, {'temporal_filter': {'share': 0.6}})
-    assert found is not None
     (one,) = found.explained.verdicts
     assert one.taken
     assert one.proposal.label == 'mean of frames'
     assert one.proposal.together['window'] == pytest.approx(4.0, abs=0.5)
 
 
-def test_a_recording_without_valid_pixels_stays_where_it_was_registered() -> None:
+def test_a_recording_without_valid_pixels_stays_where_it_was_registered():
     """Assert it of pose and forms: what the others say is not changed."""
     nothing = np.zeros(0)
     dark = Samples(
@@ -244,7 +238,7 @@ def test_a_recording_without_valid_pixels_stays_where_it_was_registered() -> Non
     assert fitted.together == pytest.approx([0.01], rel=1e-2)
 
 
-def test_a_curve_ends_at_the_bounds_of_its_effect() -> None:
+def test_a_curve_ends_at_the_bounds_of_its_effect():
     form = forms_of('offset', flexx2().mode('Mode_9_30fps'))[1][0]
     table = registry()['offset'].tables()['curve']
     values = form.curve(np.array([3.0, -3.0])).values
@@ -252,13 +246,13 @@ def test_a_curve_ends_at_the_bounds_of_its_effect() -> None:
     assert parse_effects({'offset': {'curve': form.curve(np.array([3.0, -3.0]))}})
 
 
-def test_a_curve_repeats_with_its_period() -> None:
+def test_a_curve_repeats_with_its_period():
     curve = Curve((0.0, 0.5), (0.0, 1.0), 1.0)
     assert curve.at([0.25, 1.25, 0.75]).tolist() == [0.5, 0.5, 0.5]
     assert Curve((0.0, 0.5), (0.0, 1.0)).at([-1.0, 0.25, 9.0]).tolist() == [0.0, 0.5, 1.0]
 
 
-def test_a_diagnosis_fits_all_forms_when_asked_for(tmp_path: Path) -> None:
+def test_a_diagnosis_fits_all_forms_when_asked_for(tmp_path):
     """Assert it of a kernel that a search by simulation finds, from the command line."""
     filtered = {'spatial_filter': {'width': 1.0, 'mix': 1.0, 'gate': 8.0}}
     recordings, out = tmp_path / 'recordings', tmp_path / 'out'

@@ -1,6 +1,5 @@
 """Parameters of the lens are fitted together with the poses that would hide them."""
 
-from pathlib import Path
 import shutil
 
 from bench.gap_campaigns import write_campaign
@@ -26,7 +25,7 @@ COUNT = 400
 
 
 @pytest.fixture(scope='module')
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recordings(tmp_path_factory):
     """Record rooms with a wrong lens, from poses that are wrong, too."""
     folder = tmp_path_factory.mktemp('lens') / 'recordings'
     size = {'recordings': 6, 'frames': 6, 'scale': 0.25, 'moving': 0}
@@ -34,10 +33,9 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_wrong_lens_is_found_although_the_poses_are_wrong(recordings: Path) -> None:
+def test_a_wrong_lens_is_found_although_the_poses_are_wrong(recordings):
     """Assert that a pose error that was diagnosed beside a part of the lens is left out."""
     found = fitted_forms(recordings, NAMED)
-    assert found is not None
     (one,) = found.explained.verdicts
     assert one.taken
     assert one.proposal.label == 'focal length, centre and distortion'
@@ -48,16 +46,15 @@ def test_a_wrong_lens_is_found_although_the_poses_are_wrong(recordings: Path) ->
     assert lens.k1 == pytest.approx(LENS['k1'], abs=0.004)
 
 
-def test_a_lens_at_its_bounds_is_fitted_on(tmp_path: Path) -> None:
+def test_a_lens_at_its_bounds_is_fitted_on(tmp_path):
     """Assert that a diagnosed lens at the end of what is allowed raises nothing."""
     size = {'recordings': 3, 'frames': 2, 'scale': 0.15, 'moving': 0}
     write_campaign(tmp_path, seed=132, effects={'intrinsics_error': LENS}, **size)
     found = fitted_forms(tmp_path, {'intrinsics_error': {**LENS, 'cy': -20.0}})
-    assert found is not None
     assert [one.proposal.effect for one in found.explained.verdicts] == ['intrinsics_error']
 
 
-def make_samples(rng: np.random.Generator, moved: float, prior: float) -> Samples:
+def make_samples(rng, moved, prior):
     """Return samples of a recording whose camera was moved by so many metres along its axis."""
     x, noise = np.linspace(-1, 1, COUNT), rng.standard_normal(COUNT) * 1e-4
     own = np.zeros((6, COUNT))
@@ -72,7 +69,7 @@ def make_samples(rng: np.random.Generator, moved: float, prior: float) -> Sample
     )  # fmt: skip
 
 
-def test_the_prior_of_the_poses_becomes_as_wide_as_they_are() -> None:
+def test_the_prior_of_the_poses_becomes_as_wide_as_they_are():
     """Assert it of poses that are wrong by far less than was allowed for."""
     rng = np.random.default_rng(7)
     moved = 0.001 * np.array([1.0, -1.0, 0.8, -0.8, 1.2, -1.2])
@@ -89,9 +86,7 @@ def test_the_prior_of_the_poses_becomes_as_wide_as_they_are() -> None:
     assert wide.with_usual_poses(columns, penalty).samples[0].spread[0, 0] == 0.0002
 
 
-def test_a_recording_that_is_gone_is_an_error_that_names_it(
-    recordings: Path, tmp_path: Path
-) -> None:
+def test_a_recording_that_is_gone_is_an_error_that_names_it(recordings, tmp_path):
     names = sorted(one.name for one in recordings.glob('*.npz'))[:2]
     for name in names:
         shutil.copy(recordings / name, tmp_path)
@@ -105,7 +100,7 @@ def test_a_recording_that_is_gone_is_an_error_that_names_it(
             simulator.work(lambda: None).again(looked, [effects] * 2)
 
 
-def test_a_table_of_fitted_numbers_has_the_title_that_its_page_gives_it() -> None:
+def test_a_table_of_fitted_numbers_has_the_title_that_its_page_gives_it():
     lens = FormProposal('intrinsics_error', shape_of('intrinsics_error').label, LENS, (LENS,) * 3)
     shown = figures(
         [FormVerdict(lens, np.ones(3), np.zeros(3), True)], [], ('typical', 'as fitted')

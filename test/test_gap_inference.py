@@ -4,7 +4,6 @@ import ast
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 from flexx2_sim_ros import gap
 from flexx2_sim_ros.gap.calibration import SECTIONS
@@ -24,7 +23,7 @@ import pytest
 RECORDINGS, SHARED, OWN, FEATURES = 4, 3, 2, 40
 
 
-def equations() -> tuple[np.ndarray, np.ndarray]:
+def equations():
     """Return each recording's normal equations for made-up features."""
     rng = np.random.default_rng(0)
     design = rng.normal(size=(RECORDINGS, SHARED + OWN, FEATURES))
@@ -32,7 +31,7 @@ def equations() -> tuple[np.ndarray, np.ndarray]:
     return normal_equations(design, np.ones_like(residual), residual)
 
 
-def all_at_once(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+def all_at_once(normal, right):
     """Solve for the shared values and every recording's nuisances in one matrix."""
     count = len(normal)
     size = SHARED + OWN * count
@@ -44,7 +43,7 @@ def all_at_once(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
     return np.asarray(np.linalg.solve(matrix, target))
 
 
-def test_eliminated_nuisances_leave_the_solution_as_it_is() -> None:
+def test_eliminated_nuisances_leave_the_solution_as_it_is():
     normal, right = equations()
     reduced = eliminate_nuisances(normal, right, SHARED)
     step = solve(reduced.normal.sum(axis=0), reduced.right.sum(axis=0))
@@ -53,7 +52,7 @@ def test_eliminated_nuisances_leave_the_solution_as_it_is() -> None:
     assert reduced.nuisance_step(step).ravel() == pytest.approx(whole[SHARED:], abs=1e-5)
 
 
-def test_a_left_out_recording_has_no_part_in_the_values() -> None:
+def test_a_left_out_recording_has_no_part_in_the_values():
     normal, right = equations()
     last = 0.1
     steps = leave_one_out_steps(eliminate_nuisances(normal, right, SHARED), last)
@@ -67,7 +66,7 @@ def test_a_left_out_recording_has_no_part_in_the_values() -> None:
         assert step == pytest.approx(all_at_once(fixed, given)[: SHARED - 1], abs=1e-5)
 
 
-def test_outliers_hardly_count_in_reweighted_least_squares() -> None:
+def test_outliers_hardly_count_in_reweighted_least_squares():
     rng = np.random.default_rng(1)
     design = np.ones((1, 1, 1000))
     values = rng.normal(2.0, 0.1, (1, 1000))
@@ -84,10 +83,10 @@ def test_outliers_hardly_count_in_reweighted_least_squares() -> None:
     assert estimate[0] == pytest.approx(2.0, abs=0.05)
 
 
-def test_a_pose_error_does_not_count_against_a_pose_that_is_exact() -> None:
+def test_a_pose_error_does_not_count_against_a_pose_that_is_exact():
     moved, still = np.array([0.01, 0, 0, 0, 0, 0]), np.zeros(6)
     poses = moved, still, moved
-    evidence: list[Any] = [SimpleNamespace(pose=pose, planes=()) for pose in poses]
+    evidence = [SimpleNamespace(pose=pose, planes=()) for pose in poses]
     exact = np.zeros((6, 6))
     own = OwnErrors(evidence, [None, exact, None], LOSS)
     amounts = np.zeros((3, own.count))
@@ -98,9 +97,9 @@ def test_a_pose_error_does_not_count_against_a_pose_that_is_exact() -> None:
     assert pull == pytest.approx(0)
 
 
-def test_poses_are_where_they_were_found() -> None:
+def test_poses_are_where_they_were_found():
     rng = np.random.default_rng(0)
-    evidence: list[Any] = [
+    evidence = [
         SimpleNamespace(pose=rng.normal(size=6), planes=rng.normal(size=planes))
         for planes in (0, 3, 6)
     ]
@@ -113,7 +112,7 @@ def test_poses_are_where_they_were_found() -> None:
         assert one == pytest.approx(other)
 
 
-def test_every_constant_says_its_meaning_and_source() -> None:
+def test_every_constant_says_its_meaning_and_source():
     for section in SECTIONS:
         for one in fields(section):
             assert one.metadata['meaning'], one.name
@@ -122,7 +121,7 @@ def test_every_constant_says_its_meaning_and_source() -> None:
             assert source in (ASSUMED, DEFINITION) or any(c in source for c in commands), one.name
 
 
-def test_no_constant_of_the_diagnosis_is_elsewhere() -> None:
+def test_no_constant_of_the_diagnosis_is_elsewhere():
     package = Path(gap.__file__).parent
     for room in ('data', 'features', 'inference', 'forms'):
         for path in (package / room).glob('*.py'):

@@ -1,7 +1,5 @@
 """Features at depth jumps that a pose error cannot imitate."""
 
-from typing import Any
-
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.gap.data.axes import axes_of
@@ -20,12 +18,12 @@ FRAMES = 16
 ROOM = make_room(np.random.default_rng(2))
 
 
-def seen(shift: float) -> tuple[np.ndarray, np.ndarray]:
+def seen(shift):
     """Return clean depth and reflectivity from a camera that was moved sideways, metres."""
     return look(ROOM, K, SIZE, optical(0.1, 0.35, 0.0), np.array([0.0, 0.1 + shift, 0.6]))
 
 
-def at_jumps(shift: float = 0.0, **effects: dict[str, float]) -> tuple[float, float]:
+def at_jumps(shift=0.0, **effects):
     """Return the two features of a camera whose given pose is wrong by a shift."""
     clean, rho = seen(0.0)
     stamps = np.arange(FRAMES) / 30
@@ -37,7 +35,7 @@ def at_jumps(shift: float = 0.0, **effects: dict[str, float]) -> tuple[float, fl
     return float(between), float(switches)
 
 
-def _swapped(view: tuple[np.ndarray, np.ndarray], *rest: Any) -> tuple[Any, ...]:
+def _swapped(view, *rest):
     # In the order of `Camera.capture`.
     return view[0], *rest, view[1]
 
@@ -46,9 +44,7 @@ def _swapped(view: tuple[np.ndarray, np.ndarray], *rest: Any) -> tuple[Any, ...]
     ('index', 'effects'),
     [(0, {'flying_pixels': {'strength': 0.5}}), (1, {'lateral_noise': {'strength': 0.5}})],
 )
-def test_an_edge_effect_shows_and_a_pose_error_does_not(
-    index: int, effects: dict[str, dict[str, float]]
-) -> None:
+def test_an_edge_effect_shows_and_a_pose_error_does_not(index, effects):
     """
     Assert that half of an effect changes its feature more than a pose error of 5 mm.
 
@@ -61,7 +57,7 @@ def test_an_edge_effect_shows_and_a_pose_error_does_not(
     assert max(moved) < 0.5 * effect
 
 
-def test_a_moving_scene_has_no_switches() -> None:
+def test_a_moving_scene_has_no_switches():
     clean, rho = seen(0.0)
     scene = look_at(clean, None, 0.0, rho, K, MODE, axes_of(flexx2()))
     depth = np.array([clean, clean])

@@ -3,7 +3,7 @@
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.gap.calibration.features import MEASURES
 from flexx2_sim_ros.gap.data.registration import RecordingData
-from flexx2_sim_ros.gap.features.physical import distances, histogram, Measures, UNITS
+from flexx2_sim_ros.gap.features.physical import distances, histogram, UNITS
 from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene
 from flexx2_sim_ros.gap.inference.improvement import measured
 from flexx2_sim_ros.gap.report.words import headline
@@ -11,9 +11,7 @@ import numpy as np
 import pytest
 
 
-def recorded(
-    height: int, width: int, frames: int, clean: np.ndarray | None = None
-) -> tuple[PlacedScene, np.ndarray, np.ndarray]:
+def recorded(height, width, frames, clean=None):
     """Return a scene, by default a wall 1 m ahead, a recording and a simulation of it."""
     K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]])  # noqa: N806
     clean = np.ones((height, width), np.float32) if clean is None else clean
@@ -25,16 +23,16 @@ def recorded(
     return PlacedScene.at(recording, np.zeros(6)), depth, simulated
 
 
-def seen(scene: PlacedScene, depth: np.ndarray) -> Measures:
+def seen(scene, depth):
     return histogram(depth, scene.covariates, scene.sums(depth))
 
 
-def apart(scene: PlacedScene, real: np.ndarray, other: np.ndarray) -> dict[str, float]:
+def apart(scene, real, other):
     return distances(seen(scene, real), seen(scene, other))
 
 
 @pytest.mark.parametrize(('height', 'width', 'frames'), [(8, 8, 20), (8, 8, 1), (60, 80, 1)])
-def test_few_pixels_and_single_frames_give_numbers(height: int, width: int, frames: int) -> None:
+def test_few_pixels_and_single_frames_give_numbers(height, width, frames):
     scene, real, simulated = recorded(height, width, frames)
     found = apart(scene, real, simulated)
     assert tuple(found) == UNITS
@@ -45,7 +43,7 @@ def test_few_pixels_and_single_frames_give_numbers(height: int, width: int, fram
 
 
 @pytest.mark.parametrize('columns', [20, 80])
-def test_regions_without_valid_pixels_are_not_compared(columns: int) -> None:
+def test_regions_without_valid_pixels_are_not_compared(columns):
     """Assert it for the first of four columns of regions, and for all of them."""
     scene, real, simulated = recorded(60, 80, 8)
     real[..., :columns] = np.nan
@@ -59,7 +57,7 @@ def test_regions_without_valid_pixels_are_not_compared(columns: int) -> None:
         assert found['wasserstein_sigma'] < 0.1
 
 
-def test_errors_at_edges_are_left_out_where_no_effect_is_known_to_cause_them() -> None:
+def test_errors_at_edges_are_left_out_where_no_effect_is_known_to_cause_them():
     """Assert it for a box whose depth is wrong by 1 cm, at its edges alone."""
     clean = np.ones((60, 80), np.float32)
     clean[20:40, 30:50] = 0.8
@@ -83,7 +81,7 @@ def test_errors_at_edges_are_left_out_where_no_effect_is_known_to_cause_them() -
     assert not counts_edges({'offset': {}})
 
 
-def test_each_error_is_counted_once_in_its_bin() -> None:
+def test_each_error_is_counted_once_in_its_bin():
     scene, real, _ = recorded(60, 80, 4)
     one = scene.covariates[0]
     real[:, 5] = np.nan
@@ -98,20 +96,20 @@ def test_each_error_is_counted_once_in_its_bin() -> None:
     assert found.edges.sum() == 0
 
 
-def test_depth_without_noise_gives_numbers() -> None:
+def test_depth_without_noise_gives_numbers():
     scene, real, simulated = recorded(60, 80, 8)
     real[:] = real[0]
     assert np.isfinite(list(apart(scene, real, simulated).values())).all()
 
 
-def test_two_recordings_have_no_interval_of_the_reduction() -> None:
+def test_two_recordings_have_no_interval_of_the_reduction():
     values = np.array([[3.0, 1.0, 0.5], [4.0, 1.0, 0.5], [3.5, 1.2, 0.5]])
     assert measured(values[:2], 1.0)['shrink_interval'] is None
     low, high = measured(values, 1.0)['shrink_interval']
     assert low < measured(values, 1.0)['shrink'] < high
 
 
-def test_the_interval_of_a_gap_that_grows_is_below_zero() -> None:
+def test_the_interval_of_a_gap_that_grows_is_below_zero():
     values = np.array([[3.0, 4.0, 0.5], [4.0, 5.2, 0.5], [3.5, 4.6, 0.5]])
     one = measured(values, 1.0)
     low, high = one['shrink_interval']
@@ -132,9 +130,7 @@ def test_the_interval_of_a_gap_that_grows_is_below_zero() -> None:
         (['offset'], -0.2, 'loss', 'makes the misfit 20 % larger'),
     ],
 )
-def test_the_headline_promises_no_more_than_was_measured(
-    names: list[str], shrink: float, by: str, said: str
-) -> None:
+def test_the_headline_promises_no_more_than_was_measured(names, shrink, by, said):
     rows = [{'name': name, 'confidence': 0.9} for name in names]
     depth = {'before': 8.4, 'after': 2.1, 'null': 0.5, 'tolerance': 0.2}
     invalid = {'before': 0.004, 'after': 0.002, 'null': 0.001, 'tolerance': 0.008}

@@ -1,15 +1,13 @@
 """A diagnosis simulates what it names: it fits forms, doubts constants, refuses what harms."""
 
 from dataclasses import replace
-from pathlib import Path
 import re
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.effects.shapes import Free, Shape
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
-from flexx2_sim_ros.gap.data.campaign import Found
-from flexx2_sim_ros.gap.forms.search import evaluations, Numbers, search
+from flexx2_sim_ros.gap.forms.search import evaluations, search
 from flexx2_sim_ros.gap.forms.work import judge, look, Looked
 from flexx2_sim_ros.gap.report import table as report_table
 from flexx2_sim_ros.gap.report.table import makes_larger
@@ -23,11 +21,11 @@ SIZE = {'frames': 8, 'scale': 0.35, 'recordings': 8, 'moving': 4}
 PRIOR = (0.01,) * 3 + (0.5,) * 3
 
 
-def test_a_quick_search_finds_the_lowest_place_of_a_bowl_in_few_calls() -> None:
+def test_a_quick_search_finds_the_lowest_place_of_a_bowl_in_few_calls():
     shape = Shape('bowl', (Free('gate', 1.0, 100.0, log=True), Free('share', 0.0, 1.0)))
     calls = []
 
-    def bowl(sets: list[Numbers]) -> np.ndarray:
+    def bowl(sets):
         calls.append(len(sets))
         gate, share = (np.array([one[name] for one in sets]) for name in ('gate', 'share'))
         total = np.log(gate / 14.0) ** 2 + 4 * (share - 0.45) ** 2
@@ -40,16 +38,16 @@ def test_a_quick_search_finds_the_lowest_place_of_a_bowl_in_few_calls() -> None:
     assert found.together['share'] == pytest.approx(0.45, abs=0.01)
 
 
-def test_a_quick_search_stays_within_bounds() -> None:
+def test_a_quick_search_stays_within_bounds():
     shape = Shape('slope', (Free('share', 0.0, 1.0),))
 
-    def slope(sets: list[Numbers]) -> np.ndarray:
+    def slope(sets):
         return np.array([[-one['share']] * 3 for one in sets])
 
     assert search([shape], {'share': 1.0}, slope, quick=True).together['share'] == 1.0
 
 
-def test_the_gate_of_a_filter_is_found_by_a_diagnosis(tmp_path: Path) -> None:
+def test_the_gate_of_a_filter_is_found_by_a_diagnosis(tmp_path):
     """Assert it: a wide gate smears what moves, which decides how far the gap closes."""
     effects = {'temporal_filter': {'share': 0.5, 'gate': 20.0}}
     write_campaign(tmp_path, effects=effects, seed=41, **SIZE)
@@ -63,7 +61,7 @@ def test_the_gate_of_a_filter_is_found_by_a_diagnosis(tmp_path: Path) -> None:
     assert table['gap']['shrink'] > table['calibration']['typical_gap']['shrink']
 
 
-def test_an_effect_that_is_the_same_everywhere_is_not_sure(tmp_path: Path) -> None:
+def test_an_effect_that_is_the_same_everywhere_is_not_sure(tmp_path):
     """Assert it of an offset that is not in the catalogue: a flat amplitude_bias explains it."""
     write_campaign(tmp_path, effects={'offset': {'bias': 0.02}}, seed=42, **SIZE)
     table = diagnose(tmp_path, without=['offset'])
@@ -71,7 +69,7 @@ def test_an_effect_that_is_the_same_everywhere_is_not_sure(tmp_path: Path) -> No
     assert 'offset' not in [one['name'] for one in table['effects']]
 
 
-def test_settings_are_judged_alike_one_by_one_and_together(tmp_path: Path) -> None:
+def test_settings_are_judged_alike_one_by_one_and_together(tmp_path):
     """Assert that a pose that was settled for other settings is kept only where it is the same."""
     effects = {'temporal_filter': {'share': 0.5}, 'offset': {'bias': 0.01}}
     write_campaign(tmp_path, effects=effects, seed=43, frames=6, scale=0.25, recordings=3)
@@ -89,7 +87,7 @@ def test_settings_are_judged_alike_one_by_one_and_together(tmp_path: Path) -> No
         assert together == apart
 
 
-def _looked(file: Found, effects: dict[str, dict[str, float]]) -> Looked:
+def _looked(file, effects):
     looked = look((file, effects, None), None, {}, PRIOR, 0)
     assert isinstance(looked, Looked)
     return looked
@@ -107,16 +105,12 @@ def _looked(file: Found, effects: dict[str, dict[str, float]]) -> Looked:
         (['pose_error'], 0.0, -0.2, 'distance', False),
     ],
 )
-def test_which_effects_make_the_gap_larger(
-    names: list[str], shrink: float, fitted: float, by: str, larger: bool
-) -> None:
+def test_which_effects_make_the_gap_larger(names, shrink, fitted, by, larger):
     gap = {'shrink': shrink, 'at_fitted_poses': {'shrink': fitted}, 'measured_by': by}
     assert makes_larger({'effects': [{'name': name} for name in names], 'gap': gap}) is larger
 
 
-def test_the_report_says_why_effects_that_fit_are_not_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_report_says_why_effects_that_fit_are_not_named(tmp_path, monkeypatch):
     """Assert it with a threshold from which on every effect makes the gap larger."""
     monkeypatch.setattr(report_table, 'THRESHOLDS', replace(THRESHOLDS, larger=-2.0))
     write_campaign(tmp_path, effects={'wiggling': {}}, seed=44, **SIZE)

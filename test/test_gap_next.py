@@ -1,12 +1,9 @@
 """Which recording would settle what a diagnosis leaves open."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 import json
 import math
-from pathlib import Path
 import shutil
-from typing import Any
 
 from campaigns import write_diagnosis
 from flexx2_sim_ros.camera import flexx2
@@ -15,10 +12,10 @@ from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.planning.next_recording import suggest
-from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, PlannedRecording, read_plan
+from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
 from flexx2_sim_ros.gap.planning.possible import usual_kinds
-from flexx2_sim_ros.gap.planning.scenes import Panel, render
-from flexx2_sim_ros.gap.planning.truths import KINDS, TruthKind, write_recording
+from flexx2_sim_ros.gap.planning.scenes import render
+from flexx2_sim_ros.gap.planning.truths import KINDS, write_recording
 import numpy as np
 import pytest
 from study.blind import SceneKey, SceneSet
@@ -45,13 +42,13 @@ LENS = {'intrinsics_error': {'strength': 2.0}}
 
 
 @pytest.fixture(scope='module')
-def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def plan(tmp_path_factory):
     path = tmp_path_factory.mktemp('plan') / 'plan.yaml'
     path.write_text(PLAN)
     return read_plan(path)
 
 
-def record(folder: Path, plan: Plan, effects: Any, kind: TruthKind, names: Sequence[str]) -> Path:
+def record(folder, plan, effects, kind, names):
     """Write two recordings of each named set-up."""
     folder.mkdir()
     for again in range(2):
@@ -63,7 +60,7 @@ def record(folder: Path, plan: Plan, effects: Any, kind: TruthKind, names: Seque
 
 
 @pytest.fixture(scope='module')
-def undecided(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def undecided(plan, tmp_path_factory):
     """Return a diagnosis that explains only a part of the gap, and its recordings."""
     folder = tmp_path_factory.mktemp('undecided')
     campaign = record(folder / 'campaign', plan, LENS, KINDS[0], ['frontal', 'corner'])
@@ -73,7 +70,7 @@ def undecided(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Pat
     return folder / 'diagnosis', campaign
 
 
-def sure(folder: Path, **changed: Any) -> Path:
+def sure(folder, **changed):
     """Write a diagnosis that leaves nothing open."""
     settings = {'usecase': 'Mode_9_30fps', 'pose_prior': [0.01, 0.5]}
     table = {
@@ -85,9 +82,7 @@ def sure(folder: Path, **changed: Any) -> Path:
     return write_diagnosis(folder, {'multipath': {}}, settings, **table)
 
 
-def test_the_suggestion_settles_what_was_open(
-    plan: Plan, undecided: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_suggestion_settles_what_was_open(plan, undecided, tmp_path, capsys):
     diagnosis, campaign = undecided
     out, own = tmp_path / 'out', tmp_path / 'own <b>.npz'
     with np.load(campaign / 'frontal0.npz') as archive:
@@ -132,7 +127,7 @@ def test_the_suggestion_settles_what_was_open(
     assert not settled['alternatives']
 
 
-def test_a_laser_decides_what_fitted_planes_leave_open(plan: Plan, tmp_path: Path) -> None:
+def test_a_laser_decides_what_fitted_planes_leave_open(plan, tmp_path):
     planes = next(one for one in KINDS if one.name == 'planes')
     plan = replace(plan, recordings=plan.recordings[:1])
     campaign = record(tmp_path / 'campaign', plan, {}, planes, ['frontal'])
@@ -169,9 +164,7 @@ def test_a_laser_decides_what_fitted_planes_leave_open(plan: Plan, tmp_path: Pat
     assert list(found['baselines']) == ['repeat']
 
 
-def test_a_given_map_and_correction_are_part_of_smaller_images(
-    plan: Plan, undecided: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_a_given_map_and_correction_are_part_of_smaller_images(plan, undecided, tmp_path):
     """Assert it of stripes of 8 px on a bias of 20 mm, in images of half the campaign's size."""
     diagnosis, campaign = undecided
     folder = shutil.copytree(diagnosis, tmp_path / 'diagnosis')
@@ -199,8 +192,8 @@ def test_a_given_map_and_correction_are_part_of_smaller_images(
         np.testing.assert_allclose(np.nanmean(error, axis=0), expected, atol=0.01)
 
 
-def test_kinds_of_truth_follow_from_the_recordings() -> None:
-    def kinds(**truth: Any) -> list[str]:
+def test_kinds_of_truth_follow_from_the_recordings():
+    def kinds(**truth):
         return usual_kinds({'recordings': [{'used': True, 'truth': truth}, {'used': False}]})
 
     assert kinds(planes=3, pose=None) == ['tape', 'laser']
@@ -208,7 +201,7 @@ def test_kinds_of_truth_follow_from_the_recordings() -> None:
     assert kinds(planes=0, pose=None) == ['exact']
 
 
-def test_a_diagnosis_that_leaves_nothing_open_is_refused(plan: Plan, tmp_path: Path) -> None:
+def test_a_diagnosis_that_leaves_nothing_open_is_refused(plan, tmp_path):
     with pytest.raises(InputError, match='must leave something open'):
         suggest(sure(tmp_path / 'sure'), tmp_path, plan)
     nothing = {'verdict': 'none', 'effects': []}
@@ -216,9 +209,7 @@ def test_a_diagnosis_that_leaves_nothing_open_is_refused(plan: Plan, tmp_path: P
         suggest(sure(tmp_path / 'none', **nothing), tmp_path, plan)
 
 
-def test_what_cannot_be_used_is_said_and_nothing_written(
-    undecided: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_used_is_said_and_nothing_written(undecided, tmp_path, capsys):
     diagnosis, campaign = undecided
     files = sorted(one.name for one in diagnosis.iterdir())
     own, other = tmp_path / 'own.npz', tmp_path / 'other'
@@ -244,13 +235,13 @@ def test_what_cannot_be_used_is_said_and_nothing_written(
     assert sorted(one.name for one in diagnosis.iterdir()) == files
 
 
-def as_room(planned: PlannedRecording) -> Room:
+def as_room(planned):
     """Return a set-up as the blind camera's scene: panels of some thickness."""
     way = Way((0.0, 0.0, 0.0), yaw_rate=math.radians(planned.scene.turn_rate))
     return Room(planned.name, pack([_solid(panel) for panel in planned.scene.panels]), way)
 
 
-def _solid(panel: Panel) -> Shape:
+def _solid(panel):
     across, along = np.array(panel.across), np.array(panel.along)
     normal = np.cross(across, along)
     normal *= np.sign(normal @ panel.centre) / np.linalg.norm(normal)
@@ -264,7 +255,7 @@ def _solid(panel: Panel) -> Shape:
     )
 
 
-def test_the_blind_camera_sees_the_set_ups_of_the_plan() -> None:
+def test_the_blind_camera_sees_the_set_ups_of_the_plan():
     plan = read_plan(default_plan())
     still = [one for one in plan.recordings if all(one.fixed)]
     scenes = SceneSet(SceneKey(plan.usecase, 1, 0.0, 56, 43, len(still), 3))

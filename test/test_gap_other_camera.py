@@ -1,8 +1,6 @@
 """The documented road with a camera that is no Flexx2 and whose modulation nobody knows."""
 
 import json
-from pathlib import Path
-from typing import Any
 
 from bench.wall_campaigns import wall
 from flexx2_sim_ros.camera import Camera
@@ -21,7 +19,7 @@ PHASE = {'flying_pixels', 'multipath', 'stray_light', 'motion_artefact', 'wiggli
 
 
 @pytest.fixture(scope='module')
-def profile(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def profile(tmp_path_factory):
     """Record boards with a camera of one's own, and fit its profile."""
     folder = tmp_path_factory.mktemp('boards')
     rng = np.random.default_rng(5)
@@ -40,12 +38,12 @@ def profile(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def campaign(profile: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def campaign(profile, tmp_path_factory):
     """Simulate six walls with that profile and an offset of 1 cm."""
     return write_campaign(profile, tmp_path_factory.mktemp('campaign'), 0.01)
 
 
-def write_campaign(profile: Path, folder: Path, bias: float) -> Path:
+def write_campaign(profile, folder, bias):
     """Simulate six walls with an offset of `bias` metres."""
     effects = folder / 'offset.yaml'
     effects.write_text(f'schema: 1\neffects: {{offset: {{bias: {bias}}}}}\n')
@@ -61,8 +59,8 @@ def write_campaign(profile: Path, folder: Path, bias: float) -> Path:
 
 
 def test_a_camera_of_unknown_modulation_is_recorded_and_diagnosed(
-    profile: Path, campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    profile, campaign, tmp_path, capsys
+):
     (mode,) = yaml.safe_load(profile.read_text())['modes'].values()
     assert mode['modulation_hz'] is None
     out = tmp_path / 'out'
@@ -80,14 +78,14 @@ def test_a_camera_of_unknown_modulation_is_recorded_and_diagnosed(
     assert table['gap']['shrink'] > 0.9
 
 
-def test_only_effects_on_phases_need_the_modulation(profile: Path) -> None:
+def test_only_effects_on_phases_need_the_modulation(profile):
     camera = load_profile(profile)
     assert {name for name, kind in registry().items() if kind.needs_modulation} == PHASE
     clean, stamps = wall(1.0, 30, K, SIZE), np.arange(3) * 66_000_000
     plain = Camera('stereo', profile=camera).capture(clean, K, stamps).depth
     for name in registry():
 
-        def shot(name: str = name) -> Any:
+        def shot(name=name):
             return (
                 Camera('stereo', profile=camera, effects={name: {'strength': 4.0}})
                 .capture(clean, K, stamps, 0.02 + 0 * clean)
@@ -107,7 +105,7 @@ def test_only_effects_on_phases_need_the_modulation(profile: Path) -> None:
     assert np.nanmedian(moved - plain) == pytest.approx(0.05, abs=1e-6)
 
 
-def test_given_effects_are_measured_on_such_a_camera(profile: Path, tmp_path: Path) -> None:
+def test_given_effects_are_measured_on_such_a_camera(profile, tmp_path):
     """
     Assert it on walls, where a pose error of 2 cm looks like the offset.
 
@@ -122,7 +120,7 @@ def test_given_effects_are_measured_on_such_a_camera(profile: Path, tmp_path: Pa
         measure(campaign, {'wiggling': {}}, profile=camera)
 
 
-def test_without_a_gap_there_is_no_reduction(profile: Path, tmp_path: Path) -> None:
+def test_without_a_gap_there_is_no_reduction(profile, tmp_path):
     """Assert it for an offset of 2.5 mm, which poses take over completely."""
     campaign = write_campaign(profile, tmp_path, 0.0025)
     found = measure(campaign, {'offset': {'bias': 0.0025}}, profile=load_profile(profile))

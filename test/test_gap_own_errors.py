@@ -1,7 +1,5 @@
 """What the fitted poses of recordings have in common, and planes that were not measured."""
 
-from pathlib import Path
-
 from bench.gap_campaigns import write_campaign
 from bench.planes import describe, record, VIEWS
 from flexx2_sim_ros.effects import registry
@@ -15,7 +13,7 @@ import pytest
 PRIOR = np.array([0.002] * 3 + [0.125] * 3)  # metres, degrees
 
 
-def test_what_all_poses_share_is_in_common() -> None:
+def test_what_all_poses_share_is_in_common():
     rng = np.random.default_rng(1)
     shared = np.array([0.0, 0.0, -0.015, 1.5, 0.0, 0.0])
     found = common_motion(shared + PRIOR * rng.standard_normal((8, 6)))
@@ -23,7 +21,7 @@ def test_what_all_poses_share_is_in_common() -> None:
 
 
 @pytest.mark.parametrize('count', [2, 3, 8])
-def test_poses_that_scatter_have_little_in_common(count: int) -> None:
+def test_poses_that_scatter_have_little_in_common(count):
     # In one of 20 sets, a motion is taken to be in common; then a part of its mean. Of 500 sets,
     # the fraction is off by 0.05 with a probability of 3e-7 (5 sigma).
     rng = np.random.default_rng(2)
@@ -33,7 +31,7 @@ def test_poses_that_scatter_have_little_in_common(count: int) -> None:
     assert (np.abs(found) <= np.abs(sets.mean(axis=1))).all()
 
 
-def test_equal_poses_are_all_in_common() -> None:
+def test_equal_poses_are_all_in_common():
     same = np.tile(PRIOR, (4, 1))
     assert common_motion(same) == pytest.approx(PRIOR)
     assert (common_motion(np.zeros((4, 6))) == 0).all()
@@ -42,7 +40,7 @@ def test_equal_poses_are_all_in_common() -> None:
 @pytest.mark.parametrize(
     'effect', ['amplitude_bias', 'intrinsics_error', 'excess_noise', 'grazing_dropout']
 )
-def test_free_planes_make_no_gap_that_is_not_there(effect: str, tmp_path: Path) -> None:
+def test_free_planes_make_no_gap_that_is_not_there(effect, tmp_path):
     """Assert that an effect does not take planes along, to be named for the way back."""
     folder, out = record(tmp_path / 'in', views=VIEWS[:1], others=(effect,)), tmp_path / 'out'
     planes = describe(tmp_path / 'planes.yaml', taped=None, square=False)
@@ -58,13 +56,13 @@ def test_free_planes_make_no_gap_that_is_not_there(effect: str, tmp_path: Path) 
 
 
 @pytest.mark.parametrize(('sigma', 'said'), [(0.0, ''), (0.003, 'depth known to 3 mm, ')])
-def test_depth_is_not_said_to_be_known_to_0_mm(sigma: float, said: str) -> None:
+def test_depth_is_not_said_to_be_known_to_0_mm(sigma, said):
     planes = {'planes': 3, 'offset': 0.1, 'tilt': 5.0}
     nothing = dict.fromkeys(('unknown', 'pose', 'turn'))
     assert accuracy([{**nothing, **planes, 'sigma': sigma}]) == f'{said}planes to 100 mm and 5 deg'
 
 
-def test_poses_stay_as_near_as_is_stated(tmp_path: Path) -> None:
+def test_poses_stay_as_near_as_is_stated(tmp_path):
     """Assert it of a bias that grows with the distance, which poses could take over."""
     camera = {'intrinsics_error': {'focal': 0.01}}
     write_campaign(tmp_path, seed=12, effects=camera, recordings=6, frames=6, scale=0.25, moving=0)

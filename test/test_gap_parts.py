@@ -5,7 +5,7 @@ from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.gap.data.axes import axes_of
-from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
+from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import unknown_border
 from flexx2_sim_ros.gap.data.registration import place, RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import catalogue
@@ -20,7 +20,7 @@ import pytest
 PRIOR = np.array([0.01] * 3 + [0.5] * 3)
 
 
-def test_every_effect_is_in_the_catalogue_and_what_is_simulated_is_valid() -> None:
+def test_every_effect_is_in_the_catalogue_and_what_is_simulated_is_valid():
     columns, candidates = catalogue()
     assert {c.effect for c in candidates} == set(registry())
     for column in columns:
@@ -32,7 +32,7 @@ def test_every_effect_is_in_the_catalogue_and_what_is_simulated_is_valid() -> No
     assert not any(c.effect == 'offset' for c in catalogue(['offset'])[1])
 
 
-def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre() -> None:
+def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre():
     K = flexx2().intrinsics.matrix  # noqa: N806
     room = make_room(np.random.default_rng(2))
     rotation, position = optical(0.1, 0.35, 0.0), np.array([0.0, 0.1, 0.6])
@@ -63,7 +63,7 @@ def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre() -> None:
     assert 0.001 < found[2] < 0.0035
 
 
-def test_outlines_show_a_motion_along_surfaces_that_face_the_camera() -> None:
+def test_outlines_show_a_motion_along_surfaces_that_face_the_camera():
     # Without the outlines of the two boxes, such a motion changes no depth.
     K = flexx2().intrinsics.matrix  # noqa: N806
     far = [-1.0, -4.0, -4.0, 3.0, 4.0, 4.0]
@@ -83,7 +83,7 @@ def test_outlines_show_a_motion_along_surfaces_that_face_the_camera() -> None:
     assert (np.abs(placed.clean - true) > 0.1).sum() < 0.5 * (np.abs(clean - true) > 0.1).sum()
 
 
-def test_a_time_offset_is_not_taken_for_a_pose_error() -> None:
+def test_a_time_offset_is_not_taken_for_a_pose_error():
     # A camera that drives forwards at 0.6 m/s and shows what was 40 ms ago: 24 mm behind.
     K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
     room = make_room(np.random.default_rng(2))
@@ -121,9 +121,7 @@ def test_a_time_offset_is_not_taken_for_a_pose_error() -> None:
         ('realsense_d435', (0.429, 8.0), 0.12),
     ],
 )
-def test_bins_of_distance_suit_the_cameras_range(
-    name: str, ends: tuple[float, float], step: float
-) -> None:
+def test_bins_of_distance_suit_the_cameras_range(name, ends, step):
     axes = axes_of(find_profile(name))
     distances = axes['distance'].edges
     assert len(distances) == axes['distance'].bins - 1
@@ -132,7 +130,7 @@ def test_bins_of_distance_suit_the_cameras_range(
     assert axes['incidence'] == axes_of(flexx2())['incidence']
 
 
-def test_registration_ignores_borders_and_bends() -> None:
+def test_registration_ignores_borders_and_bends():
     K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
     floor = np.maximum(np.arange(60) - 40.0, 0)[:, None]
     clean = (1 / (0.5 + 0.02 * floor) + np.zeros(80)).astype(np.float32)
@@ -149,7 +147,7 @@ def test_registration_ignores_borders_and_bends() -> None:
     assert unknown_border(np.array([0, 0, 0, 0, 1.0, 0]), clean, K) == 3
 
 
-def two_walls(far: int) -> tuple[np.ndarray, PixelCovariates]:
+def two_walls(far):
     """Return a wall at 3 m and, from a column on, one with too much noise; clean, and its bins."""
     K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
     clean = np.full((60, 80), 3.0, np.float32)
@@ -159,7 +157,7 @@ def two_walls(far: int) -> tuple[np.ndarray, PixelCovariates]:
     return clean, look_at(clean, None, 0.0, None, K, mode, axes_of(camera))
 
 
-def test_of_pixels_with_too_much_noise_only_losses_count() -> None:
+def test_of_pixels_with_too_much_noise_only_losses_count():
     rng = np.random.default_rng(0)
     clean, scene = two_walls(far=40)
     assert scene.trusted == pytest.approx(0.048, abs=5e-4)
@@ -178,7 +176,7 @@ def test_of_pixels_with_too_much_noise_only_losses_count() -> None:
     assert lost[everywhere] > plain[everywhere] + 0.1
 
 
-def test_too_much_noise_neither_hides_a_bias_nor_looks_like_a_trend() -> None:
+def test_too_much_noise_neither_hides_a_bias_nor_looks_like_a_trend():
     rng = np.random.default_rng(0)
     clean, scene = two_walls(far=30)
     # Two thirds of the image have too much noise. All depths lie a standard deviation too far.
@@ -192,10 +190,10 @@ def test_too_much_noise_neither_hides_a_bias_nor_looks_like_a_trend() -> None:
     assert trend == pytest.approx(0.0, abs=0.14)
 
 
-def test_intervals_cover_the_values_of_other_recordings() -> None:
+def test_intervals_cover_the_values_of_other_recordings():
     rng = np.random.default_rng(0)
 
-    def draw() -> tuple[np.ndarray, np.ndarray]:
+    def draw():
         bottom = rng.gamma(3.0, 1.0, 8)
         return bottom * np.clip(rng.normal(0.5, 0.15, 8), 0, 1), bottom
 
@@ -217,11 +215,11 @@ def test_intervals_cover_the_values_of_other_recordings() -> None:
         (['offset', 'residual_patch'], False),
     ],
 )
-def test_edges_count_unless_known_effects_leave_them(effects: list[str], counts: bool) -> None:
+def test_edges_count_unless_known_effects_leave_them(effects, counts):
     assert counts_edges(effects) == counts
 
 
-def test_a_changed_patch_shows_in_bias_variance_and_invalid_pixels() -> None:
+def test_a_changed_patch_shows_in_bias_variance_and_invalid_pixels():
     values = {'edge_0': 1.5, 'bias_0': 0.02, 'scale_1': 2.0, 'loss_1': 0.25}
     clean = np.full((60, 80), 1.0, np.float32)
     clean[:, 40:] = 2.0
@@ -239,7 +237,7 @@ def test_a_changed_patch_shows_in_bias_variance_and_invalid_pixels() -> None:
     assert np.isnan(patched[far]).mean() == pytest.approx(0.25, abs=0.01)
 
 
-def test_helpers_of_the_diagnosis_are_not_in_the_catalogue() -> None:
+def test_helpers_of_the_diagnosis_are_not_in_the_catalogue():
     assert not {'along_ray', 'residual_patch'} & set(registry())
     # A delay along the ray is less along the axis, the more so the farther from it.
     K = np.array([[100.0, 0, 39.5], [0, 100.0, 29.5], [0, 0, 1]])  # noqa: N806

@@ -1,8 +1,6 @@
 """`flexx2 gap plan`: the checklist, the page, and the table of what a plan can find."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 import re
 import subprocess
 
@@ -11,14 +9,13 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.prior import USUAL
-from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
-from flexx2_sim_ros.gap.features.evidence import Evidence
+from flexx2_sim_ros.gap.features.catalogue import catalogue, nuisances
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.drawing import drawing
-from flexx2_sim_ros.gap.planning.plan import default_plan, Plan, read_plan
+from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
 from flexx2_sim_ros.gap.planning.power import planned_columns, power
 from flexx2_sim_ros.gap.planning.table import compute, PowerRequest, read_table, shipped_table
-from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, TruthKind, write_campaign
+from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
 from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.paths import executable
@@ -42,13 +39,13 @@ EFFECTS = {'offset', 'amplitude_bias', 'heavy_tails', 'fixed_pattern'}
 
 
 @pytest.fixture
-def two(tmp_path: Path) -> Path:
+def two(tmp_path):
     file = tmp_path / 'two.yaml'
     file.write_text(TWO)
     return file
 
 
-def test_command_writes_a_checklist_with_every_recording_and_effect(tmp_path: Path) -> None:
+def test_command_writes_a_checklist_with_every_recording_and_effect(tmp_path):
     out = tmp_path / 'plan'
     done = subprocess.run(
         [executable('flexx2'), 'gap', 'plan', '--out', out],
@@ -73,7 +70,7 @@ def test_command_writes_a_checklist_with_every_recording_and_effect(tmp_path: Pa
     )
 
 
-def test_plan_has_a_form_for_what_is_measured(two: Path, tmp_path: Path) -> None:
+def test_plan_has_a_form_for_what_is_measured(two, tmp_path):
     command = ['gap', 'plan', '--plan', str(two), '--out', str(tmp_path)]
     assert main(command) == 0
     path = tmp_path / 'planes.yaml'
@@ -90,7 +87,7 @@ def test_plan_has_a_form_for_what_is_measured(two: Path, tmp_path: Path) -> None
     assert hint.distance == Measured(0.766, 0.003)
 
 
-def test_plan_of_another_camera_has_its_mode_and_its_name_in_the_commands(tmp_path: Path) -> None:
+def test_plan_of_another_camera_has_its_mode_and_its_name_in_the_commands(tmp_path):
     command = [executable('flexx2'), 'gap', 'plan', '--profile', 'kinect_v2', '--out']
     subprocess.run([*command, tmp_path], check=True)
     text = (tmp_path / 'checklist.md').read_text()
@@ -107,16 +104,16 @@ def test_plan_of_another_camera_has_its_mode_and_its_name_in_the_commands(tmp_pa
     assert 'usecase: must be one of depth_30fps' in wrong.stderr
 
 
-def test_no_image_is_made_smaller_than_the_smallest_camera() -> None:
+def test_no_image_is_made_smaller_than_the_smallest_camera():
     small = Intrinsics.from_matrix(np.array([[9.0, 0, 3.5], [0, 9.0, 3.5], [0, 0, 1]]), 8, 8)
     assert smaller(small, 0.5) == small
     lens = smaller(flexx2().intrinsics, 0.001)
     assert min(lens.width, lens.height) == 8
 
 
-def test_a_plan_beyond_the_range_of_the_mode_is_refused(two: Path, tmp_path: Path) -> None:
+def test_a_plan_beyond_the_range_of_the_mode_is_refused(two, tmp_path):
     two.write_text(TWO.replace('[1.0, 40, 0.8]', '[20, 40, 0.8]').replace('[2.0,', '[20,'))
-    plan: Plan = read_plan(two)
+    plan = read_plan(two)
     plan = replace(plan, recordings=plan.recordings[:1])
     request = PowerRequest(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
     with pytest.raises(InputError, match='--plan: must have recordings within the range of Mode'):
@@ -124,12 +121,12 @@ def test_a_plan_beyond_the_range_of_the_mode_is_refused(two: Path, tmp_path: Pat
 
 
 @pytest.mark.parametrize('kind', [one for one in KINDS if one.never], ids=lambda one: one.name)
-def test_what_ground_truth_hides_is_never_planned_as_found(kind: TruthKind) -> None:
+def test_what_ground_truth_hides_is_never_planned_as_found(kind):
     """Of `never` and the table that ``python -m bench.absorbed`` has measured."""
     assert set(kind.never) == {name for name, part in absorbed(kind.name).items() if part >= 0.9}
 
 
-def test_shipped_table_says_what_made_it() -> None:
+def test_shipped_table_says_what_made_it():
     table = read_table(shipped_table())
     assert table['command'].startswith('flexx2 gap plan')
     assert re.fullmatch(r'\d{4}-\d\d-\d\d', table['date'])
@@ -142,7 +139,7 @@ def test_shipped_table_says_what_made_it() -> None:
     assert not table['effects']['offset']['exact']['open']
 
 
-def test_a_card_that_is_not_in_view_yet_is_drawn(two: Path) -> None:
+def test_a_card_that_is_not_in_view_yet_is_drawn(two):
     two.write_text(TWO.replace('walls: [[1.0, 40, 0.8]]', 'cards: [[1.0, -0.8, 0.2, 0.5, 0.4]]'))
     assert drawing(read_plan(two).recordings[0], flexx2().intrinsics).startswith(b'\x89PNG')
 
@@ -161,15 +158,13 @@ def test_a_card_that_is_not_in_view_yet_is_drawn(two: Path) -> None:
         ('schema: 1', 'schema: 2', 'schema'),
     ],
 )
-def test_a_wrong_plan_is_refused_with_its_key(
-    two: Path, before: str, after: str, says: str
-) -> None:
+def test_a_wrong_plan_is_refused_with_its_key(two, before, after, says):
     two.write_text(TWO.replace(before, after))
     with pytest.raises(InputError, match=says):
         read_plan(two)
 
 
-def test_truth_has_the_errors_that_it_admits(two: Path, tmp_path: Path) -> None:
+def test_truth_has_the_errors_that_it_admits(two, tmp_path):
     plan, lens = read_plan(two), smaller(flexx2().intrinsics, 0.2)
     shape = (plan.frames, lens.height, lens.width)
     for kind in KINDS:
@@ -192,7 +187,7 @@ def test_truth_has_the_errors_that_it_admits(two: Path, tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope='module')
-def thrice(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Evidence], list[Column]]:
+def thrice(tmp_path_factory):
     """Return three recordings of each set-up: far_0, far_1, far_2, near_0, near_1, near_2."""
     folder, prior = tmp_path_factory.mktemp('campaign'), np.repeat(USUAL, 3)
     (folder / 'two.yaml').write_text(TWO)
@@ -214,17 +209,15 @@ def thrice(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Evidence], li
     return evidence, columns
 
 
-def candidates_of(effects: set[str]) -> list[Candidate]:
+def candidates_of(effects):
     return [one for one in catalogue((), True)[1] if one.effect in effects]
 
 
-def test_an_effect_is_not_found_where_an_undecided_one_explains_as_much(
-    thrice: tuple[list[Evidence], list[Column]],
-) -> None:
+def test_an_effect_is_not_found_where_an_undecided_one_explains_as_much(thrice):
     model = Model(*thrice, np.repeat(USUAL, 3))
     candidates = candidates_of(EFFECTS - {'fixed_pattern'})
 
-    def smallest(*hidden: str) -> float | None:
+    def smallest(*hidden):
         return power('offset', model, candidates, set(hidden), KINDS[0], 0, draws=2).smallest
 
     assert smallest() == smallest('heavy_tails') == 1.0
@@ -233,9 +226,7 @@ def test_an_effect_is_not_found_where_an_undecided_one_explains_as_much(
     assert smallest('offset') is None
 
 
-def test_a_pattern_is_found_by_what_the_recordings_have_in_common(
-    thrice: tuple[list[Evidence], list[Column]],
-) -> None:
+def test_a_pattern_is_found_by_what_the_recordings_have_in_common(thrice):
     evidence, columns = thrice
     # At most of these walls the noise of the single recording hides the pattern.
     model = Model(evidence[::2], columns, np.repeat(USUAL, 3))
@@ -243,29 +234,27 @@ def test_a_pattern_is_found_by_what_the_recordings_have_in_common(
     assert found.smallest in (1.0, 2.0)
 
 
-def test_an_interrupted_calculation_resumes(
-    two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plan: Plan = read_plan(two)
+def test_an_interrupted_calculation_resumes(two, tmp_path, monkeypatch):
+    plan = read_plan(two)
     request = PowerRequest(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
     # Of two walls in 30 columns nothing but a few effects is found; what counts is that it ends.
-    asked: list[str] = []
+    asked = []
     interrupt = 3
 
-    def counted(effect: str, *rest: object, **more: object) -> object:
+    def counted(effect, *rest, **more):
         asked.append(effect)
         if len(asked) == interrupt:
             raise KeyboardInterrupt
         return real(effect, *rest, **more)
 
-    real: Callable[..., object] = power
+    real = power
     monkeypatch.setattr('flexx2_sim_ros.gap.planning.table.power', counted)
     with pytest.raises(KeyboardInterrupt):
         compute(request, 'x', lambda text, share: None)
     first = list(asked)
     interrupt = 10**6
     asked.clear()
-    shares: list[float] = []
+    shares = []
     table = compute(request, 'x', lambda text, share: shares.append(share))
     assert shares == sorted(shares)
     assert asked == [name for name in registry() if name not in first[:2]]

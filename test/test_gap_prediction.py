@@ -1,8 +1,5 @@
 """What a diagnosis says that it takes away is what goes away."""
 
-from pathlib import Path
-from typing import Any
-
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.gap import diagnose, measure
@@ -21,7 +18,7 @@ EXACT = {
 }
 
 
-def diagnosed(folder: Path, effects: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def diagnosed(folder, effects):
     """Record rooms, and others as ``fresh``; return the diagnosis and the effects it found."""
     write_campaign(folder / 'campaign', seed=131, effects=effects, **EXACT)
     write_campaign(folder / 'fresh', seed=132, effects=effects, **EXACT)
@@ -36,7 +33,7 @@ def diagnosed(folder: Path, effects: dict[str, Any]) -> tuple[dict[str, Any], di
     [{'random_dropout': {}}, {'ambient_light': {'strength': 2.0}}, {'offset': {'bias': 0.01}}],
     ids=lambda effects: next(iter(effects)),
 )
-def test_the_predicted_reduction_happens_in_other_rooms(effects: dict, tmp_path: Path) -> None:
+def test_the_predicted_reduction_happens_in_other_rooms(effects, tmp_path):
     """Assert it for lost pixels, noise and bias, with a measure that is not the diagnosis'."""
     table, found = diagnosed(tmp_path, effects)
     assert table['gap']['measured_by'] == 'distance'
@@ -46,9 +43,7 @@ def test_the_predicted_reduction_happens_in_other_rooms(effects: dict, tmp_path:
     assert table['gap']['shrink'] == pytest.approx(realised, abs=0.03)
 
 
-def test_the_prediction_for_a_gap_below_the_tolerance_happens_in_other_rooms(
-    tmp_path: Path,
-) -> None:
+def test_the_prediction_for_a_gap_below_the_tolerance_happens_in_other_rooms(tmp_path):
     """Assert it for steps of depth, which the features show and the distance does not."""
     effects = {'quantisation': {'step': 0.003}}
     table, found = diagnosed(tmp_path, effects)
@@ -57,7 +52,7 @@ def test_the_prediction_for_a_gap_below_the_tolerance_happens_in_other_rooms(
     assert table['gap']['shrink'] == pytest.approx(realised, abs=0.1)
 
 
-def test_poses_that_err_alike_by_chance_do_not_lower_the_prediction(tmp_path: Path) -> None:
+def test_poses_that_err_alike_by_chance_do_not_lower_the_prediction(tmp_path):
     """
     Assert it for lost pixels, which no pose can take over.
 

@@ -4,7 +4,6 @@ from contextlib import chdir
 import json
 from pathlib import Path
 import re
-from typing import Any
 
 from bench.gap_campaigns import write_campaign
 from campaigns import read_all
@@ -20,29 +19,28 @@ import pytest
 
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'recordings.md'
 TEXT = PAGE.read_text().split('## Your own processing')[1].split('\n## ')[0]
-EFFECTS: dict[str, Any] = {'offset': {'bias': 0.02}, 'grazing_dropout': {}}
+EFFECTS = {'offset': {'bias': 0.02}, 'grazing_dropout': {}}
 OTHERS = [word for name in registry() if name not in EFFECTS for word in ('--without', name)]
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp('processed')
-    size: dict[str, Any] = {'seed': 104, 'recordings': 3, 'frames': 6, 'scale': 0.5, 'moving': 1}
+    size = {'seed': 104, 'recordings': 3, 'frames': 6, 'scale': 0.5, 'moving': 1}
     write_campaign(folder / 'recordings', effects=EFFECTS, **size)
     return folder
 
 
-def diagnose(folder: Path, stages: str, *more: str) -> dict[str, Any]:
+def diagnose(folder, stages, *more):
     """Run the command of the documentation in a folder, and return ``diagnosis.json``."""
     (command,) = re.findall(r'\n(flexx2 gap diagnose .*)\n', TEXT)
     (folder / 'chain.yaml').write_text(stages)
     with chdir(folder):
         assert main([*command.split()[1:], '--jobs', '1', *more]) == 0
-    table: dict[str, Any] = json.loads((folder / 'diagnosis/diagnosis.json').read_text())
-    return table
+    return json.loads((folder / 'diagnosis/diagnosis.json').read_text())
 
 
-def test_without_stages_it_is_the_gap_of_the_recordings(folder: Path) -> None:
+def test_without_stages_it_is_the_gap_of_the_recordings(folder):
     for recording in read_all(folder / 'recordings'):
         for motion in (np.zeros(6), np.array([0.004, -0.003, 0.01, 0.2, 0.1, -0.1])):
             found = process_both(PlacedScene.at(recording, motion), EFFECTS, [], 3)
@@ -52,9 +50,7 @@ def test_without_stages_it_is_the_gap_of_the_recordings(folder: Path) -> None:
             assert set(found.rises) == set(EFFECTS)
 
 
-def test_a_diagnosis_says_what_is_left_after_processing(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_diagnosis_says_what_is_left_after_processing(folder, capsys):
     """Assert that filled pixels are no gap anymore, and the offset is, as large as it was."""
     (chain,) = re.findall(r'```yaml\n(.*?)```', TEXT, re.S)
     table = diagnose(folder, chain, '--pose-prior', '0.002', '0.125', *OTHERS)
@@ -79,9 +75,7 @@ def test_a_diagnosis_says_what_is_left_after_processing(
     assert line in page
 
 
-def test_recordings_that_are_processed_are_diagnosed_as_they_are(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_recordings_that_are_processed_are_diagnosed_as_they_are(folder, tmp_path, capsys):
     (tmp_path / 'recordings').mkdir()
     stages = '{schema: 1, process: [{crop: {left: 4}}, median]}'
     (tmp_path / 'chain.yaml').write_text(stages)
@@ -100,7 +94,7 @@ def test_recordings_that_are_processed_are_diagnosed_as_they_are(
     assert f'not measured: {table["processed"]["reason"]}.' in said
 
 
-def test_images_that_are_too_small_are_no_reason_to_fail(folder: Path) -> None:
+def test_images_that_are_too_small_are_no_reason_to_fail(folder):
     stages = '{schema: 1, process: [{crop: {left: 500}}]}'
     every = [word for name in registry() for word in ('--without', name)]
     table = diagnose(folder, stages, *every)

@@ -1,7 +1,5 @@
 """The diagnosis on real frames of another camera; skipped where they are not."""
 
-from pathlib import Path
-
 from flexx2_sim_ros.gap import diagnose
 import kinect_campaign
 import pytest
@@ -9,7 +7,7 @@ from test_effects_real import needs_kinect, views
 
 
 @needs_kinect
-def test_kinect_frames_saturate(tmp_path: Path) -> None:
+def test_kinect_frames_saturate(tmp_path):
     # The noise is measured on other views than those diagnosed.
     profile = kinect_campaign.profile(range(1, 102, 4))
     kinect_campaign.write_campaign(tmp_path, range(0, 102, 6))

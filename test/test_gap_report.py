@@ -4,7 +4,6 @@ import base64
 from io import BytesIO
 import re
 from types import SimpleNamespace
-from typing import Any
 
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of
@@ -37,7 +36,7 @@ DISTANCES = axes_of(flexx2())['distance'].edges
 FAR = min(edge for edge in DISTANCES if edge > 1.5)
 
 
-def row(covariate: str, channel: str = 'bias', **more: Any) -> dict[str, Any]:
+def row(covariate, channel='bias', **more):
     return {
         'covariate': covariate,
         'low': None,
@@ -52,7 +51,7 @@ def row(covariate: str, channel: str = 'bias', **more: Any) -> dict[str, Any]:
     }
 
 
-def outcomes(count: int, depth: np.ndarray = CLEAN) -> list[Any]:
+def outcomes(count, depth=CLEAN):
     """Return what the page asks of the outcome of recordings that show a wall and another one."""
     scene = look_at(CLEAN, None, 0.0, None, K, MODE, axes_of(flexx2()))
     frame = single_frame(4, [depth, depth - 0.01, depth], [scene])
@@ -66,7 +65,7 @@ def outcomes(count: int, depth: np.ndarray = CLEAN) -> list[Any]:
     ]
 
 
-def pictures(page: str) -> list[np.ndarray]:
+def pictures(page):
     """Return all pictures of a page, (H, W, 3) uint8."""
     return [
         np.array(Image.open(BytesIO(base64.b64decode(code))).convert('RGB'))
@@ -74,16 +73,16 @@ def pictures(page: str) -> list[np.ndarray]:
     ]
 
 
-def page_of(count: int, *where: dict[str, Any]) -> str:
+def page_of(count, *where):
     table = {'where': list(where), 'effects': [{'name': 'offset'}]}
     return frames(table, outcomes(count), axes_of(flexx2()))
 
 
-def marked(image: np.ndarray, index: int) -> np.ndarray:
+def marked(image, index):
     return np.asarray((image == MARKS[index]).all(axis=-1))
 
 
-def test_bins_of_pixels_are_those_of_their_covariates() -> None:
+def test_bins_of_pixels_are_those_of_their_covariates():
     scene = look_at(CLEAN, None, 0.0, None, K, MODE, axes_of(flexx2()))
     place = scene.places('distance')
     assert np.array_equal(place >= 0, scene.inside)
@@ -94,7 +93,7 @@ def test_bins_of_pixels_are_those_of_their_covariates() -> None:
         assert scene.places(name).max() < AXES[name].bins
 
 
-def test_the_pixels_of_the_first_rows_are_marked() -> None:
+def test_the_pixels_of_the_first_rows_are_marked():
     page = page_of(1, row('all'), row('distance', low=FAR, unit='m'), row('edge'))
     assert '&lt;0&gt;.npz, frame 4: depth errors 8 mm, with the effects 2 mm' in page
     real, marks, simulated, before, after, rest = pictures(page)
@@ -111,11 +110,11 @@ def test_the_pixels_of_the_first_rows_are_marked() -> None:
     assert (rest == 255).all()
 
 
-def test_a_difference_says_how_large_it_is_and_marks_the_worst_pixels() -> None:
+def test_a_difference_says_how_large_it_is_and_marks_the_worst_pixels():
     real = CLEAN.copy()
     real[:, :8] = np.nan
     real[:, 8:12] += 0.1
-    table: dict[str, Any] = {'where': [], 'effects': [{'name': 'offset'}]}
+    table = {'where': [], 'effects': [{'name': 'offset'}]}
     some = outcomes(1, real)
     some[0].frame.depth[1:] = CLEAN
     some[0].frame.depth[2, 0, 20] -= 0.4  # one of 4320 pixels
@@ -129,8 +128,8 @@ def test_a_difference_says_how_large_it_is_and_marks_the_worst_pixels() -> None:
     assert np.argwhere(marked(after, 1)).tolist() == [[0, 20]]
 
 
-def test_a_recording_without_any_depth_is_drawn() -> None:
-    table: dict[str, Any] = {'where': [], 'effects': []}
+def test_a_recording_without_any_depth_is_drawn():
+    table = {'where': [], 'effects': []}
     lost = np.full_like(CLEAN, np.nan)
     page = frames(table, outcomes(1, lost), axes_of(flexx2()))
     assert len(pictures(page)) == 4
@@ -139,7 +138,7 @@ def test_a_recording_without_any_depth_is_drawn() -> None:
     assert 'nan' not in re.sub('base64,[^"]*', '', page)
 
 
-def test_the_size_of_the_page_does_not_grow_with_the_recordings() -> None:
+def test_the_size_of_the_page_does_not_grow_with_the_recordings():
     some = outcomes(MOST_FRAMES + 4)
     for one in some[MOST_FRAMES:]:
         one.frame = None
@@ -148,7 +147,7 @@ def test_the_size_of_the_page_does_not_grow_with_the_recordings() -> None:
     assert 'Recordings that are not shown: 4.' in page
 
 
-def test_frames_of_pure_noise_leave_the_page_below_4_mb() -> None:
+def test_frames_of_pure_noise_leave_the_page_below_4_mb():
     noise = np.random.default_rng(5).uniform(0.2, 7.0, (172, 224)).astype(np.float32)
     camera = np.array([[210.6, 0, 111.5], [0, 212.9, 85.5], [0, 0, 1]])
     scene = look_at(noise, None, 0.0, None, camera, MODE, axes_of(flexx2()))
@@ -159,7 +158,7 @@ def test_frames_of_pure_noise_leave_the_page_below_4_mb() -> None:
     assert len(frames(table, some, axes_of(flexx2()))) < 3.9e6
 
 
-def test_the_recordings_with_the_largest_gap_come_first_and_open() -> None:
+def test_the_recordings_with_the_largest_gap_come_first_and_open():
     page = page_of(5)
     names = re.findall(r'<h3>&lt;(\d)&gt;', page)
     assert names == ['4', '3', '0', '1', '2']
@@ -167,11 +166,11 @@ def test_the_recordings_with_the_largest_gap_come_first_and_open() -> None:
     assert page.index('<details>') < page.index('<h3>&lt;0')
 
 
-def test_a_reduction_of_less_than_half_a_percent_has_no_sign() -> None:
+def test_a_reduction_of_less_than_half_a_percent_has_no_sign():
     assert [percent(-0.004), percent(0.0), percent(-0.5)] == ['0 %', '0 %', '-50 %']
 
 
-def test_a_note_on_several_recordings_is_said_once() -> None:
+def test_a_note_on_several_recordings_is_said_once():
     rows = [
         {'name': name, 'used': True, 'notes': [f'bags/{name}: usecase: not in the file', 'late']}
         for name in ('one', 'two', 'three')
@@ -210,11 +209,11 @@ def test_a_note_on_several_recordings_is_said_once() -> None:
         (row('structure', 'row_common', unit_size=''), 'everywhere: noise common to a row'),
     ],
 )
-def test_the_first_row_is_a_sentence(cell: dict[str, Any], said: str) -> None:
+def test_the_first_row_is_a_sentence(cell, said):
     assert said in finding(cell)
 
 
-def measured(before: float, after: float, null: float) -> dict[str, float]:
+def measured(before, after, null):
     return {'before': before, 'after': after, 'null': null, 'tolerance': 0.008}
 
 
@@ -227,9 +226,7 @@ def measured(before: float, after: float, null: float) -> dict[str, float]:
         ([0.61, 0.98], 'loss', ['improvement of the fit'], '100 % would be'),
     ],
 )
-def test_the_reduction_is_explained(
-    interval: list[float] | None, measured_by: str, said: list[str], unsaid: str
-) -> None:
+def test_the_reduction_is_explained(interval, measured_by, said, unsaid):
     gap = {
         'wasserstein_mm': measured(1230.0, 5.4, 1.7),
         'invalid_rate': measured(1.0, 0.02, 0.001),
@@ -255,7 +252,7 @@ def test_the_reduction_is_explained(
         ('lag', 0.62, 'correlation', 'correlation with the frame before +0.62'),
     ],
 )
-def test_a_difference_has_its_unit(channel: str, size: float, unit: str, said: str) -> None:
+def test_a_difference_has_its_unit(channel, size, unit, said):
     assert difference(row('all', channel, size=size, unit_size=unit)).endswith(said)
 
 
@@ -271,7 +268,7 @@ def test_a_difference_has_its_unit(channel: str, size: float, unit: str, said: s
         (-1e-9, '0'),
     ],
 )
-def test_short_numbers_have_no_exponent(number: float, text: str) -> None:
+def test_short_numbers_have_no_exponent(number, text):
     assert short(number) == text
 
 
@@ -284,9 +281,7 @@ def test_short_numbers_have_no_exponent(number: float, text: str) -> None:
         (['offset', 'pose_error'], 0.04, False),
     ],
 )
-def test_poses_are_blamed_where_other_effects_do_little(
-    names: list[str], shrink: float, blamed: bool
-) -> None:
+def test_poses_are_blamed_where_other_effects_do_little(names, shrink, blamed):
     effects = [{'name': name} for name in names]
     gap = {'at_fitted_poses': {'shrink': shrink}}
     assert blames_poses({'effects': effects, 'gap': gap}) == blamed
@@ -304,9 +299,9 @@ def test_poses_are_blamed_where_other_effects_do_little(
     ],
 )
 def test_effects_that_close_less_than_four_fifths_of_the_gap_explain_it_partly(
-    verdict: str, names: list[str], shrink: float, fitted: float, said: str
-) -> None:
-    gap: dict[str, Any] = {
+    verdict, names, shrink, fitted, said
+):
+    gap = {
         'shrink': shrink,
         'at_fitted_poses': {'shrink': fitted},
         'measured_by': 'distance',
@@ -329,7 +324,7 @@ def test_effects_that_close_less_than_four_fifths_of_the_gap_explain_it_partly(
 
 
 @pytest.mark.parametrize(('confidence', 'words'), [(0.8, 'is due to'), (0.3, 'may be due to')])
-def test_the_headline_says_how_sure_the_cause_is(confidence: float, words: str) -> None:
+def test_the_headline_says_how_sure_the_cause_is(confidence, words):
     table = {
         'verdict': 'partly',
         'effects': [{'name': 'offset', 'confidence': confidence}],
@@ -353,10 +348,8 @@ def test_the_headline_says_how_sure_the_cause_is(confidence: float, words: str) 
         ('larger', 'the effects found make the gap larger when they are simulated'),
     ],
 )
-def test_an_unknown_cause_has_a_reason_and_its_nearest_explanations(
-    reason: str, said: str
-) -> None:
-    table: dict[str, Any] = {
+def test_an_unknown_cause_has_a_reason_and_its_nearest_explanations(reason, said):
+    table = {
         'verdict': 'unknown',
         'effects': [],
         'gap': {},
@@ -378,7 +371,7 @@ def test_an_unknown_cause_has_a_reason_and_its_nearest_explanations(
     assert sentences(table) == ['Nearest explanations: offset and amplitude bias.']
 
 
-def _identified(*names: str, **gap: Any) -> dict[str, Any]:
+def _identified(*names, **gap):
     # What the words of a report need of a diagnosis with these effects.
     size = {'before': 5.0, 'after': 2.0, 'null': 1.0, 'tolerance': 1.0}
     usual = {
@@ -414,7 +407,7 @@ def _identified(*names: str, **gap: Any) -> dict[str, Any]:
         (-0.004, 'take{} away 0 % of {}'),
     ],
 )
-def test_a_gap_that_grows_is_not_said_to_be_taken_away(share: float, said: str) -> None:
+def test_a_gap_that_grows_is_not_said_to_be_taken_away(share, said):
     shown = {'shrink': share, 'interval': [share, 0.9]}
     table = _identified('offset', 'pose_error', at_fitted_poses={'shrink': share}, **shown)
     form = {'name': 'offset', 'form': 'curve', 'taken': True}
@@ -431,20 +424,20 @@ def test_a_gap_that_grows_is_not_said_to_be_taken_away(share: float, said: str) 
 @pytest.mark.parametrize(
     ('factor', 'said'), [(1.01, ''), (1.05, '5 % above the model'), (0.96, '4 % below the model')]
 )
-def test_a_noise_level_of_its_own_is_said(factor: float, said: str) -> None:
+def test_a_noise_level_of_its_own_is_said(factor, said):
     table = _identified('offset', noise_factor=factor)
     text = ' '.join(sentences(table))
     assert said in text
     assert ('noise of this camera' in text) == bool(said)
 
 
-def test_a_curve_of_one_value_is_drawn() -> None:
+def test_a_curve_of_one_value_is_drawn():
     drawn = curves(np.zeros(1), np.zeros((1, 1)), ['a'], 'x', 'y', 0.0)
     assert 'nan' not in drawn
     assert drawn.count('<polyline') == 1
 
 
-def test_what_effects_take_off_is_a_table_with_what_is_left() -> None:
+def test_what_effects_take_off_is_a_table_with_what_is_left():
     """Assert rows, rounding, and what is said of an effect that one scene shows."""
     table = _identified('saturation', 'offset')
     sure = {'mean': 5.69, 'interval': [4.0, 7.26]}
@@ -475,7 +468,7 @@ def test_what_effects_take_off_is_a_table_with_what_is_left() -> None:
     assert shown_by_one(table) == []
 
 
-def test_without_effects_nothing_is_attributed() -> None:
+def test_without_effects_nothing_is_attributed():
     table = _identified()
     assert attribution(table) == []
     assert poses_hide(table) == ''

@@ -1,12 +1,10 @@
 """A set of effects, fitted around the simulation that has them: made-up features."""
 
-from typing import Any
-
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.gap import rounds
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of
-from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column
+from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE
 from flexx2_sim_ros.gap.inference.effects import table_of
@@ -23,12 +21,12 @@ COLUMNS, CANDIDATES = catalogue()
 BINS = max(axis.start + axis.bins for axis in AXES.values())
 
 
-def candidate(effect: str, label: str = '') -> Candidate:
+def candidate(effect, label=''):
     """Return a variant of the catalogue."""
     return next(one for one in CANDIDATES if (one.effect, one.label) == (effect, label))
 
 
-def made(columns: list[Column], shift: dict[str, float], signals: dict[str, np.ndarray]) -> Model:
+def made(columns, shift, signals):
     """Return recordings whose gap is so many times the named columns, with noise of 0.01."""
     rng = np.random.default_rng(0)
     evidence = []
@@ -38,7 +36,7 @@ def made(columns: list[Column], shift: dict[str, float], signals: dict[str, np.n
         base = np.zeros(SIZE)
         real = base + sum(factor * own[index[name]] for name, factor in shift.items())
         nulls = rng.normal(0, 0.01, (4, SIZE))
-        zeros: dict[str, Any] = {
+        zeros = {
             'pose_columns': np.zeros((6, SIZE)),
             'edge_columns': np.zeros((2, SIZE)),
             'displaced': np.zeros(SIZE),
@@ -78,14 +76,14 @@ def made(columns: list[Column], shift: dict[str, float], signals: dict[str, np.n
     return Model(evidence, columns, PRIOR)
 
 
-def signal(seed: int, channels: tuple[str, ...], size: float) -> np.ndarray:
+def signal(seed, channels, size):
     """Return (RECORDINGS, SIZE) of random numbers in some channels."""
     there = np.array([one.channel in channels for one in LAYOUT])
     values = np.random.default_rng(seed).normal(0, size, (RECORDINGS, SIZE))
     return np.where(there, values, 0.0)
 
 
-def test_numbers_of_a_set_may_move_by_steps_within_their_bounds() -> None:
+def test_numbers_of_a_set_may_move_by_steps_within_their_bounds():
     effects = table_of(
         parse_effects(
             {'offset': {'bias': 0.02}, 'quantisation': {}, 'random_dropout': {'share': 0.0}}
@@ -97,7 +95,6 @@ def test_numbers_of_a_set_may_move_by_steps_within_their_bounds() -> None:
     offset = members_of['offset']
     assert by_name[offset.without].without == ('offset',)
     assert by_name[offset.without].effects == {}
-    assert offset.candidate is not None
     (term,) = offset.candidate.terms
     assert term.neutral == 0
     ((less, column), (more, _)) = term.nodes
@@ -110,12 +107,11 @@ def test_numbers_of_a_set_may_move_by_steps_within_their_bounds() -> None:
     assert members_of['quantisation'].candidate is None
     # A fraction cannot be less than nothing.
     share = members_of['random_dropout'].candidate
-    assert share is not None
     assert share.terms[0].low == 0
     assert all(value > 0 for value, _ in share.terms[0].nodes)
 
 
-def test_what_explains_the_gap_is_added_and_nothing_else() -> None:
+def test_what_explains_the_gap_is_added_and_nothing_else():
     bias, lost = candidate('offset'), candidate('random_dropout')
     other = candidate('heavy_tails')
     nodes = [node for one in (bias, lost, other) for term in one.terms for node in term.nodes]
@@ -138,7 +134,7 @@ def test_what_explains_the_gap_is_added_and_nothing_else() -> None:
     assert losses == sorted(losses, reverse=True)
 
 
-def test_what_the_others_make_unnecessary_is_taken_off() -> None:
+def test_what_the_others_make_unnecessary_is_taken_off():
     effects = table_of(parse_effects({'offset': {'bias': 0.02}, 'heavy_tails': {}}))
     columns, members = around(effects, CANDIDATES)
     columns = [*COLUMNS[:4], *columns]
@@ -158,14 +154,12 @@ def test_what_the_others_make_unnecessary_is_taken_off() -> None:
 
 
 @pytest.mark.parametrize('modulation', [True, False])
-def test_what_is_in_a_set_is_not_simulated_a_second_time(
-    monkeypatch: pytest.MonkeyPatch, modulation: bool
-) -> None:
+def test_what_is_in_a_set_is_not_simulated_a_second_time(monkeypatch, modulation):
     """Assert it with a lens, whose columns follow those of nuisances, and without frequencies."""
     columns, candidates = catalogue(modulation=modulation)
-    seen: list[Column] = []
+    seen = []
 
-    def interrupted(*values: Any, **_: Any) -> None:
+    def interrupted(*values, **_):
         seen.extend(values[3].columns)
         raise InterruptedError
 

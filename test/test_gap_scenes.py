@@ -22,7 +22,7 @@ SCENES = {
 }
 
 
-def test_rendered_depth_agrees_with_the_scenes_description() -> None:
+def test_rendered_depth_agrees_with_the_scenes_description():
     lens = flexx2().intrinsics
     depth = {name: render(scene, lens, STAMP)[0] for name, scene in SCENES.items()}
     assert np.allclose(depth['wall'], 2.0)
@@ -41,7 +41,7 @@ def test_rendered_depth_agrees_with_the_scenes_description() -> None:
 
 
 @pytest.mark.parametrize('scene', SCENES.values(), ids=SCENES)
-def test_every_visible_surface_has_a_reflectivity(scene: PlannedScene) -> None:
+def test_every_visible_surface_has_a_reflectivity(scene):
     depth, reflectivity = render(scene, flexx2().intrinsics, STAMP)
     assert depth.shape == reflectivity.shape
     assert depth.ndim == (3 if scene.moving else 2)

@@ -1,9 +1,5 @@
 """What is free inside a camera is found from its recordings, before anything is simulated."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 from bench.gap_campaigns import write_campaign
 from bench.wall_campaigns import wall
 from boards import K
@@ -25,53 +21,51 @@ SCENES = SceneSet(KEY)
 LIGHT = 2, len(light_edges()) - 1, len(SEARCH.incidences) - 1  # shape of `Clues.light`
 
 
-def found_in(
-    folder: Path, effects: Mapping[str, float], inside: Mapping[str, Any]
-) -> tuple[dict[str, Any], list[Clues]]:
+def found_in(folder, effects, inside):
     """Record a blind camera with wrong poses and search its recordings."""
     BlindCamera(Case(KEY, effects, 31, internals=Internals(**inside)), SCENES).record(folder)
     return searched(folder)
 
 
-def searched(folder: Path) -> tuple[dict[str, Any], list[Clues]]:
+def searched(folder):
     """Search recordings; return what is found and the clues of each."""
     clues = [clues_of(one) for one in read_all(folder)]
     return dict(search(clues, SCENES.optics.mode)), clues
 
 
-def test_nothing_is_found_in_a_camera_as_its_profile_says(tmp_path: Path) -> None:
+def test_nothing_is_found_in_a_camera_as_its_profile_says(tmp_path):
     found, _ = found_in(tmp_path, {}, {})
     assert found == {}
     assert of_registration(found) == ((), 0.0, 0.0)
 
 
 @pytest.mark.parametrize('period', [0.35, 1.6])
-def test_the_period_of_a_bias_is_found_beside_pose_errors(period: float, tmp_path: Path) -> None:
+def test_the_period_of_a_bias_is_found_beside_pose_errors(period, tmp_path):
     found, _ = found_in(tmp_path, {'wiggling': 1.0}, {'wave_m': period})
     assert set(found) == {'wave'}
     assert found['wave'][0] == pytest.approx(period, rel=0.04)
 
 
 @pytest.mark.parametrize('mhz', [60.24, 31.0, 100.0])
-def test_the_range_after_which_distances_repeat_is_found(mhz: float, tmp_path: Path) -> None:
+def test_the_range_after_which_distances_repeat_is_found(mhz, tmp_path):
     found, _ = found_in(tmp_path, {'range_wrap': 1.0}, {'mhz': mhz})
     assert found['fold'][0] == pytest.approx(149.896 / mhz, rel=0.01)
 
 
 @pytest.mark.parametrize('latency', [0.025, 0.16])
-def test_a_latency_is_found_wherever_it_is(tmp_path: Path, latency: float) -> None:
+def test_a_latency_is_found_wherever_it_is(tmp_path, latency):
     found, clues = found_in(tmp_path, {'time_offset': 1.0}, {'latency_s': latency})
     assert found['latency'][0] == pytest.approx(latency, abs=0.015)
     # Scenes that stand still say nothing about it.
     assert sum(len(one.late) > 0 for one in clues) == 3
 
 
-def test_wrong_poses_are_not_taken_for_a_latency(tmp_path: Path) -> None:
+def test_wrong_poses_are_not_taken_for_a_latency(tmp_path):
     found, _ = found_in(tmp_path, {'pose_error': 2.0}, {})
     assert 'latency' not in found
 
 
-def test_a_filter_over_frames_is_not_taken_for_a_latency(tmp_path: Path) -> None:
+def test_a_filter_over_frames_is_not_taken_for_a_latency(tmp_path):
     found, clues = found_in(tmp_path, {'temporal_filter': 1.0}, {})
     assert 'latency' not in found
     # A weight of 0.4 for the frame before is 0.4 / 0.6 frames; at 30 frames a second 22 ms.
@@ -81,7 +75,7 @@ def test_a_filter_over_frames_is_not_taken_for_a_latency(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize('strength', [0.5, 2.5])
-def test_a_depth_scale_is_found_and_named(strength: float, tmp_path: Path) -> None:
+def test_a_depth_scale_is_found_and_named(strength, tmp_path):
     """Of 1 % and 5 %: a pose takes up the one, and the other is far beyond what poses are."""
     found, _ = found_in(tmp_path, {'depth_scale': strength}, {})
     assert abs(found['stretch'][0]) == pytest.approx(0.02 * strength, rel=0.15)
@@ -95,9 +89,7 @@ def test_a_depth_scale_is_found_and_named(strength: float, tmp_path: Path) -> No
     ('effect', 'found'),
     [({'depth_scale': {'fraction': 0.03}}, 0.03), ({'offset': {'bias': 0.06}}, 0)],
 )
-def test_a_depth_scale_is_found_at_bare_walls(
-    effect: dict[str, Any], found: float, tmp_path: Path
-) -> None:
+def test_a_depth_scale_is_found_at_bare_walls(effect, found, tmp_path):
     """A pose could take it up, but would be wrong by more than poses are, as distances say."""
     for i, distance in enumerate((0.8, 1.2, 1.8, 2.5, 3.2)):
         clean = wall(distance, 10.0 * i, K, (172, 224))
@@ -109,19 +101,19 @@ def test_a_depth_scale_is_found_at_bare_walls(
 
 
 @pytest.mark.parametrize('effect', ['pose_error', 'offset', 'intrinsics_error'])
-def test_other_errors_are_not_taken_for_a_depth_scale(effect: str, tmp_path: Path) -> None:
+def test_other_errors_are_not_taken_for_a_depth_scale(effect, tmp_path):
     found, _ = found_in(tmp_path, {effect: 2.0}, {})
     assert 'stretch' not in found
 
 
-def test_the_amplitude_below_which_pixels_are_lost_is_found(tmp_path: Path) -> None:
+def test_the_amplitude_below_which_pixels_are_lost_is_found(tmp_path):
     found, clues = found_in(tmp_path, {'low_signal_dropout': 1.0}, {'light_scale': 8.0})
     # In this mode the camera drops pixels below 0.015 / m^2.
     assert found['darkness'][0] == pytest.approx(8 * 0.015, rel=0.5)
     assert all(one.light.shape == LIGHT for one in clues)
 
 
-def test_the_light_that_saturates_a_camera_head_on_is_found(tmp_path: Path) -> None:
+def test_the_light_that_saturates_a_camera_head_on_is_found(tmp_path):
     found, _ = found_in(tmp_path, {'saturation': 1.0}, {})
     half, _, gloss, lobe = found['glare']
     # The camera adds twice the light where a glossy surface faces it, in a lobe of 5.7 degrees,
@@ -131,7 +123,7 @@ def test_the_light_that_saturates_a_camera_head_on_is_found(tmp_path: Path) -> N
     assert lobe in (4.0, 6.0, 9.0)
 
 
-def test_what_is_found_becomes_variants_of_effects() -> None:
+def test_what_is_found_becomes_variants_of_effects():
     plain = {candidate.label for candidate in catalogue()[1]}
     found = {'wave': (0.8,), 'fold': (2.49,), 'latency': (0.115,), 'darkness': (0.002, 3.0)}
     found |= {'glare': (6.0, 12.0, 2.0, 6.0), 'stretch': (0.05,)}
@@ -152,12 +144,12 @@ def test_what_is_found_becomes_variants_of_effects() -> None:
         registry()[one.effect].from_mapping(table)
 
 
-def test_every_search_that_an_effect_declares_exists() -> None:
+def test_every_search_that_an_effect_declares_exists():
     declared = {kind.searched.internal for kind in registry().values() if kind.searched}
     assert declared == set(SEARCHES)
 
 
-def test_recordings_of_nothing_find_nothing() -> None:
+def test_recordings_of_nothing_find_nothing():
     empty = Clues(
         error=np.zeros(0),
         sigma=np.zeros(0),
@@ -174,7 +166,7 @@ def test_recordings_of_nothing_find_nothing() -> None:
     assert search([empty, empty], SCENES.optics.mode) == {}
 
 
-def test_few_frames_are_not_taken_for_a_latency(tmp_path: Path) -> None:
+def test_few_frames_are_not_taken_for_a_latency(tmp_path):
     """Assert it where a long latency leaves three frames of eight: others are not compared."""
     for seed in (41, 42):
         folder = tmp_path / str(seed)
@@ -182,18 +174,18 @@ def test_few_frames_are_not_taken_for_a_latency(tmp_path: Path) -> None:
         assert 'latency' not in searched(folder)[0]
 
 
-def test_depth_without_noise_is_not_taken_for_a_latency(tmp_path: Path) -> None:
+def test_depth_without_noise_is_not_taken_for_a_latency(tmp_path):
     write_campaign(tmp_path, seed=41, scale=0.3, recordings=1, frames=8, moving=1)
     (path,) = tmp_path.glob('*.npz')
     change(path, depth=lambda one: one['clean_depth'])
     assert 'latency' not in searched(tmp_path)[0]
 
 
-def test_a_recording_with_few_depths_says_nothing_about_a_latency(tmp_path: Path) -> None:
+def test_a_recording_with_few_depths_says_nothing_about_a_latency(tmp_path):
     write_campaign(tmp_path, seed=41, scale=0.3, recordings=1, frames=8, moving=1)
     (path,) = tmp_path.glob('*.npz')
 
-    def few(one: dict[str, np.ndarray]) -> np.ndarray:
+    def few(one):
         row = np.arange(one['depth'].shape[1])
         return np.where(row[:, None] < 3, one['depth'], np.nan)
 

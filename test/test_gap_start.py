@@ -5,7 +5,6 @@ from pathlib import Path
 import shlex
 import shutil
 import subprocess
-from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from made_images import folder_of
@@ -19,12 +18,12 @@ NAMES = ['v1.png', 'v2.png', 'v3.png']
 
 
 @pytest.fixture
-def ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
+def ran(monkeypatch, tmp_path):
     """Keep the commands in place of running them, except for conversions."""
     monkeypatch.chdir(tmp_path)
-    commands: list[str] = []
+    commands = []
 
-    def keep(words: list[str], check: bool) -> Any:
+    def keep(words, check):
         commands.append(shlex.join(words[3:]))
         status = main(words[3:]) if words[3] == 'convert' else 0
         return subprocess.CompletedProcess(words, status)
@@ -33,14 +32,12 @@ def ran(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[str]:
     return commands
 
 
-def start(monkeypatch: pytest.MonkeyPatch, answers: str, *options: str) -> int:
+def start(monkeypatch, answers, *options):
     monkeypatch.setattr('sys.stdin', io.StringIO(answers))
     return main(['gap', 'start', *options])
 
 
-def test_piped_answers_lead_from_images_to_a_diagnosis(
-    ran: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_piped_answers_lead_from_images_to_a_diagnosis(ran, monkeypatch, capsys):
     folder_of(Path('images'), NAMES)
     answers = 'images\nkinect_v2\n\nplanes\n\n'
     assert start(monkeypatch, answers) == 0
@@ -64,16 +61,14 @@ def test_piped_answers_lead_from_images_to_a_diagnosis(
     ]
 
 
-def test_recordings_that_have_ground_truth_need_none(
-    ran: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recordings_that_have_ground_truth_need_none(ran, monkeypatch):
     Path('known').mkdir()
     np.savez('known/a.npz', depth=np.ones((2, 8, 8)), clean_depth=np.ones((2, 8, 8)))
     assert start(monkeypatch, 'known\n\n\n') == 0
     assert ran == ['gap diagnose known --out gap/diagnosis --profile flexx2']
 
 
-def test_options_leave_no_question(ran: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_options_leave_no_question(ran, monkeypatch):
     Path('bags').mkdir()
     more = '--trajectory poses.txt --clock-offset 0'
     options = '--profile', '', '--scan', 'a b.ply', '--out', 'o', '--options', more
@@ -97,23 +92,14 @@ def test_options_leave_no_question(ran: list[str], monkeypatch: pytest.MonkeyPat
         ('.\n\nscan\n', [], 'answer: must not be empty: Where is the file?'),
     ],
 )
-def test_a_wrong_answer_is_one_sentence(
-    answers: str,
-    options: list[str],
-    said: str,
-    ran: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_wrong_answer_is_one_sentence(answers, options, said, ran, monkeypatch, capsys):
     np.savez('a.npz', depth=np.ones((2, 8, 8)))
     assert start(monkeypatch, answers, *options) == 2
     assert said in capsys.readouterr().err
     assert ran == []
 
 
-def test_the_owner_of_a_kinect_types_one_command(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_the_owner_of_a_kinect_types_one_command(monkeypatch, tmp_path):
     if not BOARD.is_dir():
         pytest.skip(f'{BOARD} is not there')
     shutil.copytree(BOARD, tmp_path / 'k2', copy_function=shutil.copyfile)

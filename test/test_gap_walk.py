@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 import json
-from pathlib import Path
 
 from campaigns import write_diagnosis
 from flexx2_sim_ros.cli.main import main
@@ -11,7 +10,6 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.robots.trot import Gait
 from flexx2_sim_ros.walking import ExactCamera, KINDS, Point, SimulatedCamera, walk
-from flexx2_sim_ros.walking.cameras import WalkViews
 from flexx2_sim_ros.walking.footsteps import Feet, Footstep, land, Planned, REASONS
 from flexx2_sim_ros.walking.series import rows
 from flexx2_sim_ros.walking.terrain import Terrain
@@ -31,19 +29,19 @@ STEP = Footstep(0, 0.0, 0.2, np.zeros(2))
 class Blind:
     """A camera that sees nothing."""
 
-    def __call__(self, views: WalkViews) -> np.ndarray:
+    def __call__(self, views):
         """Return no depth."""
         return np.full_like(views.depth, np.nan)
 
 
-def block(top: float, edge: float) -> Terrain:
+def block(top, edge):
     """Return level ground with a block that begins at x = edge."""
     half = np.array([[10.0, 10.0, 0.5], [1.0, 1.0, 0.5]])
     centre = np.array([[[0.0, 0.0], [edge + 1.0, 0.0]]])
     return Terrain(half, centre, np.zeros((1, 2)), np.array([[0.0, top]]), np.full((1, 2), 0.5))
 
 
-def landed(terrain: Terrain, x: float, height: float, apex: float = 0.3) -> str:
+def landed(terrain, x, height, apex=0.3):
     """Return why a foot (2 cm) that is put down at x, from x = -0.2, ends the walk."""
     feet = Feet(np.full((1, 4, 2), [-0.2, 0.0]), np.zeros((1, 4)))
     planned = Planned(np.array([[x, 0.0]]), np.array([height]), np.array([apex]), np.ones(1, bool))
@@ -52,14 +50,14 @@ def landed(terrain: Terrain, x: float, height: float, apex: float = 0.3) -> str:
 
 
 @pytest.mark.parametrize('kind', KINDS)
-def test_no_walk_fails_on_level_ground(kind: str) -> None:
+def test_no_walk_fails_on_level_ground(kind):
     cameras = {'exact': EXACT, 'noise': SimulatedCamera(NAME)}
     failed = walk(Point(kind, 0.0, 0, 4), cameras, **SMALL)
     assert (failed['exact'] == -1).all()
     assert (failed['noise'] == -1).all()
 
 
-def test_a_wrong_or_blind_camera_fails_where_perfect_depth_does_not() -> None:
+def test_a_wrong_or_blind_camera_fails_where_perfect_depth_does_not():
     cameras = {
         'exact': EXACT,
         'biased': SimulatedCamera(NAME, effects={'offset': {'bias': 0.1}}),
@@ -73,17 +71,17 @@ def test_a_wrong_or_blind_camera_fails_where_perfect_depth_does_not() -> None:
     assert (walk(Point('stairs', 0.25, 0, 4), cameras, **SMALL)['exact'] >= 0).all()
 
 
-def test_walks_do_not_depend_on_their_batch() -> None:
+def test_walks_do_not_depend_on_their_batch():
     cameras = {'noise': SimulatedCamera(NAME)}
     whole = walk(Point('rubble', 0.09, 0, 4), cameras, **SMALL)['noise']
     part = walk(Point('rubble', 0.09, 2, 2), cameras, **SMALL)['noise']
     np.testing.assert_array_equal(whole[2:], part)
 
 
-def test_a_camera_with_latency_sees_from_where_it_was() -> None:
+def test_a_camera_with_latency_sees_from_where_it_was():
     seen = {}
 
-    def look(views: WalkViews) -> np.ndarray:
+    def look(views):
         depth, reflectivity = views.earlier(0.2)
         past = replace(views, depth=depth, reflectivity=reflectivity)
         seen['past'], seen['now'] = SimulatedCamera(NAME)(past), SimulatedCamera(NAME)(views)
@@ -98,7 +96,7 @@ def test_a_camera_with_latency_sees_from_where_it_was() -> None:
     assert not np.array_equal(seen['past'], seen['now'], equal_nan=True)
 
 
-def test_a_foot_is_judged_by_what_it_touches() -> None:
+def test_a_foot_is_judged_by_what_it_touches():
     assert landed(block(0.1, 0.1), 0.05, 0.0) == ''
     assert landed(block(0.1, 0.0), 0.05, 0.1) == ''
     assert landed(block(0.1, 0.0), 0.05, 0.06) == 'wrong height'
@@ -109,10 +107,10 @@ def test_a_foot_is_judged_by_what_it_touches() -> None:
     assert landed(block(0.1, 0.0), -0.017, 0.0) == 'wrong height'
 
 
-def test_images_show_the_terrain() -> None:
+def test_images_show_the_terrain():
     seen = {}
 
-    def look(views: WalkViews) -> np.ndarray:
+    def look(views):
         seen['views'] = views
         return views.depth
 
@@ -133,8 +131,8 @@ def test_images_show_the_terrain() -> None:
         assert (np.abs(near[:, 2] - ground) < 1e-4).mean() > 0.8
 
 
-def test_intervals_shrink_with_more_walks() -> None:
-    def width(count: int) -> float:
+def test_intervals_shrink_with_more_walks():
+    def width(count):
         failed = np.where(np.arange(count) % 4 == 0, 0, -1)
         ((row),) = rows({('stairs', 0.1): {'one': failed}})
         low, high = row['interval']
@@ -145,7 +143,7 @@ def test_intervals_shrink_with_more_walks() -> None:
     assert width(200) < width(40) < 0.3
 
 
-def test_the_command_writes_the_figure(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_the_figure(tmp_path, capfd):
     effects = {'offset': {'bias': 0.1}, 'warm_up_drift': {}}
     write_diagnosis(tmp_path / 'diagnosis', effects, SETTINGS)
     command = ['gap', 'walk', str(tmp_path / 'diagnosis'), '--out', str(tmp_path / 'out')]
@@ -161,9 +159,7 @@ def test_the_command_writes_the_figure(tmp_path: Path, capfd: pytest.CaptureFixt
     assert len(failed) == 9
 
 
-def test_legs_that_the_model_does_not_have_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_legs_that_the_model_does_not_have_are_refused(tmp_path, capsys):
     write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}}, SETTINGS)
     text = (config_dir() / 'robots' / 'go1.yaml').read_text()
     assert 'FL_hip_joint' in text
@@ -182,9 +178,7 @@ def test_legs_that_the_model_does_not_have_are_refused(
         (['--steps', '0.7'], 'steps: must be a number from 0 to 0.5'),
     ],
 )
-def test_wrong_options_are_refused(
-    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_wrong_options_are_refused(options, said, tmp_path, capsys):
     write_diagnosis(tmp_path / 'diagnosis', {'offset': {'bias': 0.1}}, SETTINGS)
     command = ['gap', 'walk', str(tmp_path / 'diagnosis'), '--out', str(tmp_path / 'out')]
     try:

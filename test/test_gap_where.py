@@ -1,7 +1,6 @@
 """Where a gap lies: the covariate that it depends on, and conditions on pixels."""
 
 from types import SimpleNamespace
-from typing import Any
 
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
@@ -22,7 +21,7 @@ import numpy as np
 import pytest
 
 
-def made_up(count: int, noise: float) -> Any:
+def made_up(count, noise):
     """Return what `beside` asks of a model, with nothing in it."""
     shape = (count, SIZE)
     counts = np.concatenate([np.full(axis.bins, 1e4 / axis.bins) for axis in AXES.values()])
@@ -44,7 +43,7 @@ def made_up(count: int, noise: float) -> Any:
     )
 
 
-def test_what_differs_in_whole_images_and_beyond_surfaces_is_listed_beside() -> None:
+def test_what_differs_in_whole_images_and_beyond_surfaces_is_listed_beside():
     model = made_up(6, 0.001)
     difference = np.zeros((6, SIZE))
     for one in (Feature('static_grain', 'structure', 0), Feature('invalid', 'beyond', 0)):
@@ -62,7 +61,7 @@ def test_what_differs_in_whole_images_and_beyond_surfaces_is_listed_beside() -> 
     assert beside(model, bias_along(6, 'all', {0: 1.0}), True, difference) == []  # of surfaces
 
 
-def bias_along(count: int, axis: str, places: dict[int, float]) -> np.ndarray:
+def bias_along(count, axis, places):
     """Return features of a bias in some bins of an axis, spread thin along all others."""
     difference = np.zeros((count, SIZE))
     for i, feature in enumerate(LAYOUT):
@@ -73,7 +72,7 @@ def bias_along(count: int, axis: str, places: dict[int, float]) -> np.ndarray:
     return difference
 
 
-def made_up_groups(differs: np.ndarray, size: float = 0.5) -> PixelGroups:
+def made_up_groups(differs, size=0.5):
     """Return a group for each bin of distance and region, and an offset where it differs."""
     far, region = (a.ravel() for a in np.indices((AXES['distance'].bins, 12)))
     samples = np.zeros((len(far), 12, len(ENDLESS)), np.int16)
@@ -92,7 +91,7 @@ def made_up_groups(differs: np.ndarray, size: float = 0.5) -> PixelGroups:
     )
 
 
-def test_conditions_single_out_the_pixels_that_differ() -> None:
+def test_conditions_single_out_the_pixels_that_differ():
     differs = np.zeros((AXES['distance'].bins, 12), bool)
     assert cover([made_up_groups(differs)], False) == []
     differs[3:6] = True
@@ -121,7 +120,7 @@ def test_conditions_single_out_the_pixels_that_differ() -> None:
     assert [c.bias for c in both] == pytest.approx([0.001, 0.0016])
 
 
-def test_a_named_effect_says_which_of_two_like_covariates_is_meant() -> None:
+def test_a_named_effect_says_which_of_two_like_covariates_is_meant():
     """Assert it where distant pixels are those of some regions, and only if the data allow it."""
     differs = np.zeros((AXES['distance'].bins, 12), bool)
     differs[3:6, :8] = True
@@ -137,7 +136,7 @@ def test_a_named_effect_says_which_of_two_like_covariates_is_meant() -> None:
         assert first.axis == axis, named
 
 
-def test_a_drift_is_said_of_uptimes() -> None:
+def test_a_drift_is_said_of_uptimes():
     differs = np.ones((AXES['distance'].bins, 12), bool)
     groups = [made_up_groups(differs, size) for size in (3.0, 2.0, 0.0, 0.0)]
     uptimes = [10.0, 60.0, 300.0, 900.0]
@@ -149,7 +148,7 @@ def test_a_drift_is_said_of_uptimes() -> None:
     assert [(one.axis, one.first) for one in both] == [('recording', 0), ('recording', 1)]
 
 
-def test_groups_show_what_an_effect_changes_and_where() -> None:
+def test_groups_show_what_an_effect_changes_and_where():
     K = flexx2().intrinsics.matrix  # noqa: N806
     room = make_room(np.random.default_rng(2))
     clean, rho = look(room, K, (172, 224), optical(0.1, 0.35, 0.0), np.array([0.0, 0.1, 0.6]))

@@ -16,7 +16,7 @@ RATES = sorted({mode.rate_hz for mode in flexx2().modes})
 STAMPS = st.integers(-(2**31) * SECOND, 2**31 * SECOND)
 
 
-def clock(hz: float, seconds: float, *, jitter: float = 0.0, start: int = START) -> list[int]:
+def clock(hz, seconds, *, jitter=0.0, start=START):
     """Return stamps of an input; ``jitter`` is a share of its period, either way."""
     random = np.random.default_rng(int(hz * 1000))
     count = int(hz * seconds)
@@ -25,7 +25,7 @@ def clock(hz: float, seconds: float, *, jitter: float = 0.0, start: int = START)
     return [start + round(i * SECOND / hz + moved[i]) + int(rounding[i]) for i in range(count)]
 
 
-def accepted(gate: FrameGate, stamps: list[int]) -> list[int]:
+def accepted(gate, stamps):
     """Return the stamps that become frames."""
     return [stamp for stamp in stamps if gate.accept(stamp)]
 
@@ -33,7 +33,7 @@ def accepted(gate: FrameGate, stamps: list[int]) -> list[int]:
 @pytest.mark.parametrize('jitter', [0.0, 0.1], ids=['rounded', 'jitter'])
 @pytest.mark.parametrize('input_hz', [7, 29.97, 30, 60, 60.02, 75, 100, 120, 240, 1000])
 @pytest.mark.parametrize('rate', RATES)
-def test_rate_is_exact_in_the_long_run(rate: float, input_hz: float, jitter: float) -> None:
+def test_rate_is_exact_in_the_long_run(rate, input_hz, jitter):
     """Assert the lower of both rates to 0.5 %, and no frame far from its due time."""
     stamps = clock(input_hz, 60 if input_hz < 500 else 10, jitter=jitter)
     frames = accepted(FrameGate(rate), stamps)
@@ -50,9 +50,7 @@ def test_rate_is_exact_in_the_long_run(rate: float, input_hz: float, jitter: flo
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(RATES), st.floats(0.9, 1.0), st.booleans())
-def test_jitter_up_to_a_third_loses_nothing(
-    seed: int, rate: float, slower: float, extreme: bool
-) -> None:
+def test_jitter_up_to_a_third_loses_nothing(seed, rate, slower, extreme):
     """Assert input at the mode's rate, or below it, all becomes frames, whatever came before."""
     random = np.random.default_rng(seed)
     off = random.choice([-1, 1], 300) if extreme else random.uniform(-1, 1, 300)
@@ -72,9 +70,7 @@ def test_jitter_up_to_a_third_loses_nothing(
 @pytest.mark.parametrize(
     ('input_hz', 'rate'), [(60, 45), (50, 45), (75, 60), (60, 30), (60, 5), (240, 45)]
 )
-def test_periods_are_as_even_as_the_input_allows(
-    input_hz: float, rate: float, jitter: float
-) -> None:
+def test_periods_are_as_even_as_the_input_allows(input_hz, rate, jitter):
     """Assert neighbouring numbers of inputs a frame, evenly mixed, at once after a switch."""
     stamps = clock(input_hz, 20, jitter=jitter)
     half = len(stamps) // 2
@@ -89,7 +85,7 @@ def test_periods_are_as_even_as_the_input_allows(
 
 
 @pytest.mark.parametrize('rate', RATES)
-def test_no_drift_in_ten_hours(rate: float) -> None:
+def test_no_drift_in_ten_hours(rate):
     """Assert the frame of the last second is where whole-number arithmetic puts it."""
     gate = FrameGate(rate)
     assert gate.accept(START)
@@ -98,7 +94,7 @@ def test_no_drift_in_ten_hours(rate: float) -> None:
         assert gate.accept(START + hours + round(k * SECOND / rate))
 
 
-def test_every_rounding_of_a_stamp_gives_one_frame_a_slot() -> None:
+def test_every_rounding_of_a_stamp_gives_one_frame_a_slot():
     """Assert inputs that hit a due time, or the tolerance's edge, do not count twice."""
     for rate in RATES:
         for input_hz in (rate, 1.25 * rate, rate * 5 / 3, 2 * rate, 2.5 * rate):
@@ -109,14 +105,14 @@ def test_every_rounding_of_a_stamp_gives_one_frame_a_slot() -> None:
                 assert abs(len(frames) - wanted) <= 1.5, (rate, input_hz, rounding)
 
 
-def test_slower_input_passes_completely() -> None:
+def test_slower_input_passes_completely():
     """Assert nothing is dropped up to the mode's rate."""
     for input_hz in (1, 7, 29.9, 30):
         stamps = clock(input_hz, 30, jitter=0.1 if input_hz < 29 else 0.0)
         assert accepted(FrameGate(30.0), stamps) == stamps
 
 
-def test_repeats_and_restarts() -> None:
+def test_repeats_and_restarts():
     """Assert repetitions are no frames, and stamps that go back start afresh."""
     gate = FrameGate(30.0)
     stamps = clock(60, 1)
@@ -130,7 +126,7 @@ def test_repeats_and_restarts() -> None:
     assert (gate.repeats, gate.restarts) == (1, 1)
 
 
-def test_a_gap_is_followed_by_the_next_image() -> None:
+def test_a_gap_is_followed_by_the_next_image():
     """Assert the first image after a gap of any length is a frame, and the beat goes on."""
     gate = FrameGate(60.0)
     accepted(gate, clock(60, 1))
@@ -141,7 +137,7 @@ def test_a_gap_is_followed_by_the_next_image() -> None:
         assert len(frames) >= 59
 
 
-def test_another_rate_counts_from_the_last_frame() -> None:
+def test_another_rate_counts_from_the_last_frame():
     """Assert no two frames around a switch are closer than the new period allows."""
     gate = FrameGate(60.0)
     stamps = clock(240, 2)
@@ -154,7 +150,7 @@ def test_another_rate_counts_from_the_last_frame() -> None:
     )
 
 
-def test_a_rate_may_be_set_before_the_first_frame_and_after_a_restart() -> None:
+def test_a_rate_may_be_set_before_the_first_frame_and_after_a_restart():
     """Assert the first image is a frame in both cases."""
     gate = FrameGate(60.0)
     gate.set_rate(5.0)
@@ -166,7 +162,7 @@ def test_a_rate_may_be_set_before_the_first_frame_and_after_a_restart() -> None:
 
 
 @given(st.lists(STAMPS, max_size=40), st.sampled_from(RATES))
-def test_any_stamps_are_counted_once(stamps: list[int], rate: float) -> None:
+def test_any_stamps_are_counted_once(stamps, rate):
     """Assert every image is a frame, early or a repeat; frames of one run keep their distance."""
     gate = FrameGate(rate)
     frames = accepted(gate, stamps)
@@ -179,7 +175,7 @@ def test_any_stamps_are_counted_once(stamps: list[int], rate: float) -> None:
             assert len(frames) - 1 <= span * rate / SECOND + 0.67 + 1e-6
 
 
-def test_rate_meter() -> None:
+def test_rate_meter():
     """Assert the rate of what came lately, nothing from nothing, and a fresh start."""
     meter = RateMeter()
     assert (meter.hz, meter.samples) == (0.0, 0)
@@ -203,7 +199,7 @@ def test_rate_meter() -> None:
 
 
 @pytest.mark.parametrize('jump', [2 * SECOND, 10 * SECOND, 1000 * SECOND, 10**17])
-def test_a_rate_is_right_soon_after_a_jump(jump: int) -> None:
+def test_a_rate_is_right_soon_after_a_jump(jump):
     """Assert a pause, or a clock set forward, is no part of the rate; nor is a lost image."""
     for hz in (5, 30, 60):
         meter = RateMeter()

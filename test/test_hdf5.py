@@ -1,8 +1,5 @@
 """HDF5 files of imitation-learning sets, and folders of RGB-D data sets, as recordings."""
 
-from pathlib import Path
-from typing import Any
-
 from flexx2_sim_ros import npz_arrays
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import load_recording
@@ -16,7 +13,7 @@ DEPTH = np.random.default_rng(2).uniform(0.5, 2.0, (5, 24, 32)).astype(np.float3
 KEY = 'data/demo_0/obs/front_depth'
 
 
-def written(path: Path, **more: Any) -> Path:
+def written(path, **more):
     """Write a file as robomimic and its kin do."""
     with h5py.File(path, 'w') as file:
         file[KEY] = DEPTH[..., np.newaxis]
@@ -28,12 +25,12 @@ def written(path: Path, **more: Any) -> Path:
     return path
 
 
-def converted(path: Path, *words: str) -> int:
+def converted(path, *words):
     """Run `flexx2 convert` to a.npz beside the file."""
     return main(['convert', str(path), str(path.with_name('a.npz')), *words])
 
 
-def test_an_episode_becomes_a_recording(tmp_path: Path) -> None:
+def test_an_episode_becomes_a_recording(tmp_path):
     path = written(tmp_path / 'demos.hdf5')
     assert converted(path, '--key', f'depth={KEY}', '--key', 'stamp=data/demo_0/t', *LENS) == 0
     found = load_recording(tmp_path / 'a.npz')
@@ -49,10 +46,8 @@ def test_an_episode_becomes_a_recording(tmp_path: Path) -> None:
     np.testing.assert_allclose(load_recording(tmp_path / 'a.npz').depth[0], DEPTH[0], atol=1e-3)
 
 
-def test_files_that_cannot_be_used_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def said(path: Path, *words: str) -> str:
+def test_files_that_cannot_be_used_are_refused(tmp_path, capsys, monkeypatch):
+    def said(path, *words):
         assert converted(path, *words, *LENS) == 2
         assert not path.with_name('a.npz').exists()
         return capsys.readouterr().err
@@ -78,7 +73,7 @@ def test_files_that_cannot_be_used_are_refused(
     assert 'must name a key' in said(path, '--key', 'depth=link')
 
 
-def test_folders_of_tum_and_scannet(tmp_path: Path) -> None:
+def test_folders_of_tum_and_scannet(tmp_path):
     counts = (DEPTH * 5000).astype(np.uint16)
     tum, scannet = tmp_path / 'tum', tmp_path / 'scannet'
     for folder in (tum / 'depth', scannet / 'depth', scannet / 'intrinsic'):

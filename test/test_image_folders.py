@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 import struct
-from typing import Any
 import zlib
 
 from flexx2_sim_ros.cli.main import main
@@ -19,7 +18,7 @@ import pytest
 from rosbags.rosbag2 import CompressionMode
 
 
-def convert(*arguments: Any) -> int:
+def convert(*arguments):
     return main(['convert', *map(str, arguments)])
 
 
@@ -58,7 +57,7 @@ def convert(*arguments: Any) -> int:
         ),
     ],
 )
-def test_a_folder_becomes_a_recording(names: list[str], stamps: list[int], tmp_path: Path) -> None:
+def test_a_folder_becomes_a_recording(names, stamps, tmp_path):
     folder = folder_of(tmp_path / 'in', names)
     for name, image in zip(names, counts(), strict=True):
         save(folder / 'ir' / name, image // 2)
@@ -79,7 +78,7 @@ def test_a_folder_becomes_a_recording(names: list[str], stamps: list[int], tmp_p
     assert found.usecase == 'm'
 
 
-def test_a_single_image_in_other_units_with_a_rational_lens(tmp_path: Path) -> None:
+def test_a_single_image_in_other_units_with_a_rational_lens(tmp_path):
     save(tmp_path / 'one.png', counts()[0])
     model = {'distortion_model': 'rational_polynomial'}
     lens = {'distortion_coefficients': {'rows': 1, 'cols': 8, 'data': EIGHT}}
@@ -95,7 +94,7 @@ def test_a_single_image_in_other_units_with_a_rational_lens(tmp_path: Path) -> N
     np.testing.assert_array_equal(found.extra['known'], np.eye(*SIZE, dtype=bool))
 
 
-def test_an_archive_with_other_keys(tmp_path: Path) -> None:
+def test_an_archive_with_other_keys(tmp_path):
     source, out = tmp_path / 'sdk.npz', tmp_path / 'out.npz'
     np.savez(source, depth_mm=counts(), ir16=counts() // 2, serial=np.array('x'))
     (tmp_path / 'my.yaml').write_text(ost())
@@ -114,9 +113,7 @@ def test_an_archive_with_other_keys(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_recording(out).depth, metres()[:1])
 
 
-def test_images_of_one_stamp_are_left_out_with_a_note(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_images_of_one_stamp_are_left_out_with_a_note(tmp_path, capsys):
     names = ['a_1700000000123.png', 'b_1700000000123.png', 'a_1700000000456.png']
     out = tmp_path / 'out.npz'
     assert convert(folder_of(tmp_path / 'in', names), out, '--usecase', 'm') == 0
@@ -137,12 +134,8 @@ def test_images_of_one_stamp_are_left_out_with_a_note(
     ],
 )
 def test_frames_without_stamps_come_at_the_rate_of_the_mode(
-    name: str,
-    options: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    name, options, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     arrays = {'K': np.reshape(K, (3, 3)), 'usecase': 'Mode_5_60fps'}
     np.savez('own.npz', depth=metres(), **arrays)
@@ -164,9 +157,7 @@ def test_frames_without_stamps_come_at_the_rate_of_the_mode(
 @pytest.mark.parametrize('beside', ['preview.png', 'depth/preview.png'])
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
 @pytest.mark.parametrize('compressed', [False, True])
-def test_a_bag_with_an_image_beside_it_is_a_bag(
-    beside: str, storage: str, compressed: bool, tmp_path: Path
-) -> None:
+def test_a_bag_with_an_image_beside_it_is_a_bag(beside, storage, compressed, tmp_path):
     given = np.where(counts() > 0, metres(), 0).astype(np.float32)
     mode = CompressionMode.FILE if compressed else CompressionMode.NONE
     bag = driver_bag(tmp_path / 'bag', given, storage, compression=mode)
@@ -177,7 +168,7 @@ def test_a_bag_with_an_image_beside_it_is_a_bag(
     assert found.usecase == 'Mode_5_45fps'
 
 
-def test_images_may_lie_beside_metadata_of_others(tmp_path: Path) -> None:
+def test_images_may_lie_beside_metadata_of_others(tmp_path):
     folder = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png'])
     (folder / 'metadata.yaml').write_text('licence: none')
     lens = folder / 'ost.yaml'
@@ -185,10 +176,10 @@ def test_images_may_lie_beside_metadata_of_others(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_recording(tmp_path / 'out.npz').depth, metres())
 
 
-def huge() -> bytes:
+def huge():
     """Return a PNG that says it has 60,000 x 60,000 pixels."""
 
-    def chunk(kind: bytes, content: bytes) -> bytes:
+    def chunk(kind, content):
         checksum = struct.pack('>I', zlib.crc32(kind + content))
         return struct.pack('>I', len(content)) + kind + content + checksum
 
@@ -197,11 +188,11 @@ def huge() -> bytes:
     return b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', head) + chunk(b'IDAT', data) + chunk(b'IEND', b'')
 
 
-def _image(name: str, pixels: Any) -> Any:
+def _image(name, pixels):
     return lambda folder: save(folder / name, np.asarray(pixels))
 
 
-def _bytes(name: str, content: bytes) -> Any:
+def _bytes(name, content):
     return lambda folder: (folder / name).write_bytes(content)
 
 
@@ -264,7 +255,7 @@ LENSES = {
 
 
 @pytest.mark.parametrize('program', LENSES)
-def test_a_lens_is_read_from_the_files_of_other_programs(program: str, tmp_path: Path) -> None:
+def test_a_lens_is_read_from_the_files_of_other_programs(program, tmp_path):
     folder = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png'])
     lens, out = tmp_path / 'lens.txt', tmp_path / 'out.npz'
     lens.write_text(LENSES[program])
@@ -280,7 +271,7 @@ def test_a_lens_is_read_from_the_files_of_other_programs(program: str, tmp_path:
 AZURE = [0.513, 0.517, 0.4928, 0.4929, 0.55, -0.02, -0.003, 0.89, 0.09, -0.01, 0, 0, -7e-5, 2e-5]
 
 
-def _azure(**changes: Any) -> str:
+def _azure(**changes):
     kind = 'CALIBRATION_LensDistortionModelBrownConrady'
     camera = {
         'Intrinsics': {'ModelParameters': AZURE, 'ModelType': kind},
@@ -301,9 +292,7 @@ def _azure(**changes: Any) -> str:
         ((512, 512), 2, (0, 0)),
     ],
 )
-def test_the_calibration_of_an_azure_kinect_is_that_of_the_mode(
-    size: tuple[int, int], binning: int, offset: tuple[int, int], tmp_path: Path
-) -> None:
+def test_the_calibration_of_an_azure_kinect_is_that_of_the_mode(size, binning, offset, tmp_path):
     """Assert the arithmetic of the vendor's SDK for each of its modes."""
     path = tmp_path / 'calibration.json'
     path.write_text(_azure())
@@ -342,9 +331,7 @@ def test_the_calibration_of_an_azure_kinect_is_that_of_the_mode(
         ('K: ' + '[' * 5000, 'at most 30 levels'),
     ],
 )
-def test_other_calibrations_are_refused_in_one_sentence(
-    content: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_other_calibrations_are_refused_in_one_sentence(content, said, tmp_path, capsys):
     folder = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png'])
     lens = tmp_path / 'lens.txt'
     lens.write_text(content)
@@ -353,9 +340,7 @@ def test_other_calibrations_are_refused_in_one_sentence(
 
 
 @pytest.mark.parametrize('given', ['ost', 'option'])
-def test_rectified_images_have_the_projection_of_the_calibration(
-    given: str, tmp_path: Path
-) -> None:
+def test_rectified_images_have_the_projection_of_the_calibration(given, tmp_path):
     folder, out = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png']), tmp_path / 'out.npz'
     projection = {'data': [50.0, 0, 4, 0, 0, 51, 3, 0, 0, 0, 1, 0]}
     lens = (folder if given == 'ost' else tmp_path) / 'ost.yaml'
@@ -367,7 +352,7 @@ def test_rectified_images_have_the_projection_of_the_calibration(
     assert 'distortion' not in found.extra
 
 
-def test_intrinsics_in_numbers(tmp_path: Path) -> None:
+def test_intrinsics_in_numbers(tmp_path):
     folder, out = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png']), tmp_path / 'out.npz'
     (folder / 'ost.yaml').unlink()
     assert convert(folder, out, '--intrinsics', 60, 61, 4.5, 3.5) == 0
@@ -375,7 +360,7 @@ def test_intrinsics_in_numbers(tmp_path: Path) -> None:
     assert 'distortion' not in load_recording(out).extra
 
 
-def _ost(**changes: Any) -> Any:
+def _ost(**changes):
     return lambda folder: (folder / 'ost.yaml').write_text(ost(**changes))
 
 
@@ -403,9 +388,7 @@ def _ost(**changes: Any) -> Any:
         (lambda folder: (folder / 'ost.yaml').unlink(), '--calibration: must be a YAML file'),
     ],
 )
-def test_bad_folders_are_refused_in_one_sentence(
-    spoil: Any, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_folders_are_refused_in_one_sentence(spoil, said, tmp_path, capsys):
     folder = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png'])
     spoil(folder)
     out = tmp_path / 'out.npz'
@@ -430,9 +413,7 @@ def test_bad_folders_are_refused_in_one_sentence(
         ),
     ],
 )
-def test_bad_archives_are_refused_in_one_sentence(
-    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_archives_are_refused_in_one_sentence(options, said, tmp_path, capsys):
     source, out = tmp_path / 'sdk.npz', tmp_path / 'out.npz'
     np.savez(source, d=counts(), text=np.array('x'))
     assert convert(source, out, *options) == 2
@@ -441,7 +422,7 @@ def test_bad_archives_are_refused_in_one_sentence(
 
 
 @pytest.mark.parametrize('compression', ['raw', 'tiff_adobe_deflate'])
-def test_a_folder_of_tiff_becomes_a_recording(compression: str, tmp_path: Path) -> None:
+def test_a_folder_of_tiff_becomes_a_recording(compression, tmp_path):
     # Whole numbers are millimetres, others metres.
     for name, images in (('u16', counts()), ('i32', counts().astype(np.int32)), ('f32', metres())):
         folder = tmp_path / name / 'depth'
@@ -465,9 +446,7 @@ def test_a_folder_of_tiff_becomes_a_recording(compression: str, tmp_path: Path) 
         (None, '1.tif: must be a TIFF, got a file that is none or is damaged'),
     ],
 )
-def test_a_tiff_that_is_no_depth_is_refused(
-    pixels: np.ndarray | None, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_tiff_that_is_no_depth_is_refused(pixels, said, tmp_path, capsys):
     path = tmp_path / '1.tif'
     if pixels is None:
         save(path.with_suffix('.png'), counts()[0])
@@ -479,9 +458,7 @@ def test_a_tiff_that_is_no_depth_is_refused(
     assert said in ' '.join(capsys.readouterr().err.split())
 
 
-def test_a_tiff_of_several_images_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_tiff_of_several_images_is_refused(tmp_path, capsys):
     first, *others = (Image.fromarray(image) for image in counts())
     first.save(tmp_path / '1.tif', save_all=True, append_images=others)
     (tmp_path / 'ost.yaml').write_text(ost())
@@ -491,9 +468,7 @@ def test_a_tiff_of_several_images_is_refused(
 
 @pytest.mark.parametrize('name', ['0.pgm', 'depth/0.EXR', '0.npy'])
 @pytest.mark.parametrize('single', [False, True])
-def test_other_images_are_refused_with_a_way_out(
-    name: str, single: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_other_images_are_refused_with_a_way_out(name, single, tmp_path, capsys):
     file = tmp_path / 'in' / name
     file.parent.mkdir(parents=True)
     file.write_bytes(b'')
@@ -502,9 +477,7 @@ def test_other_images_are_refused_with_a_way_out(
     assert f'{name}: must be a gray PNG or TIFF of 16 bits, or an .npz file' in said
 
 
-def test_each_view_of_a_folder_becomes_a_recording(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_view_of_a_folder_becomes_a_recording(tmp_path, capsys):
     names = ['v1.png', 'v2.png', 'v3.png']
     folder = folder_of(tmp_path / 'in', names)
     for name, image in zip(names, counts(), strict=True):
@@ -522,7 +495,7 @@ def test_each_view_of_a_folder_becomes_a_recording(
     )
 
 
-def test_each_folder_of_images_becomes_a_recording(tmp_path: Path) -> None:
+def test_each_folder_of_images_becomes_a_recording(tmp_path):
     for name in ('near', 'far'):
         folder_of(tmp_path / 'in' / name, ['1.png', '2.png', '3.png'])
     assert convert(tmp_path / 'in', tmp_path / 'views', '--views', '--usecase', 'm') == 0

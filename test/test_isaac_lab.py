@@ -32,12 +32,12 @@ CLEAN = np.full((2, 24, 32, 1), 1.2, np.float32)
 CAMERA = {'mode': 'Mode_5_30fps', 'K': [[30.0, 0, 15.5], [0, 30.0, 11.5], [0, 0, 1]]}
 
 
-def parsed(path: str) -> list[ast.AST]:
+def parsed(path):
     """Return all nodes of a file of Isaac Lab."""
     return list(ast.walk(ast.parse((ROOT / path).read_text())))
 
 
-def calls(path: str, function: str) -> list[ast.Call]:
+def calls(path, function):
     """Return the calls of a function that a file makes, by the function's text."""
     return [
         node
@@ -50,7 +50,7 @@ class TermCfg(SimpleNamespace):
     """A configuration of a term: what it calls, and with what parameters."""
 
 
-def compiled(path: str, *names: str, **space: Any) -> dict[str, Any]:
+def compiled(path, *names, **space):
     """Compile classes and functions of a file of Isaac Lab alone, without its other modules."""
     wanted = [
         node
@@ -78,18 +78,18 @@ SPACE = compiled(
 TERM = noisy_depth(SPACE['ManagerTermBase'])
 
 
-def image_of(env: Any) -> Any:
+def image_of(env):
     """Return clean depth. Isaac Lab 3 reads no lambda that has an attribute."""
     return env.image
 
 
-def params(**more: Any) -> dict[str, Any]:
+def params(**more):
     """Return the parameters of a term."""
     return {'depth': image_of, **more}
 
 
 @pytest.mark.parametrize('given', [params(camera=CAMERA), params()], ids=['camera', 'no camera'])
-def test_the_term_is_made_called_and_reset(given: dict[str, Any]) -> None:
+def test_the_term_is_made_called_and_reset(given):
     cfg, env = TermCfg(func=TERM, params=given), SimpleNamespace(num_envs=2, device='cpu')
     env.image = CLEAN
     if '_populate_term_defaults' in SPACE:  # of Isaac Lab 3, before it makes the term
@@ -104,7 +104,7 @@ def test_the_term_is_made_called_and_reset(given: dict[str, Any]) -> None:
         term.reset(env_ids=chosen)
 
 
-def test_a_configuration_survives_its_round_trip() -> None:
+def test_a_configuration_survives_its_round_trip():
     """Train scripts write it as text for Hydra and read it: a class becomes its module's name."""
     space = compiled(
         'utils/dict.py',
@@ -127,13 +127,13 @@ def test_a_configuration_survives_its_round_trip() -> None:
     assert term(env, **cfg.front.params).shape == CLEAN.shape
 
 
-def test_managers_make_the_term_as_we_expect() -> None:
+def test_managers_make_the_term_as_we_expect():
     (made,) = calls('managers/manager_base.py', 'term_cfg.func')
     assert not made.args
     inspect.signature(TERM).bind(**{keyword.arg: None for keyword in made.keywords})
 
 
-def test_managers_call_the_term_as_we_expect() -> None:
+def test_managers_call_the_term_as_we_expect():
     made = calls('managers/observation_manager.py', 'term_cfg.func')
     signature = inspect.signature(TERM.__call__)
     plain = [call for call in made if all(keyword.arg is None for keyword in call.keywords)]
@@ -148,7 +148,7 @@ def test_managers_call_the_term_as_we_expect() -> None:
     assert 'out' not in signature.parameters
 
 
-def test_managers_reset_the_term_as_we_expect() -> None:
+def test_managers_reset_the_term_as_we_expect():
     made = calls('managers/observation_manager.py', 'term_cfg.func.reset')
     assert made
     for call in made:
@@ -156,7 +156,7 @@ def test_managers_reset_the_term_as_we_expect() -> None:
         inspect.signature(TERM.reset).bind(None, **{word.arg: None for word in call.keywords})
 
 
-def test_cameras_give_what_the_documentation_says() -> None:
+def test_cameras_give_what_the_documentation_says():
     """`distance_to_image_plane` is planar; Isaac Lab 3 wraps it, and `.torch` is the tensor."""
     nodes = parsed('sensors/camera/camera_data.py')
     (kind,) = {

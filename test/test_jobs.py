@@ -8,19 +8,19 @@ from flexx2_sim_ros.jobs import bind, workers
 import pytest
 
 
-def scaled(number: int, factor: int) -> tuple[int, int]:
+def scaled(number, factor):
     """Return a number times a factor, and the process that computed it."""
     return number * factor, os.getpid()
 
 
-def dies_elsewhere(number: int) -> int:
+def dies_elsewhere(number):
     """Return the number here; end any other process."""
     if parent_process() is not None:
         os._exit(3)
     return number
 
 
-def refuses(number: int) -> int:
+def refuses(number):
     """Refuse one number, in whichever process."""
     if number == 3:
         raise IndexError('3 is refused')
@@ -28,7 +28,7 @@ def refuses(number: int) -> int:
 
 
 @pytest.mark.parametrize(('jobs', 'count'), [(1, 3), (2, 1), (2, 6), (3, 0), (4, 2)])
-def test_outcomes_are_in_the_order_of_the_items(jobs: int, count: int) -> None:
+def test_outcomes_are_in_the_order_of_the_items(jobs, count):
     ticks = []
     with workers(jobs, None) as mapped:
         for _ in range(2):  # The processes stay.
@@ -41,13 +41,13 @@ def test_outcomes_are_in_the_order_of_the_items(jobs: int, count: int) -> None:
     assert len(ticks) == 2 * count
 
 
-def test_a_process_that_dies_is_an_error() -> None:
+def test_a_process_that_dies_is_an_error():
     refused = pytest.raises(InputError, match='--jobs: must be fewer, got 3')
     with refused, workers(3, None) as mapped:
         mapped(dies_elsewhere, range(8), lambda: None)
 
 
 @pytest.mark.parametrize('count', [4, 8])
-def test_an_error_is_that_of_the_function(count: int) -> None:
+def test_an_error_is_that_of_the_function(count):
     with pytest.raises(IndexError, match='3 is refused'), workers(2, None) as mapped:
         mapped(refuses, range(count), lambda: None)

@@ -5,7 +5,6 @@ import json
 import re
 import types
 import typing
-from typing import Any
 
 from flexx2_sim_ros.paths import config_dir
 import pytest
@@ -24,7 +23,7 @@ CONFIGS = {
 }
 
 
-def rviz_problems(layout: Any) -> list[str]:
+def rviz_problems(layout):
     """Return what RViz would ignore."""
     manager = layout['Visualization Manager']
     found = problems(GLOBAL, manager['Global Options'], 'Global Options')
@@ -43,7 +42,7 @@ def rviz_problems(layout: Any) -> list[str]:
     return found
 
 
-def foxglove_problems(layout: Any) -> list[str]:
+def foxglove_problems(layout):
     """Return what Foxglove would ignore, by the classes of its SDK."""
     layouts = pytest.importorskip('foxglove.layouts')
     found = []
@@ -56,7 +55,7 @@ def foxglove_problems(layout: Any) -> list[str]:
     return found
 
 
-def unlike(kind: Any, value: Any, where: str) -> list[str]:
+def unlike(kind, value, where):
     """Return what a value of JSON has that a type of the SDK does not."""
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin in (typing.Union, types.UnionType):
@@ -78,7 +77,7 @@ def unlike(kind: Any, value: Any, where: str) -> list[str]:
     return [] if right else [f'{where}: must be {kind}, got {value!r}']
 
 
-def unlike_class(kind: Any, value: Any, where: str) -> list[str]:
+def unlike_class(kind, value, where):
     """Return what an object of JSON has that a class of the SDK does not."""
     if not isinstance(value, dict):
         return [f'{where}: must be an object, got {value!r}']
@@ -93,9 +92,9 @@ def unlike_class(kind: Any, value: Any, where: str) -> list[str]:
     return found
 
 
-def test_rviz_knows_every_property() -> None:
+def test_rviz_knows_every_property():
     assert rviz_problems(RVIZ) == []
 
 
-def test_foxglove_knows_every_setting() -> None:
+def test_foxglove_knows_every_setting():
     assert foxglove_problems(FOXGLOVE) == []

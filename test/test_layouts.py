@@ -1,8 +1,6 @@
 """What the layouts for RViz and Foxglove show is there, on the graph that the README starts."""
 
-from collections.abc import Iterator
 import json
-from typing import Any
 
 from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
 from flexx2_sim_ros.nodes.robot_node import RobotCameras
@@ -26,7 +24,7 @@ FRAMES = {
 }
 
 
-def rviz_topics() -> Iterator[tuple[str, str]]:
+def rviz_topics():
     kinds = {'Image': IMAGE, 'PointCloud2': CLOUD, 'Odometry': ODOMETRY}
     for display in RVIZ['Displays']:
         kind = display['Class'].removeprefix('rviz_default_plugins/')
@@ -34,7 +32,7 @@ def rviz_topics() -> Iterator[tuple[str, str]]:
             yield display['Topic']['Value'], kinds[kind]
 
 
-def foxglove_topics() -> Iterator[tuple[str, str]]:
+def foxglove_topics():
     for name, panel in FOXGLOVE['configById'].items():
         match name.partition('!')[0]:
             case '3D':
@@ -53,10 +51,10 @@ def foxglove_topics() -> Iterator[tuple[str, str]]:
 
 
 @pytest.fixture(scope='module')
-def there(ros: None) -> Iterator[dict[str, list[str]]]:
+def there(ros):
     """Start the nodes in a namespace of this test's own; return types by topic without it."""
     user = Listener()
-    nodes: list[Any] = [
+    nodes = [
         RobotCameras(
             namespace=SPACE,
             parameter_overrides=[
@@ -73,7 +71,7 @@ def there(ros: None) -> Iterator[dict[str, list[str]]]:
     for node in nodes:
         user.add(node)
 
-    def topics() -> dict[str, list[str]]:
+    def topics():
         return {
             topic.removeprefix(SPACE): kinds
             for topic, kinds in user.node.get_topic_names_and_types()
@@ -97,7 +95,7 @@ def there(ros: None) -> Iterator[dict[str, list[str]]]:
 
 
 @pytest.mark.parametrize('topics', [rviz_topics, foxglove_topics])
-def test_every_topic_is_there_with_its_type(there: dict[str, list[str]], topics: Any) -> None:
+def test_every_topic_is_there_with_its_type(there, topics):
     wanted = list(topics())
     assert len(wanted) >= 7
     assert [(topic, there.get(topic)) for topic, _ in wanted] == [
@@ -112,7 +110,7 @@ def test_every_topic_is_there_with_its_type(there: dict[str, list[str]], topics:
         } <= {topic for topic, _ in wanted}
 
 
-def test_every_frame_is_one_of_the_robot() -> None:
+def test_every_frame_is_one_of_the_robot():
     tree = next(display for display in RVIZ['Displays'] if display['Class'].endswith('/TF'))
     assert tree['Frames'].keys() - {'All Enabled'} == FRAMES
     assert RVIZ['Global Options']['Fixed Frame'] in FRAMES
@@ -122,14 +120,14 @@ def test_every_frame_is_one_of_the_robot() -> None:
     assert {name.removeprefix('frame:') for name in scene['transforms']} == FRAMES
 
 
-def test_foxglove_places_every_panel_once() -> None:
-    def placed(node: Any) -> list[str]:
+def test_foxglove_places_every_panel_once():
+    def placed(node):
         return [node] if isinstance(node, str) else placed(node['first']) + placed(node['second'])
 
     assert sorted(placed(FOXGLOVE['layout'])) == sorted(FOXGLOVE['configById'])
 
 
-def test_foxglove_says_which_joints_it_shows() -> None:
+def test_foxglove_says_which_joints_it_shows():
     legs = load_robot().legs
     assert legs is not None
     for path in FOXGLOVE['configById']['Plot!joints']['paths']:
@@ -137,7 +135,7 @@ def test_foxglove_says_which_joints_it_shows() -> None:
         assert legs.all_names[number] == f'{path["label"].replace(" ", "_")}_joint'
 
 
-def test_foxglove_drives_within_the_limits() -> None:
+def test_foxglove_drives_within_the_limits():
     teleop = FOXGLOVE['configById']['Teleop!drive']
     # A command holds half a second.
     assert teleop['publishRate'] > 2

@@ -4,7 +4,6 @@ import io
 import json
 from pathlib import Path
 import tarfile
-from typing import Any
 
 from flexx2_sim_ros import npz_arrays
 from flexx2_sim_ros.cli.main import main
@@ -20,27 +19,26 @@ pq = pytest.importorskip('pyarrow.parquet')
 KEY, RATE, COUNT, SIZE = 'observation.images.front_depth', 30, 5, (24, 32)
 LENS = ['--intrinsics', '20', '20', '15.5', '11.5']
 CODING = {'depth_min': 0.01, 'depth_max': 10.0, 'shift': 3.5, 'use_log': True}
-Table = dict[str, Any]
 
 
-def counts(episode: int) -> np.ndarray:
+def counts(episode):
     """Return (COUNT, H, W) uint16 millimetres, 0 for invalid."""
     images = np.random.default_rng(episode).integers(300, 4000, (COUNT, *SIZE)).astype(np.uint16)
     images[:, 2, 3] = 0
     return images
 
 
-def metres(episode: int) -> np.ndarray:
+def metres(episode):
     return np.where(counts(episode) > 0, counts(episode) * np.float32(0.001), np.nan)
 
 
-def encoded(image: np.ndarray, form: str) -> bytes:
+def encoded(image, form):
     file = io.BytesIO()
     Image.fromarray(image).save(file, form)
     return file.getvalue()
 
 
-def pictures(images: np.ndarray, form: str | None = 'PNG') -> Any:
+def pictures(images, form='PNG'):
     """Return a column of images as `datasets.Image` is stored."""
     kind = pa.struct([('bytes', pa.binary()), ('path', pa.string())])
     rows = [
@@ -50,7 +48,7 @@ def pictures(images: np.ndarray, form: str | None = 'PNG') -> Any:
     return pa.array(rows, kind)
 
 
-def lists(images: np.ndarray) -> Any:
+def lists(images):
     """Return a column of numbers as `datasets.Array3D` is stored."""
     column = pa.array(images.ravel())
     for size in images.shape[:0:-1]:
@@ -59,7 +57,7 @@ def lists(images: np.ndarray) -> Any:
     return column
 
 
-def info_of(root: Path, version: str, feature: Table, more: Table | None = None) -> None:
+def info_of(root, version, feature, more=None):
     features = {
         'action': {'dtype': 'float32', 'shape': [6], 'names': None},
         'observation.images.front': {'dtype': 'video', 'shape': [480, 640, 3]},
@@ -71,7 +69,7 @@ def info_of(root: Path, version: str, feature: Table, more: Table | None = None)
     (root / 'meta/info.json').write_text(json.dumps(content, indent=4))
 
 
-def rows(episode: int, column: Any = None) -> Any:
+def rows(episode, column=None):
     columns = {
         'action': pa.array([[0.0] * 6] * COUNT, pa.list_(pa.float32(), 6)),
         'timestamp': pa.array(np.arange(COUNT) / RATE, pa.float32()),
@@ -81,7 +79,7 @@ def rows(episode: int, column: Any = None) -> Any:
     return pa.table(columns if column is None else {**columns, KEY: column})
 
 
-def v2(root: Path, feature: Table, *columns: Any) -> Path:
+def v2(root, feature, *columns):
     """Write a data set of version 2.1: a table for each episode."""
     info_of(root, 'v2.1', feature)
     (root / 'data/chunk-000').mkdir(parents=True)
@@ -92,7 +90,7 @@ def v2(root: Path, feature: Table, *columns: Any) -> Path:
     return root
 
 
-def v3(root: Path, feature: Table, *columns: Any) -> Path:
+def v3(root, feature, *columns):
     """Write a data set of version 3.0: all episodes in one table, the first two in one group."""
     info_of(root, 'v3.0', feature)
     for folder in ('data/chunk-000', 'meta/episodes/chunk-000'):
@@ -114,17 +112,17 @@ def v3(root: Path, feature: Table, *columns: Any) -> Path:
     return root
 
 
-def image(**info: Any) -> Table:
+def image(**info):
     return {'dtype': 'image', 'shape': [*SIZE, 1], 'info': {'is_depth_map': True, **info}}
 
 
-def video(**info: Any) -> Table:
+def video(**info):
     told = {f'video.{key}': value for key, value in (CODING | info).items() if value is not None}
     told |= {'is_depth_map': True, 'video.extra_options': {'x265-params': 'lossless=1'}}
     return {'dtype': 'video', 'shape': [*SIZE, 1], 'info': told}
 
 
-def write_video(path: Path, images: np.ndarray, form: str = 'gray12le') -> None:
+def write_video(path, images, form='gray12le'):
     """Encode codes of 12 bits without loss."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with av.open(str(path), 'w') as file:
@@ -137,11 +135,11 @@ def write_video(path: Path, images: np.ndarray, form: str = 'gray12le') -> None:
         file.mux(stream.encode())
 
 
-def converted(root: Path, *words: str) -> int:
+def converted(root, *words):
     return main(['convert', str(root), str(root.parent / 'out.npz'), *LENS, *words])
 
 
-def check(path: Path, episode: int) -> None:
+def check(path, episode):
     found = load_recording(path)
     np.testing.assert_array_equal(found.depth, metres(episode))
     np.testing.assert_allclose(found.stamp, np.arange(COUNT) / RATE, atol=1e-7)
@@ -158,9 +156,7 @@ def check(path: Path, episode: int) -> None:
         ('video', 'arr_depth', 0),
     ],
 )
-def test_what_lerobot_has_written_is_read(
-    kind: str, camera: str, step: float, tmp_path: Path
-) -> None:
+def test_what_lerobot_has_written_is_read(kind, camera, step, tmp_path):
     # By LeRobotDataset.create, add_frame and save_episode of version 0.6.1: two features of the
     # same uint16 millimetres, the first of them as images, or as a video in the usual coding.
     with tarfile.open(Path(__file__).with_name('lerobot_0_6_1.tar.xz')) as packed:
@@ -180,7 +176,7 @@ def test_what_lerobot_has_written_is_read(
 
 @pytest.mark.parametrize('written', [v2, v3])
 @pytest.mark.parametrize('form', ['PNG', 'TIFF'])
-def test_an_episode_of_images_becomes_a_recording(written: Any, form: str, tmp_path: Path) -> None:
+def test_an_episode_of_images_becomes_a_recording(written, form, tmp_path):
     columns = [pictures(counts(episode), form) for episode in range(3)]
     root = written(tmp_path / 'set', image(depth_unit='mm'), *columns)
     assert converted(root, '--episode', '1', '--usecase', 'm') == 0
@@ -191,7 +187,7 @@ def test_an_episode_of_images_becomes_a_recording(written: Any, form: str, tmp_p
 
 
 @pytest.mark.parametrize('written', [v2, v3])
-def test_an_episode_of_numbers_becomes_a_recording(written: Any, tmp_path: Path) -> None:
+def test_an_episode_of_numbers_becomes_a_recording(written, tmp_path):
     whole = {'dtype': 'uint16', 'shape': [*SIZE, 1]}
     root = written(tmp_path / 'set', whole, *(lists(counts(one)[..., None]) for one in (0, 1)))
     assert converted(root, '--episode', '1', '--camera', 'front_depth') == 0
@@ -204,7 +200,7 @@ def test_an_episode_of_numbers_becomes_a_recording(written: Any, tmp_path: Path)
     assert found.camera == 'front_depth'
 
 
-def test_images_in_files_and_metres_in_tiff(tmp_path: Path) -> None:
+def test_images_in_files_and_metres_in_tiff(tmp_path):
     root = v2(tmp_path / 'set', image(depth_unit='m'), pictures(counts(0), None))
     folder = root / 'images' / KEY / 'episode_000000'
     folder.mkdir(parents=True)
@@ -215,14 +211,12 @@ def test_images_in_files_and_metres_in_tiff(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('use_log', [True, False])
-def test_a_video_gives_the_depth_of_its_codes(
-    use_log: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_video_gives_the_depth_of_its_codes(use_log, tmp_path, capsys):
     # The depth of a code by LeRobot's formula, the other way round.
     shift = 3.5 if use_log else 0.0
     apart = np.stack([counts(0), counts(1)]).reshape(-1, *SIZE) / 1000
 
-    def scale(depth: Any) -> Any:
+    def scale(depth):
         return np.log(depth + shift) if use_log else depth
 
     share = (scale(apart) - scale(0.01)) / (scale(10.0) - scale(0.01))
@@ -239,9 +233,7 @@ def test_a_video_gives_the_depth_of_its_codes(
     assert 'with loss' not in said
 
 
-def test_a_video_of_version_2_may_be_with_loss(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_video_of_version_2_may_be_with_loss(tmp_path, capsys):
     feature = video()
     del feature['info']['video.extra_options']
     root = v2(tmp_path / 'set', feature, None)
@@ -284,19 +276,15 @@ def test_a_video_of_version_2_may_be_with_loss(
         ({'dtype': 'uint16', 'shape': [*SIZE]}, ['--episode', '0'], 'must be 32 x 24 numbers'),
     ],
 )
-def test_data_sets_that_cannot_be_used_are_refused(
-    feature: Table, words: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_data_sets_that_cannot_be_used_are_refused(feature, words, said, tmp_path, capsys):
     root = v3(tmp_path / 'set', feature, pictures(counts(0)), pictures(counts(1)))
     assert converted(root, *words) == 2
     assert said in ' '.join(capsys.readouterr().err.split())
     assert not (tmp_path / 'out.npz').exists()
 
 
-def test_damaged_and_hostile_files_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def said(*words: str) -> str:
+def test_damaged_and_hostile_files_are_refused(tmp_path, capsys, monkeypatch):
+    def said(*words):
         assert converted(root, *words) == 2
         return ' '.join(capsys.readouterr().err.split())
 

@@ -135,7 +135,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def run(*command: str | Path, cwd: Path = ROOT) -> str:
+def run(*command, cwd=ROOT):
     """Return what a command, which has to succeed, prints."""
     env = {
         name: value
@@ -147,7 +147,7 @@ def run(*command: str | Path, cwd: Path = ROOT) -> str:
     return done.stdout
 
 
-def cpu_torch(python: str) -> tuple[list[str], bool]:
+def cpu_torch(python):
     """Return the options that make uv take torch for CPUs, and whether there is one."""
     if os.environ.get('UV_TORCH_BACKEND'):
         return [], True
@@ -159,7 +159,7 @@ def cpu_torch(python: str) -> tuple[list[str], bool]:
 
 
 @pytest.fixture(scope='module')
-def wheel() -> Path:
+def wheel():
     """Build the source distribution and, from it, the wheel that users get."""
     if shutil.which('uv') is None:
         pytest.skip('needs uv: pip install uv')
@@ -169,9 +169,7 @@ def wheel() -> Path:
     return path
 
 
-def installed(
-    environment: Environment, python: str, place: Path, wheel: str, options: list[str]
-) -> Path:
+def installed(environment, python, place, wheel, options):
     """Install an environment and import what has to be together; return its Python."""
     run('uv', 'venv', '--quiet', '--clear', '--python', python, place)
     interpreter = place / 'bin' / 'python'
@@ -188,7 +186,7 @@ def installed(
     return interpreter
 
 
-def tried(environment: Environment, interpreter: Path) -> str:
+def tried(environment, interpreter):
     """Run the command and the tests of an environment; return what to say of it."""
     result = 'imports'
     if environment.command:
@@ -208,7 +206,7 @@ def tried(environment: Environment, interpreter: Path) -> str:
 @pytest.mark.parametrize(
     ('environment', 'python'), CASES, ids=[f'{one.name}-{python}' for one, python in CASES]
 )
-def test_a_clean_environment(environment: Environment, python: str, wheel: Path) -> None:
+def test_a_clean_environment(environment, python, wheel):
     """Resolve; install, import and run the tests of this environment, where a CPU suffices."""
     if subprocess.run(
         ['uv', 'python', 'find', python], capture_output=True, check=False
@@ -242,7 +240,7 @@ def test_a_clean_environment(environment: Environment, python: str, wheel: Path)
     write_text(FOLDER / f'{place.name}.json', json.dumps(row))
 
 
-def test_the_table_of_the_matrix() -> None:
+def test_the_table_of_the_matrix():
     """Write what was found as the table of docs/install.md, to build/matrix/table.md."""
     lines = ['| environment | Python | versions | result | seconds |', '|---|---|---|---|---|']
     for environment, python in CASES:

@@ -1,6 +1,5 @@
 """Types that a bag or the ROS graph names: messages are found, and nothing else is imported."""
 
-from pathlib import Path
 import sqlite3
 import sys
 
@@ -14,7 +13,7 @@ pytest.importorskip('rclpy', reason='ROS 2 is not installed: no rclpy')
 TRAPS = 'trapped/msg/X', 'trap/X', 'venv/__main__/X', 'trapped.msg/X'
 
 
-def test_message_definitions_are_found() -> None:
+def test_message_definitions_are_found():
     from flexx2_sim_ros.nodes.message_types import message_class
     from sensor_msgs.msg import Image
 
@@ -39,7 +38,7 @@ def test_message_definitions_are_found() -> None:
         '\x1b[31m/msg/X',
     ],
 )
-def test_modules_that_are_no_messages_are_not_imported(kind: str) -> None:
+def test_modules_that_are_no_messages_are_not_imported(kind):
     from flexx2_sim_ros.nodes.message_types import message_class
 
     before = set(sys.modules)
@@ -52,7 +51,7 @@ def test_modules_that_are_no_messages_are_not_imported(kind: str) -> None:
 
 
 @pytest.mark.usefixtures('ros')
-def test_replay_runs_nothing_that_a_bag_names(child_env: dict[str, str], tmp_path: Path) -> None:
+def test_replay_runs_nothing_that_a_bag_names(child_env, tmp_path):
     # A module and a package with a submodule `msg`, as any attacker finds some installed.
     for file in ('trap.py', 'trapped/__init__.py', 'trapped/msg/__init__.py'):
         path = tmp_path / 'modules' / file

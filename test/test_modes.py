@@ -1,8 +1,6 @@
 """The nine modes and the paper's noise model."""
 
-from collections.abc import Iterator
 import math
-from pathlib import Path
 import shutil
 
 from flexx2_sim_ros.camera import Camera, flexx2
@@ -34,13 +32,13 @@ IMAGE = np.full((4, 5), 1.0)
 K = np.array([[210.6, 0.0, 111.5], [0.0, 212.9, 85.5], [0.0, 0.0, 1.0]])
 
 
-def test_the_nine_modes_in_the_drivers_order() -> None:
+def test_the_nine_modes_in_the_drivers_order():
     assert flexx2().names == list(MODES)
     assert flexx2().model == 'Flexx2'
 
 
 @pytest.mark.parametrize('name', MODES)
-def test_the_table(name: str) -> None:
+def test_the_table(name):
     mode = flexx2().mode(name)
     rate, range_max, noise_of = MODES[name]
     assert (mode.rate_hz, mode.range_min, mode.range_max) == (rate, 0.1, range_max)
@@ -57,7 +55,7 @@ def test_the_table(name: str) -> None:
     assert mode.source
 
 
-def test_the_cameras_intrinsics() -> None:
+def test_the_cameras_intrinsics():
     intrinsics = flexx2().intrinsics
     assert (intrinsics.width, intrinsics.height) == (224, 172)
     assert (intrinsics.cx, intrinsics.cy) == (111.5, 85.5)
@@ -66,7 +64,7 @@ def test_the_cameras_intrinsics() -> None:
 
 
 @pytest.mark.parametrize('name', MODES)
-def test_sigma_z_is_the_papers_formula(name: str) -> None:
+def test_sigma_z_is_the_papers_formula(name):
     mode = flexx2().mode(name)
     a, b, c, d, n, _ = PAPER[MODES[name][2]]
     for z in np.linspace(0.1, mode.range_max, 7):
@@ -77,7 +75,7 @@ def test_sigma_z_is_the_papers_formula(name: str) -> None:
 
 
 @pytest.mark.parametrize('name', MODES)
-def test_sigma_z_is_positive_capped_and_grows_with_the_angle(name: str) -> None:
+def test_sigma_z_is_positive_capped_and_grows_with_the_angle(name):
     mode = flexx2().mode(name)
     z = np.linspace(mode.range_min, mode.range_max, 400)[:, None]
     sigma = mode.noise.sigma_z(z, np.radians(np.linspace(0, 90, 361)))
@@ -90,7 +88,7 @@ def test_sigma_z_is_positive_capped_and_grows_with_the_angle(name: str) -> None:
     assert (np.diff(sigma, axis=1)[:, 240:320] > 0).all()
 
 
-def test_sigma_z_never_goes_below_zero_and_keeps_nan() -> None:
+def test_sigma_z_never_goes_below_zero_and_keeps_nan():
     falling = modes.NoiseModel(0.001, -0.01, 0.0, 0.0, 2.7, 1.0)
     np.testing.assert_array_equal(falling.sigma_z([0.0, 1.0, 5.0], 0.0), [0.001, 0.0, 0.0])
     assert np.isnan(falling.sigma_z(math.nan, 0.0))
@@ -98,13 +96,13 @@ def test_sigma_z_never_goes_below_zero_and_keeps_nan() -> None:
 
 
 @pytest.mark.parametrize('spelling', [str.lower, str.upper, str.swapcase, '  {}\n'.format])
-def test_names_are_found_whatever_their_case(spelling: object) -> None:
+def test_names_are_found_whatever_their_case(spelling):
     for name in MODES:
-        assert flexx2().mode(spelling(name)).name == name  # type: ignore[operator]
+        assert flexx2().mode(spelling(name)).name == name
 
 
 @pytest.mark.parametrize('name', ['', 'Mode_9', 'Mode_9_30', 'MODE 9 30FPS', None, 5, b'x', 'é'])
-def test_an_unknown_name_is_answered_with_the_valid_ones(name: object) -> None:
+def test_an_unknown_name_is_answered_with_the_valid_ones(name):
     for ask in (flexx2().mode, Camera):
         with pytest.raises(InputError) as error:
             ask(name)
@@ -113,7 +111,7 @@ def test_an_unknown_name_is_answered_with_the_valid_ones(name: object) -> None:
 
 
 @pytest.fixture
-def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def config(tmp_path, monkeypatch):
     for name in ('modes.yaml', 'flexx2.yaml'):
         shutil.copy(config_dir() / name, tmp_path)
     monkeypatch.setattr(modes, 'config_dir', lambda: tmp_path)
@@ -125,7 +123,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     modes._camera_config.cache_clear()
 
 
-def test_a_valid_configuration_is_used(config: Path) -> None:
+def test_a_valid_configuration_is_used(config):
     text = (config / 'modes.yaml').read_text()
     (config / 'modes.yaml').write_text(text.replace('sigma_x: 0.864', 'sigma_x: 0.5'))
     assert flexx2().mode('Mode_5_30fps').noise.sigma_x == 0.5
@@ -160,9 +158,7 @@ def test_a_valid_configuration_is_used(config: Path) -> None:
         ('flexx2.yaml', 'zero_at_sigma_m: 0.07', '', 'zero_at_sigma_m'),
     ],
 )
-def test_a_malformed_configuration_is_named(
-    config: Path, file: str, old: str, new: str, named: str
-) -> None:
+def test_a_malformed_configuration_is_named(config, file, old, new, named):
     text = (config / file).read_text()
     assert old in text
     (config / file).write_text(text.replace(old, new))
@@ -171,13 +167,13 @@ def test_a_malformed_configuration_is_named(
 
 
 @pytest.mark.parametrize('content', [b'', b'- 1', b'\xff\xfe\x00\xd8', b'schema: 1\nmodes: 5'])
-def test_a_ruined_file_is_named(config: Path, content: bytes) -> None:
+def test_a_ruined_file_is_named(config, content):
     (config / 'modes.yaml').write_bytes(content)
     with pytest.raises(InputError, match=r'modes\.yaml'):
         flexx2()
 
 
-def test_a_missing_file_is_named(config: Path) -> None:
+def test_a_missing_file_is_named(config):
     (config / 'flexx2.yaml').unlink()
     with pytest.raises(InputError, match=r'flexx2\.yaml'):
         Camera()

@@ -27,7 +27,7 @@ TRUNK = """<link name="trunk"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
 
 
-def test_a_robot_attaches_the_model() -> None:
+def test_a_robot_attaches_the_model():
     model = mujoco.MjModel.from_xml_string(ROBOT.format(file=MODELS / 'flexx2.xml'))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -50,7 +50,7 @@ def test_a_robot_attaches_the_model() -> None:
 
 
 @pytest.fixture
-def urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+def urdf(tmp_path, monkeypatch):
     """Return what xacro makes of a robot with the lines that the macro's head gives, twice."""
     xacro = pytest.importorskip('xacro')
     # The package as ROS finds it, for $(find flexx2_sim_ros).
@@ -69,7 +69,7 @@ def urdf(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return str(xacro.process_file(str(tmp_path / 'robot.xacro')).toxml())
 
 
-def test_the_macro_is_the_same_camera(urdf: str) -> None:
+def test_the_macro_is_the_same_camera(urdf):
     tree = ElementTree.fromstring(urdf)
     ends = [one.get('link') for one in tree.findall('joint/*') if one.tag in ('parent', 'child')]
     assert ends == [
@@ -78,13 +78,13 @@ def test_the_macro_is_the_same_camera(urdf: str) -> None:
         for end in ('trunk', f'{name}_link', f'{name}_link', f'{name}_optical_frame')
     ]
     assert {one.get('type') for one in tree.findall('joint')} == {'fixed'}
-    assert tree.find("joint[@name='front_joint']/origin").attrib == {  # type: ignore[union-attr]
+    assert tree.find("joint[@name='front_joint']/origin").attrib == {
         'xyz': '0.3 0 0.05',
         'rpy': '0 0.35 0',
     }
     housing = mujoco.MjSpec.from_file(str(MODELS / 'flexx2.xml')).geom('housing')
     sizes = [
-        np.array(box.get('size').split(), float)  # type: ignore[union-attr]
+        np.array(box.get('size').split(), float)
         for box in tree.findall("link[@name='front_link']//box")
     ]
     assert len(sizes) == 2
@@ -92,17 +92,13 @@ def test_the_macro_is_the_same_camera(urdf: str) -> None:
         np.testing.assert_allclose(size, 2 * housing.size, atol=1e-12)
     (x, y, z), mass = sizes[0], housing.mass
     inertial = tree.find("link[@name='front_link']/inertial")
-    assert inertial is not None
     found = inertial.find('inertia')
     wanted = mass / 12 * np.array([y * y + z * z, x * x + z * z, x * x + y * y])
     np.testing.assert_allclose(
-        [float(found.get(key)) for key in ('ixx', 'iyy', 'izz')],  # type: ignore[union-attr]
-        wanted,
-        rtol=1e-4,
+        [float(found.get(key)) for key in ('ixx', 'iyy', 'izz')], wanted, rtol=1e-4
     )
     mujoco.MjModel.from_xml_string(urdf)  # complains
     joint = tree.find("joint[@name='front_optical_joint']/origin")
-    assert joint is not None
     roll, pitch, yaw = map(float, joint.get('rpy', '').split())
     assert pitch == 0
     quat, turned = np.empty(4), np.empty(9)
@@ -112,7 +108,7 @@ def test_the_macro_is_the_same_camera(urdf: str) -> None:
     np.testing.assert_allclose(turned.reshape(3, 3), optical, atol=1e-9)
 
 
-def test_robots_of_the_package_have_this_housing() -> None:
+def test_robots_of_the_package_have_this_housing():
     robots = pytest.importorskip('flexx2_sim_ros.robots.model')
     housing = mujoco.MjSpec.from_file(str(MODELS / 'flexx2.xml')).geom('housing')
     model = robots.build_model(intrinsics=flexx2().intrinsics)

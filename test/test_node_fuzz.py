@@ -12,7 +12,7 @@ pytestmark = pytest.mark.usefixtures('ros')
 ODD = (0.0, 1.0, -1.0, 1e-300, 1e300, math.nan, math.inf, -math.inf)
 
 
-def test_a_camera_node_survives_any_message(child_env: dict[str, str]) -> None:
+def test_a_camera_node_survives_any_message(child_env):
     """Assert every request is answered and a good image comes out after all the bad ones."""
     result = measured('bench.torture_node.run(messages=600, seed=13)', child_env)
     assert result['sent'] == 600
@@ -21,7 +21,7 @@ def test_a_camera_node_survives_any_message(child_env: dict[str, str]) -> None:
     assert result['tracebacks'] == 0
 
 
-def test_a_walking_robot_survives_any_message() -> None:
+def test_a_walking_robot_survives_any_message():
     rng = random.Random(13)
     with robot_node(motion='cmd_vel') as seen:
         drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
@@ -32,7 +32,7 @@ def test_a_walking_robot_survives_any_message() -> None:
         assert all(math.isfinite(message.pose.pose.position.x) for message in seen.more(poses, 20))
 
 
-def test_a_mirroring_robot_survives_any_message() -> None:
+def test_a_mirroring_robot_survives_any_message():
     rng = random.Random(13)
     names = ('FR_hip_joint', 'FR_hip', 'x' * 3000, '', '\x1b[31m', 'FL_calf_joint')
     with robot_node(motion='external') as seen:

@@ -1,9 +1,5 @@
 """Parameters of a running node: set together, written down and loaded, and hostile."""
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
 from flexx2_sim_ros.effects import parse_effects, save_effects
 from flexx2_sim_ros.profiles.modes import flexx2
 from hostile_files import hostile_texts
@@ -12,7 +8,7 @@ import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from robots import robot_node
-from streams import DEPTH, Parameter, Stream, stream
+from streams import DEPTH, Parameter, stream
 
 pytestmark = pytest.mark.usefixtures('ros')
 
@@ -22,14 +18,14 @@ USECASE, AUTO, EXPOSURE = 'usecase', 'auto_exposure_0', 'exposure_time_0'
 
 
 @pytest.fixture(scope='module')
-def seen(ros: None) -> Iterator[Stream]:
+def seen(ros):
     """Return a camera that all tests of this file put questions to."""
     with stream(DEPTH) as made:
         yield made
 
 
 @pytest.fixture(autouse=True)
-def still_streams(request: pytest.FixtureRequest) -> Iterator[None]:
+def still_streams(request):
     """Assert that the shared camera still publishes after each test."""
     yield
     if 'seen' in request.fixturenames:
@@ -43,11 +39,11 @@ def still_streams(request: pytest.FixtureRequest) -> Iterator[None]:
 still_streams.stamp = SECOND
 
 
-def messages_of(values: dict[str, Any]) -> list[ParameterMessage]:
+def messages_of(values):
     return [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
 
 
-def call(seen: Stream, kind: type, request: Any) -> Any:
+def call(seen, kind, request):
     name = {SetParameters: 'set_parameters', SetParametersAtomically: 'set_parameters_atomically'}[
         kind
     ]
@@ -58,7 +54,7 @@ def call(seen: Stream, kind: type, request: Any) -> Any:
     return answer
 
 
-def atomically(seen: Stream, **values: Any) -> Any:
+def atomically(seen, **values):
     return call(
         seen,
         SetParametersAtomically,
@@ -66,13 +62,13 @@ def atomically(seen: Stream, **values: Any) -> Any:
     ).result
 
 
-def one_request(seen: Stream, values: dict[str, Any]) -> list[Any]:
+def one_request(seen, values):
     return list(
         call(seen, SetParameters, SetParameters.Request(parameters=messages_of(values))).results
     )
 
 
-def dump(seen: Stream) -> dict[str, Any]:
+def dump(seen):
     """Return all parameters, as `ros2 param dump` asks for them."""
     names = sorted(seen.wait(seen.clients.list_parameters()).result.names)
     values = seen.wait(seen.clients.get_parameters(names)).values
@@ -82,7 +78,7 @@ def dump(seen: Stream) -> dict[str, Any]:
     }
 
 
-def test_mode_and_exposure_are_judged_together(seen: Stream) -> None:
+def test_mode_and_exposure_are_judged_together(seen):
     """Assert the new mode's range counts, and that what success says is what is stored."""
     longest = {mode.name: mode.exposure_us[1] for mode in flexx2().modes}
     new, old = 'Mode_9_5fps', 'Mode_9_30fps'
@@ -107,7 +103,7 @@ def test_mode_and_exposure_are_judged_together(seen: Stream) -> None:
             assert seen.get(EXPOSURE) == longest[old]
 
 
-def test_an_automatic_exposure_cannot_be_set(seen: Stream) -> None:
+def test_an_automatic_exposure_cannot_be_set(seen):
     """Assert a value in range is accepted without effect, as by the real driver."""
     longest = flexx2().mode('Mode_9_30fps').exposure_us[1]
     for result in (seen.set(**{EXPOSURE: 100}), atomically(seen, **{EXPOSURE: 100, AUTO: True})):
@@ -120,7 +116,7 @@ def test_an_automatic_exposure_cannot_be_set(seen: Stream) -> None:
     assert seen.get(EXPOSURE) == longest
 
 
-def setups(tmp_path: Path) -> Iterator[dict[str, Any]]:
+def setups(tmp_path):
     """Return sets of parameters of which each gives another camera."""
     path = tmp_path / 'gap.yaml'
     save_effects(
@@ -144,7 +140,7 @@ def setups(tmp_path: Path) -> Iterator[dict[str, Any]]:
     }
 
 
-def test_dumped_parameters_load_unchanged(tmp_path: Path) -> None:
+def test_dumped_parameters_load_unchanged(tmp_path):
     """Assert what `ros2 param dump` wrote gives the same camera, however it is loaded."""
     for values in setups(tmp_path):
         with stream(**values) as first:
@@ -176,11 +172,11 @@ def test_dumped_parameters_load_unchanged(tmp_path: Path) -> None:
             assert third.camera.settings.effects.chosen == chosen
 
 
-def load_into(seen: Stream, values: dict[str, Any]) -> None:
+def load_into(seen, values):
     assert all(result.successful for result in one_request(seen, values))
 
 
-def test_a_changed_number_marks_the_file(seen: Stream) -> None:
+def test_a_changed_number_marks_the_file(seen):
     """Assert `effects` says whether its file still describes the camera."""
     assert seen.set(effects='typical').successful
     assert seen.get('effects') == 'typical'
@@ -199,7 +195,7 @@ def test_a_changed_number_marks_the_file(seen: Stream) -> None:
     assert not seen.set(effects='typica*').successful
 
 
-def test_no_file_stops_a_running_node(seen: Stream, tmp_path: Path) -> None:
+def test_no_file_stops_a_running_node(seen, tmp_path):
     """Assert a short reason without terminal escapes, at once, whatever `effects` names."""
     for text in hostile_texts(tmp_path):
         result = seen.set(effects=text)
@@ -211,7 +207,7 @@ def test_no_file_stops_a_running_node(seen: Stream, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('kind', [10, 255])
-def test_an_unknown_parameter_type_is_refused(seen: Stream, kind: int) -> None:
+def test_an_unknown_parameter_type_is_refused(seen, kind):
     """Assert the others of the request are set, and that both nodes go on."""
     bad = ParameterMessage(name='frame_id')
     bad.value.type = kind
@@ -229,7 +225,7 @@ def test_an_unknown_parameter_type_is_refused(seen: Stream, kind: int) -> None:
     assert seen.set(invalid_value='nan').successful
 
 
-def test_the_robot_node_survives_a_bad_request() -> None:
+def test_the_robot_node_survives_a_bad_request():
     with robot_node() as robot:
         robot.spin_until(robot.clients.services_are_ready, 'services')
         client = robot.node.create_client(
@@ -250,7 +246,7 @@ def test_the_robot_node_survives_a_bad_request() -> None:
         assert robot.change(max_speed=0.4).successful
 
 
-def test_odd_requests_are_answered(seen: Stream) -> None:
+def test_odd_requests_are_answered(seen):
     """Assert names that are none, empty, long or many, and depths, get an answer."""
     names = ['', 'x' * 10_000, 'a\x1b[31mb', '\n', 'usecase.', '.', 'usecas']
     for name in names:
@@ -294,12 +290,10 @@ def test_odd_requests_are_answered(seen: Stream) -> None:
         )
 
 
-def test_an_error_in_a_service_is_logged_and_refused(
-    seen: Stream, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_in_a_service_is_logged_and_refused(seen, monkeypatch):
     """Assert a callback that raises costs one line in the log, and the caller is answered."""
 
-    def fail(*_: Any) -> None:
+    def fail(*_):
         raise MemoryError('\x1b[31m' + 'x' * 200)
 
     monkeypatch.setattr(seen.camera, 'describe_parameter', fail)

@@ -1,22 +1,19 @@
 """Parameters that nodes get at their start: hostile, misspelt, and of another type."""
 
 import itertools
-from pathlib import Path
 import re
-import subprocess
-from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.robot_node import RobotCameras
 from hostile_files import hostile_texts
-from programs import node_words, run_node
+from programs import node_words, PATIENCE, run_node, starting
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import parameter_dict_from_yaml_file
 from rclpy.parameter_client import AsyncParameterClient
 from robots import robot_node, USUAL
-from streams import Flexx2Camera, Listener, Parameter, stream
+from streams import Flexx2Camera, listening, Parameter, stream
 import yaml
 
 pytestmark = pytest.mark.usefixtures('ros')
@@ -25,9 +22,7 @@ _numbers = itertools.count()
 
 
 @pytest.mark.parametrize('name', ['effects', 'process', 'profile'])
-def test_no_file_gives_a_traceback_at_the_start(
-    name: str, tmp_path: Path, child_env: dict[str, str]
-) -> None:
+def test_no_file_gives_a_traceback_at_the_start(name, tmp_path, child_env):
     """Assert one sentence and exit code 1."""
     path = tmp_path / 'deep.yaml'
     path.write_text('[' * 3000)
@@ -42,7 +37,7 @@ def test_no_file_gives_a_traceback_at_the_start(
             Flexx2Camera(parameter_overrides=[Parameter(name, value=text)])
 
 
-def test_misspelt_parameters_are_named() -> None:
+def test_misspelt_parameters_are_named():
     """Assert both nodes warn of what they were given and do not have."""
     with stream(usecas='Mode_5_60fps', **{'effect.ofset.bias': 0.1}) as camera:
         camera.spin_until(lambda: camera.logged('usecas: ', 'did you mean usecase?'))
@@ -56,7 +51,7 @@ def test_misspelt_parameters_are_named() -> None:
         assert not camera.logged('no such parameter')
 
 
-def serial_of(listener: Listener, name: str) -> str:
+def serial_of(listener, name):
     client = AsyncParameterClient(listener.node, name)
     listener.spin_until(client.services_are_ready, name)
     value = listener.wait(client.get_parameters(['serial'])).values[0]
@@ -64,7 +59,7 @@ def serial_of(listener: Listener, name: str) -> str:
     return str(value.string_value)
 
 
-def test_a_serial_of_digits_stays_as_typed(tmp_path: Path, child_env: dict[str, str]) -> None:
+def test_a_serial_of_digits_stays_as_typed(tmp_path, child_env):
     """Assert the command line's text, and a word on what to write where it is lost."""
     lost = tmp_path / 'lost.yaml'
     lost.write_text('/**:\n  ros__parameters:\n    serial: 0123\n')
@@ -72,25 +67,16 @@ def test_a_serial_of_digits_stays_as_typed(tmp_path: Path, child_env: dict[str, 
         '/typed': (['-p', 'serial:=0123'], '0123'),
         '/lost': (['--params-file', str(lost)], '83'),
     }
-    processes = {
-        space: subprocess.Popen(
-            node_words('flexx2_camera', '-r', f'__ns:={space}', *arguments),
-            env=child_env,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for space, (arguments, _) in cases.items()
-    }
-    listener = Listener()
-    try:
+    said = {}
+    with starting(env=child_env) as start, listening() as listener:
+        processes = {
+            space: start(node_words('flexx2_camera', '-r', f'__ns:={space}', *arguments))
+            for space, (arguments, _) in cases.items()
+        }
         for space, (_, serial) in cases.items():
             assert serial_of(listener, f'{space}/flexx2_camera') == serial
-    finally:
-        listener.close()
-        said = {}
-        for space, process in processes.items():
-            process.terminate()
-            said[space] = process.communicate(timeout=60)[1]
+            processes[space].terminate()
+            said[space] = processes[space].communicate(timeout=PATIENCE)[1]
     assert "in quotes, e.g. serial: '0123'" in said['/lost']
     assert 'quotes' not in said['/typed']
 
@@ -109,7 +95,7 @@ LOST_IN_A_FILE |= {'1e+22', '1.e5', '1e400', *NOT_LOADED}
 REFUSED = '^{}: must be a text that `ros2 param dump` and `load` keep as it is, got '
 
 
-def node_of(kind: type, *arguments: str, **values: Any) -> Any:
+def node_of(kind, *arguments, **values):
     return kind(
         namespace=f'/texts_{next(_numbers)}',
         cli_args=['--ros-args', *arguments],
@@ -117,7 +103,7 @@ def node_of(kind: type, *arguments: str, **values: Any) -> Any:
     )
 
 
-def written(node: Any, path: Path) -> dict[str, Any]:
+def written(node, path):
     """Write a node's parameters as `ros2 param dump` does, and return them."""
     values = {
         name: list(value.value) if hasattr(value.value, 'typecode') else value.value
@@ -128,10 +114,10 @@ def written(node: Any, path: Path) -> dict[str, Any]:
     return values
 
 
-def test_every_text_that_is_reported_survives_dump_and_load(tmp_path: Path) -> None:
+def test_every_text_that_is_reported_survives_dump_and_load(tmp_path):
     """Assert both ways to load a dumped file, and a reason where ROS would change the text."""
     path = tmp_path / 'dumped.yaml'
-    kept: dict[str, set[str]] = {'serial': set(), 'frame_id': set()}
+    kept = {'serial': set(), 'frame_id': set()}
     with stream() as other:
         for name, text in itertools.product(kept, TEXTS):
             given = {name: text, 'effect.offset.bias': 1e-05}
@@ -165,7 +151,7 @@ def test_every_text_that_is_reported_survives_dump_and_load(tmp_path: Path) -> N
     assert not kept['frame_id'] & {*LOST_IN_A_FILE, '0123', '*', '.5', '[1, 2]', '2026-01-01'}
 
 
-def test_texts_of_the_robot_survive_too(tmp_path: Path) -> None:
+def test_texts_of_the_robot_survive_too(tmp_path):
     """Assert the same of `go1_cameras`, with names in lists."""
     for name, value in (('frame_prefix', '1e3'), ('cameras', ['front_left', 'nan'])):
         with pytest.raises(InputError, match=REFUSED.format(name)):

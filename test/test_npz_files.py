@@ -1,15 +1,12 @@
 """Recordings that nobody vouches for: damaged, lying and huge ones, one by one and in a folder."""
 
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import io
-import json
 import os
 from pathlib import Path
 import shutil
 import tempfile
 import tracemalloc
-from typing import Any
 import zipfile
 
 from flexx2_sim_ros.characterize.analysis import characterize
@@ -20,9 +17,8 @@ from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.folders import find_recordings
 import numpy as np
 import pytest
-from test_gap_walls import write_walls
 
-SMALL: dict[str, Any] = {
+SMALL = {
     'depth': np.ones((4, 6, 8), np.float32),
     'clean_depth': np.ones((6, 8), np.float32),
     'K': np.array([[9.0, 0, 3.5], [0, 9.0, 2.5], [0, 0, 1]]),
@@ -31,7 +27,7 @@ SMALL: dict[str, Any] = {
 }
 
 
-def member(array: Any, shape: object = None, descr: str | None = None) -> bytes:
+def member(array, shape=None, descr=None):
     """Return an array as a file, its header with another shape or dtype."""
     array = np.asarray(array)
     buffer = io.BytesIO()
@@ -44,7 +40,7 @@ def member(array: Any, shape: object = None, descr: str | None = None) -> bytes:
     return b'\x93NUMPY\x01\x00' + len(header).to_bytes(2, 'little') + header + content
 
 
-def pack(path: Path, method: int = zipfile.ZIP_DEFLATED, **changes: bytes) -> Path:
+def pack(path, method=zipfile.ZIP_DEFLATED, **changes):
     """Write a recording with some members replaced."""
     with zipfile.ZipFile(path, 'w', method) as archive:
         for key, value in SMALL.items():
@@ -54,7 +50,7 @@ def pack(path: Path, method: int = zipfile.ZIP_DEFLATED, **changes: bytes) -> Pa
     return path
 
 
-def damaged(path: Path, method: int) -> None:
+def damaged(path, method):
     """Write a recording and flip what its first array is compressed to."""
     pack(path, method)
     content = bytearray(path.read_bytes())
@@ -62,13 +58,13 @@ def damaged(path: Path, method: int) -> None:
     path.write_bytes(content)
 
 
-def looping(path: Path) -> None:
+def looping(path):
     """Make a link to itself."""
     path.symlink_to(path.name)
 
 
 DEPTH = SMALL['depth']
-BAD: dict[str, Callable[[Path], object]] = {
+BAD = {
     'lzma': lambda path: damaged(path, zipfile.ZIP_LZMA),
     'bzip2': lambda path: damaged(path, zipfile.ZIP_BZIP2),
     'deflate': lambda path: damaged(path, zipfile.ZIP_DEFLATED),
@@ -101,9 +97,7 @@ BAD: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize('kind', BAD)
-def test_a_bad_file_is_one_sentence_in_every_command(
-    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bad_file_is_one_sentence_in_every_command(kind, tmp_path, capsys):
     path = tmp_path / 'bad.npz'
     BAD[kind](path)
     boards = tmp_path / 'boards'
@@ -125,20 +119,7 @@ def test_a_bad_file_is_one_sentence_in_every_command(
         assert len(error) < 1500
 
 
-def test_bad_files_are_left_out_of_a_folder_and_named(tmp_path: Path) -> None:
-    folder = write_walls(tmp_path / 'walls', offset={'bias': 0.01})
-    for kind, make in BAD.items():
-        make(folder / f'{kind}.npz')
-    out = tmp_path / 'out'
-    assert main(['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1']) == 0
-    table = json.loads((out / 'diagnosis.json').read_text())
-    assert table['verdict'] == 'identified'
-    left = {row['name']: row['reason'] for row in table['recordings'] if not row['used']}
-    assert set(left) == {f'{kind}.npz' for kind in BAD}
-    assert all(name in reason for name, reason in left.items())
-
-
-def test_a_subfolder_that_cannot_be_looked_into_is_named() -> None:
+def test_a_subfolder_that_cannot_be_looked_into_is_named():
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         folder.chmod(0o755)
@@ -160,7 +141,7 @@ def test_a_subfolder_that_cannot_be_looked_into_is_named() -> None:
             locked.chmod(0o700)
 
 
-def claim(path: Path, key: str, size: int) -> Path:
+def claim(path, key, size):
     """Have an archive say that an array has so many bytes, in both places."""
     content = path.read_bytes()
     with zipfile.ZipFile(path) as archive:
@@ -171,7 +152,7 @@ def claim(path: Path, key: str, size: int) -> Path:
 
 
 @contextmanager
-def little_memory() -> Iterator[None]:
+def little_memory():
     """Assert that the block allocates less than 20 MB at any time."""
     tracemalloc.start()
     try:
@@ -181,9 +162,7 @@ def little_memory() -> Iterator[None]:
         tracemalloc.stop()
 
 
-def test_a_decompression_bomb_is_refused_unread(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_decompression_bomb_is_refused_unread(tmp_path, monkeypatch, capsys):
     path = pack(tmp_path / 'bomb.npz', more=member(np.zeros(40 << 20, np.uint8)))
     assert path.stat().st_size < 1 << 20
     monkeypatch.setenv(LIMIT, '30')
@@ -204,33 +183,9 @@ def test_a_decompression_bomb_is_refused_unread(
         load_recording(path)
 
 
-def test_an_archive_with_false_sizes_is_refused(tmp_path: Path) -> None:
+def test_an_archive_with_false_sizes_is_refused(tmp_path):
     path = tmp_path / 'lies.npz'
     pack(path, more=member(np.zeros(0), '(41943040,)', '|u1') + bytes(40 << 20))
     claim(path, 'more', 200)
     with little_memory(), pytest.raises(InputError, match='lies.npz: cannot be read'):
         load_recording(path)
-
-
-@pytest.mark.parametrize('umask', [0o002, 0o027, 0o077])
-def test_written_files_have_the_permissions_of_new_ones(tmp_path: Path, umask: int) -> None:
-    pack(tmp_path / 'scene.npz')
-    previous = os.umask(umask)
-    try:
-        assert (
-            main(
-                [
-                    'simulate',
-                    str(tmp_path / 'scene.npz'),
-                    str(tmp_path / 'out.npz'),
-                    '--frames',
-                    '2',
-                ]
-            )
-            == 0
-        )
-        assert main(['effects', '--write-presets', str(tmp_path / 'presets')]) == 0
-    finally:
-        os.umask(previous)
-    for name in ('out.npz', 'presets/offset.yaml'):
-        assert (tmp_path / name).stat().st_mode & 0o777 == 0o666 & ~umask

@@ -1,25 +1,22 @@
 """Messages as other simulators send them, through a node started with the documented remaps."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 import math
 from pathlib import Path
 import re
 import shlex
-import subprocess
 import sys
 import time
-from typing import Any
 
 from flexx2_sim_ros.camera import flexx2
 from made_bags import image, info, write
 import numpy as np
+from programs import started
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosbags.rosbag2 import Reader
 from simulators import assert_noise_is_sigma
-from streams import array_of, CameraInfo, Image, Listener, nanoseconds
+from streams import array_of, CameraInfo, Image, listening, nanoseconds
 
 pytestmark = pytest.mark.usefixtures('ros')
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'nodes.md'
@@ -93,7 +90,7 @@ SIMULATORS = {
 }
 
 
-def scene(fx: float = LENS.fx, cx: float = LENS.cx) -> np.ndarray:
+def scene(fx=LENS.fx, cx=LENS.cx):
     """Return (H, W) metres: a tilted board before nothing."""
     depth = np.full((LENS.height, LENS.width), np.nan, np.float32)
     u = np.arange(LENS.width)
@@ -102,7 +99,7 @@ def scene(fx: float = LENS.fx, cx: float = LENS.cx) -> np.ndarray:
     return depth
 
 
-def bag(path: Path, simulator: Simulator) -> Path:
+def bag(path, simulator):
     """Write what the simulator publishes from its start on."""
     pixels, matrix = scene(), LENS.matrix
     if simulator.focal:
@@ -125,7 +122,7 @@ def bag(path: Path, simulator: Simulator) -> Path:
     return write(path, entries)
 
 
-def documented(simulator: Simulator) -> list[str]:
+def documented(simulator):
     """Return the arguments of the command on the page that remaps to the simulator's topics."""
     commands = re.findall(
         r'^ros2 run flexx2_sim_ros flexx2_camera ((?:.*\\\n)*.*)$', PAGE.read_text(), re.M
@@ -134,18 +131,7 @@ def documented(simulator: Simulator) -> list[str]:
     return shlex.split(found.replace('\\\n', ' '))
 
 
-@contextmanager
-def node(child_env: dict[str, str], *words: str) -> Iterator[None]:
-    """Run the camera node as a process."""
-    command = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', *words]
-    with subprocess.Popen(command, env=child_env) as process:
-        try:
-            yield
-        finally:
-            process.terminate()
-
-
-def publish_all(listener: Listener, path: Path, simulator: Simulator, heard: list[Any]) -> None:
+def publish_all(listener, path, simulator, heard):
     """Publish the bag byte by byte; each image again until the node has answered it."""
     reliability = (
         ReliabilityPolicy.BEST_EFFORT if simulator.best_effort else ReliabilityPolicy.RELIABLE
@@ -162,7 +148,7 @@ def publish_all(listener: Listener, path: Path, simulator: Simulator, heard: lis
     for index in range(COUNT):
         due = 0.0
 
-        def answered(index: int = index) -> bool:
+        def answered(index=index):
             nonlocal due
             if time.monotonic() >= due:
                 for topic, data in messages[2 * index : 2 * index + 2]:
@@ -174,18 +160,15 @@ def publish_all(listener: Listener, path: Path, simulator: Simulator, heard: lis
 
 
 @pytest.mark.parametrize('name', SIMULATORS)
-def test_a_simulators_messages_become_frames(
-    name: str, child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_simulators_messages_become_frames(name, child_env, tmp_path):
     simulator = SIMULATORS[name]
     path = bag(tmp_path / 'bag', simulator)
     space = f'/as_{name}'
     words = [*documented(simulator), '-r', f'__ns:={space}', '-p', f'usecase:={USECASE}']
-    listener = Listener()
-    with node(child_env, *words):
+    command = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', *words]
+    with listening() as listener, started(command, env=child_env, stdout=None, stderr=None):
         heard = listener.listen(f'{space}/flexx2_camera/depth_image_0', Image)
         publish_all(listener, path, simulator, heard)
-    listener.close()
     frames = {nanoseconds(message): message for message in heard}
     assert sorted(frames) == [index * 1_000_000_000 // RATE for index in range(COUNT)]
     assert {message.header.frame_id for message in heard} == {simulator.frame}

@@ -62,7 +62,7 @@ EXTRAS = {
 }
 
 
-def run(*command: str | Path, cwd: Path, **changes: str | Path) -> str:
+def run(*command, cwd, **changes):
     """Return what a command, which has to succeed, prints away from this checkout."""
     env = {
         key: value
@@ -75,22 +75,22 @@ def run(*command: str | Path, cwd: Path, **changes: str | Path) -> str:
     return done.stdout
 
 
-def site_packages(prefix: Path) -> Path:
+def site_packages(prefix):
     """Return where Python modules are under an install prefix."""
     return Path(sysconfig.get_path('purelib', vars={'base': str(prefix)}))
 
 
-def files_under(folder: Path) -> set[Path]:
+def files_under(folder):
     """Return the files under a folder, relative to it."""
     return {path.relative_to(folder) for path in folder.rglob('*') if path.is_file()}
 
 
-def package_files() -> list[Path]:
+def package_files():
     """Return the package's Python files."""
     return sorted((ROOT / NAME).rglob('*.py'))
 
 
-def ros_packages() -> set[str]:
+def ros_packages():
     """Return the ROS packages that the package and its launch files import anywhere."""
     known = {NAME, *LIBRARIES, *EXTRAS, *sys.stdlib_module_names}
     found = set()
@@ -103,7 +103,7 @@ def ros_packages() -> set[str]:
 
 
 @pytest.fixture(scope='module')
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def source(tmp_path_factory):
     """Copy what the package is built from."""
     copy = tmp_path_factory.mktemp('source') / NAME
     copy.mkdir()
@@ -124,7 +124,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope='module')
-def workspace(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def workspace(source, tmp_path_factory):
     """Build the package with colcon; return the workspace."""
     work = tmp_path_factory.mktemp('workspace')
     run(
@@ -133,7 +133,7 @@ def workspace(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return work
 
 
-def test_colcon_puts_files_where_ros_looks(workspace: Path) -> None:
+def test_colcon_puts_files_where_ros_looks(workspace):
     prefix = workspace / 'install' / NAME
     share = prefix / 'share' / NAME
     assert files_under(prefix / 'lib' / NAME) == {Path(name) for name in EXECUTABLES}
@@ -146,19 +146,19 @@ def test_colcon_puts_files_where_ros_looks(workspace: Path) -> None:
     assert files_under(site_packages(prefix) / PAGE) == files_under(ROOT / PAGE)
 
 
-def test_colcon_install_runs_in_a_sourced_shell(workspace: Path) -> None:
+def test_colcon_install_runs_in_a_sourced_shell(workspace):
     script = f'. install/setup.bash && "$AMENT_PREFIX_PATH/lib/{NAME}/flexx2" modes'
     printed = run('bash', '-c', script, cwd=workspace)
     assert len(MODES) == 9
     assert set(re.findall(r'Mode_\w+', printed)) == MODES
 
 
-def test_colcon_build_compiles_the_camera(workspace: Path) -> None:
+def test_colcon_build_compiles_the_camera(workspace):
     script = f'. install/setup.bash && "$AMENT_PREFIX_PATH/lib/{NAME}/flexx2" compile --no-effects'
     assert run('bash', '-c', script, cwd=workspace) == 'everything was compiled before\n'
 
 
-def test_a_workspace_of_links_runs_what_is_in_the_source(source: Path, tmp_path: Path) -> None:
+def test_a_workspace_of_links_runs_what_is_in_the_source(source, tmp_path):
     colcon = (sys.executable, '-m', 'colcon', 'build', '--symlink-install')
     run(*colcon, '--base-paths', source, cwd=tmp_path, COLCON_HOME=tmp_path)
     script = f'. install/setup.bash && "$AMENT_PREFIX_PATH/lib/{NAME}/flexx2" modes'
@@ -170,7 +170,7 @@ def test_a_workspace_of_links_runs_what_is_in_the_source(source: Path, tmp_path:
     assert found.resolve() == source / NAME / '__init__.py'
 
 
-def test_launch_files_find_the_executables(workspace: Path) -> None:
+def test_launch_files_find_the_executables(workspace):
     for name in sorted(EXECUTABLES):
         program = f"from {NAME}.paths import executable; print(executable('{name}'))"
         script = f'. install/setup.bash && "{sys.executable}" -c "{program}"'
@@ -189,7 +189,7 @@ def test_launch_files_find_the_executables(workspace: Path) -> None:
 
 
 @pytest.fixture(scope='module')
-def distributions(source: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def distributions(source, tmp_path_factory):
     """Build the source distribution and, from it, the wheel, as `make release` does."""
     pytest.importorskip('build')
     pytest.importorskip('twine')
@@ -199,7 +199,7 @@ def distributions(source: Path, tmp_path_factory: pytest.TempPathFactory) -> tup
     return sdist, wheel
 
 
-def test_a_release_holds_all_files(distributions: tuple[Path, Path]) -> None:
+def test_a_release_holds_all_files(distributions):
     sdist, wheel = distributions
     run(sys.executable, '-m', 'twine', 'check', '--strict', *distributions, cwd=sdist.parent)
     data = Path(wheel.name.removesuffix('-py3-none-any.whl') + '.data', 'data', 'share', NAME)
@@ -224,9 +224,7 @@ def test_a_release_holds_all_files(distributions: tuple[Path, Path]) -> None:
     assert {Path('package.xml'), Path('CHANGELOG.rst'), Path('README.md')} <= inside
 
 
-def test_the_wheel_runs_in_a_clean_environment(
-    distributions: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_the_wheel_runs_in_a_clean_environment(distributions, tmp_path):
     clean = tmp_path / 'clean'
     run(sys.executable, '-m', 'venv', '--without-pip', clean, cwd=tmp_path)
     python = clean / 'bin' / 'python'
@@ -251,7 +249,7 @@ def test_the_wheel_runs_in_a_clean_environment(
     assert 'benchmark' not in help_of_gap  # needs the blind camera, which is in a checkout
 
 
-def test_library_imports_no_ros(tmp_path: Path) -> None:
+def test_library_imports_no_ros(tmp_path):
     modules = ['.'.join(path.relative_to(ROOT).with_suffix('').parts) for path in package_files()]
     apart = [f'{NAME}.nodes.', f'{NAME}.cli.']
     if importlib.util.find_spec('warp') is None:
@@ -271,7 +269,7 @@ def test_library_imports_no_ros(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(importlib.util.find_spec('warp') is None, reason='needs warp-lang')
-def test_a_batch_needs_no_numba_and_no_simulator(tmp_path: Path) -> None:
+def test_a_batch_needs_no_numba_and_no_simulator(tmp_path):
     """Assert that importing it imports none of them, and that all effects run without numba."""
     apart = "{'numba', 'rclpy', 'mujoco', 'matplotlib', 'rosbags', 'sklearn'} & set(sys.modules)"
     program = f"""
@@ -291,7 +289,7 @@ print({apart}, len(own) > 20, np.isfinite(seen).any())
 OF_EXTRAS = ('matplotlib', 'mujoco', 'rclpy', 'rosbags', 'sklearn', 'threadpoolctl', 'tornado')
 
 
-def without(names: tuple[str, ...], module: str, *arguments: str) -> str:
+def without(names, module, *arguments):
     """Return a program that runs a module's `main` where libraries are not installed."""
     return f"""
 import sys
@@ -318,9 +316,7 @@ sys.exit(main())
         ('nodes.go1_cameras', (), 'mujoco'),
     ],
 )
-def test_optional_libraries_are_imported_only_where_needed(
-    tmp_path: Path, module: str, arguments: tuple[str, ...], missing: str
-) -> None:
+def test_optional_libraries_are_imported_only_where_needed(tmp_path, module, arguments, missing):
     if module.startswith('nodes'):
         pytest.importorskip('rclpy')
     (tmp_path / 'bag.mcap').touch()
@@ -338,7 +334,7 @@ def test_optional_libraries_are_imported_only_where_needed(
         assert done.returncode == 0, done.stderr
 
 
-def test_the_camera_node_needs_neither_mujoco_nor_rosbags() -> None:
+def test_the_camera_node_needs_neither_mujoco_nor_rosbags():
     pytest.importorskip('rclpy')
     program = without(
         ('mujoco', 'rosbags'), 'nodes.flexx2_camera', '--ros-args', '-r', '__ns:=/needs_little'
@@ -351,7 +347,7 @@ def test_the_camera_node_needs_neither_mujoco_nor_rosbags() -> None:
     not Path(sys.executable).with_name('flexx2').is_file(),
     reason='the package is not installed with pip',
 )
-def test_make_shell_finds_the_commands() -> None:
+def test_make_shell_finds_the_commands():
     # -o: an environment that is there is not made again.
     done = subprocess.run(
         ['make', '-s', '-o', '.venv/.complete', 'shell', f'BIN={Path(sys.executable).parent}'],
@@ -367,7 +363,7 @@ def test_make_shell_finds_the_commands() -> None:
     assert {path.parent for path in found} == {Path(sys.executable).parent}
 
 
-def make_demo_on_aarch64(tmp_path: Path, **env: str) -> 'subprocess.CompletedProcess[str]':
+def make_demo_on_aarch64(tmp_path, **env):
     """Run the rule with commands that only say what they are asked for."""
     programs = {
         'python3': 'test "$2" != "import rclpy" || test -e "$PYTHONPATH/rclpy.py"',
@@ -390,7 +386,7 @@ def make_demo_on_aarch64(tmp_path: Path, **env: str) -> 'subprocess.CompletedPro
     )
 
 
-def test_a_computer_without_wheels_of_ros_uses_the_ros_that_it_has(tmp_path: Path) -> None:
+def test_a_computer_without_wheels_of_ros_uses_the_ros_that_it_has(tmp_path):
     done = make_demo_on_aarch64(tmp_path)
     assert done.returncode == 2
     assert 'There are no wheels of ROS 2 for aarch64: install ROS 2 Jazzy in' in done.stderr
@@ -412,7 +408,7 @@ def test_a_computer_without_wheels_of_ros_uses_the_ros_that_it_has(tmp_path: Pat
         (tmp_path / 'complete').unlink()
 
 
-def test_every_import_is_a_declared_dependency() -> None:
+def test_every_import_is_a_declared_dependency():
     declared = {
         depend.text
         for depend in ElementTree.parse(ROOT / 'package.xml').findall('*')
@@ -428,7 +424,7 @@ def test_every_import_is_a_declared_dependency() -> None:
     assert not [key for key in declared if key and key.endswith('-pip')]
 
 
-def test_the_dockerfile_does_what_is_tested_here() -> None:
+def test_the_dockerfile_does_what_is_tested_here():
     text = (ROOT / 'Dockerfile').read_text()
     assert 'FROM ros:jazzy' in text
     installed = re.findall(r'pip install --no-cache-dir --break-system-packages (.*) \\', text)
@@ -442,7 +438,7 @@ def test_the_dockerfile_does_what_is_tested_here() -> None:
         assert name in EXECUTABLES
 
 
-def test_one_version_everywhere(workspace: Path) -> None:
+def test_one_version_everywhere(workspace):
     version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
     site = site_packages(workspace / 'install' / NAME)
     installed = importlib.metadata.distributions(name=NAME, path=[str(site)])
@@ -453,12 +449,12 @@ def test_one_version_everywhere(workspace: Path) -> None:
     assert yaml.safe_load((ROOT / 'CITATION.cff').read_text())['version'] == version
 
 
-def test_bloom_can_read_this_release() -> None:
+def test_bloom_can_read_this_release():
     pytest.importorskip('catkin_pkg')  # bloom reads with it
     from catkin_pkg.changelog import get_changelog_from_path
     from catkin_pkg.package import parse_package
 
-    warnings: list[str] = []
+    warnings = []
     package = parse_package(ROOT / 'package.xml', warnings=warnings)
     changes = get_changelog_from_path(str(ROOT), package.name)
     assert not warnings

@@ -1,18 +1,18 @@
 """Images and their companions find each other by stamp, and never wait long."""
 
-from flexx2_sim_ros.nodes.pairing import Match, StampPairing
+from flexx2_sim_ros.nodes.pairing import StampPairing
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
 
-def run(pairing: StampPairing, *events: str) -> list[tuple[int, str | None, str | None]]:
+def run(pairing, *events):
     """
     Feed events such as ``image 3`` and return what is matched.
 
     An image comes back with the info's and reflectivity's own names.
     """
-    matches: list[Match] = []
+    matches = []
     for event in events:
         name, stamp = event.split()
         if name == 'image':
@@ -33,7 +33,7 @@ def run(pairing: StampPairing, *events: str) -> list[tuple[int, str | None, str 
     ],
     ids=' '.join,
 )
-def test_messages_of_one_stamp_are_matched_at_once(order: tuple[str, ...]) -> None:
+def test_messages_of_one_stamp_are_matched_at_once(order):
     """Assert every image comes out with its own companions, without waiting for the next one."""
     pairing = StampPairing()
     for stamp in range(50):
@@ -53,7 +53,7 @@ def test_messages_of_one_stamp_are_matched_at_once(order: tuple[str, ...]) -> No
     ],
     ids=' '.join,
 )
-def test_images_wait_for_reflectivity_after_its_first_message(order: tuple[str, ...]) -> None:
+def test_images_wait_for_reflectivity_after_its_first_message(order):
     """Assert at most the first image goes without its reflectivity."""
     pairing = StampPairing()
     run(pairing, *(f'{name} 0' for name in order))
@@ -63,7 +63,7 @@ def test_images_wait_for_reflectivity_after_its_first_message(order: tuple[str, 
         ]
 
 
-def test_an_image_waits_no_longer_than_for_the_next() -> None:
+def test_an_image_waits_no_longer_than_for_the_next():
     """Assert a companion that stops coming holds one image up, once."""
     pairing = StampPairing()
     run(pairing, 'info 0', 'image 0', 'reflectivity 0')
@@ -75,7 +75,7 @@ def test_an_image_waits_no_longer_than_for_the_next() -> None:
     assert run(pairing, 'image 6') == [(6, 'info 3', None)]
 
 
-def test_one_camera_info_serves_all_images() -> None:
+def test_one_camera_info_serves_all_images():
     """Assert a camera info that came once serves every image, and a new one replaces it."""
     pairing = StampPairing()
     assert run(pairing, 'info 0', 'image 10') == []
@@ -85,7 +85,7 @@ def test_one_camera_info_serves_all_images() -> None:
 
 
 @pytest.mark.parametrize('order', ['info 0, image', 'image, info 0'])
-def test_camera_infos_that_keep_the_first_stamp_delay_no_image(order: str) -> None:
+def test_camera_infos_that_keep_the_first_stamp_delay_no_image(order):
     """Assert every image comes out before the next one is sent, as a simulation in steps needs."""
     pairing = StampPairing()
     for stamp in range(20):
@@ -93,7 +93,7 @@ def test_camera_infos_that_keep_the_first_stamp_delay_no_image(order: str) -> No
         assert run(pairing, *events) == [(stamp, 'info 0', None)]
 
 
-def test_without_camera_info_nothing_is_paired() -> None:
+def test_without_camera_info_nothing_is_paired():
     """Assert images come out without, for the node to say so."""
     pairing = StampPairing()
     assert run(pairing, 'image 1', 'image 2', 'image 3') == [
@@ -103,7 +103,7 @@ def test_without_camera_info_nothing_is_paired() -> None:
     ]
 
 
-def test_companions_of_other_stamps_are_not_used() -> None:
+def test_companions_of_other_stamps_are_not_used():
     """Assert reflectivity is never taken from another frame."""
     pairing = StampPairing()
     assert run(pairing, 'info 1', 'reflectivity 0', 'reflectivity 2', 'image 1') == [
@@ -112,7 +112,7 @@ def test_companions_of_other_stamps_are_not_used() -> None:
     assert run(pairing, 'info 2', 'image 2') == [(2, 'info 2', 'reflectivity 2')]
 
 
-def test_a_run_that_starts_again_does_not_see_the_last_ones_companions() -> None:
+def test_a_run_that_starts_again_does_not_see_the_last_ones_companions():
     """Assert stamps that come a second time get what was sent with them the second time."""
     for order in (('image', 'info', 'reflectivity'), ('info', 'reflectivity', 'image')):
         pairing = StampPairing()
@@ -126,7 +126,7 @@ def test_a_run_that_starts_again_does_not_see_the_last_ones_companions() -> None
             ]
 
 
-def test_companions_that_are_ahead_of_a_restart_are_kept() -> None:
+def test_companions_that_are_ahead_of_a_restart_are_kept():
     """Assert that images find what came with them, though the next one's was there as well."""
     pairing = StampPairing()
     for stamp in range(5):
@@ -136,7 +136,7 @@ def test_companions_that_are_ahead_of_a_restart_are_kept() -> None:
     ) == [(0, 'info 0', 'reflectivity 0'), (1, 'info 1', 'reflectivity 1')]
 
 
-def test_one_info_outlives_a_restart() -> None:
+def test_one_info_outlives_a_restart():
     """Assert a camera info that came once serves the next run too, whatever its stamp."""
     pairing = StampPairing()
     run(pairing, 'info 50', 'image 90', 'image 91')
@@ -149,10 +149,10 @@ EVENTS = st.lists(
 
 
 @given(EVENTS)
-def test_any_order_keeps_every_image(events: list[tuple[str, int]]) -> None:
+def test_any_order_keeps_every_image(events):
     """Assert images come out once each, in order, all but the last at most, well matched."""
     pairing = StampPairing()
-    matches: list[Match] = []
+    matches = []
     sent = []
     for serial, (name, stamp) in enumerate(events):
         if name == 'image':
@@ -166,7 +166,7 @@ def test_any_order_keeps_every_image(events: list[tuple[str, int]]) -> None:
         assert match.reflectivity is None or match.reflectivity[0] == match.stamp
 
 
-def test_paired_and_unpaired_messages_are_counted() -> None:
+def test_paired_and_unpaired_messages_are_counted():
     """Assert companions count once: as paired, or as dropped without an image."""
     pairing = StampPairing()
     for stamp in range(0, 100, 2):
@@ -183,7 +183,7 @@ def test_paired_and_unpaired_messages_are_counted() -> None:
     assert pairing.unpaired['reflectivity'] == 100
 
 
-def test_memory_is_bounded() -> None:
+def test_memory_is_bounded():
     """Assert companions without images are not kept for ever."""
     pairing = StampPairing()
     for stamp in range(1000):

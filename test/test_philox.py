@@ -1,6 +1,5 @@
 """The counter-based generator: the published vectors, a plain reference, and its statistics."""
 
-from collections.abc import Callable
 import math
 
 from flexx2_sim_ros.physics.philox import (
@@ -33,7 +32,7 @@ KNOWN = [
 ]
 
 
-def reference_philox(counter: list[np.ndarray], key: tuple[int, int]) -> list[np.ndarray]:
+def reference_philox(counter, key):
     """Run ten rounds on arrays of uint64 that hold 32-bit words."""
     word = np.uint64(0xFFFFFFFF)
     half = np.uint64(32)
@@ -51,7 +50,7 @@ def reference_philox(counter: list[np.ndarray], key: tuple[int, int]) -> list[np
     return [c0, c1, c2, c3]
 
 
-def reference_normals(key: np.ndarray, stamp_ns: int, stream: int, size: int) -> np.ndarray:
+def reference_normals(key, stamp_ns, stream, size):
     """Draw what `fill_normals` must, in float64."""
     blocks = np.arange(-(-size // 4), dtype=np.uint64)
     words = [
@@ -70,14 +69,7 @@ def reference_normals(key: np.ndarray, stamp_ns: int, stream: int, size: int) ->
     return out.ravel()[:size]
 
 
-def normals(
-    size: int = MANY,
-    *,
-    seed: int = 5,
-    name: str = 'left',
-    stamp_ns: int = 0,
-    stream: int = STREAM_AXIAL,
-) -> np.ndarray:
+def normals(size=MANY, *, seed=5, name='left', stamp_ns=0, stream=STREAM_AXIAL):
     """Draw from the package."""
     out = np.full(size, np.nan, np.float32)
     fill_normals(camera_key(seed, name), *stamp_words(stamp_ns), stream, out)
@@ -85,7 +77,7 @@ def normals(
 
 
 @pytest.mark.parametrize(('counter', 'key', 'answer'), KNOWN)
-def test_known_answers(counter: tuple, key: tuple, answer: tuple) -> None:
+def test_known_answers(counter, key, answer):
     words = [np.uint32(word) for word in (*counter, *key)]
     assert tuple(int(word) for word in philox4x32(*words)) == answer
     arrays = [np.array([word], np.uint64) for word in counter]
@@ -94,7 +86,7 @@ def test_known_answers(counter: tuple, key: tuple, answer: tuple) -> None:
 
 @pytest.mark.parametrize('stamp_ns', [0, -1, 1_700_000_000_123_456_789, 2**63 - 1, -(2**63)])
 @pytest.mark.parametrize('size', [0, 1, 2, 3, 4, 5, 7, 1001, 172 * 224])
-def test_random_numbers_agree_with_the_reference_in_every_pixel(size: int, stamp_ns: int) -> None:
+def test_random_numbers_agree_with_the_reference_in_every_pixel(size, stamp_ns):
     for stream in (STREAM_AXIAL, STREAM_COLUMN_EDGES):
         drawn = normals(size, stamp_ns=stamp_ns, stream=stream)
         wanted = reference_normals(camera_key(5, 'left'), stamp_ns, stream, size)
@@ -102,7 +94,7 @@ def test_random_numbers_agree_with_the_reference_in_every_pixel(size: int, stamp
 
 
 @pytest.mark.parametrize('fill', [fill_normals, fill_uniforms])
-def test_any_number_of_pixels_is_filled_and_nothing_behind_them(fill: Callable) -> None:
+def test_any_number_of_pixels_is_filled_and_nothing_behind_them(fill):
     key, low, high = camera_key(3, 'front'), *stamp_words(7)
     many = np.empty(12, np.float32)
     fill(key, low, high, STREAM_AXIAL, many)
@@ -113,14 +105,14 @@ def test_any_number_of_pixels_is_filled_and_nothing_behind_them(fill: Callable) 
         assert np.isnan(held[size:]).all()
 
 
-def test_extreme_words_give_finite_normals() -> None:
+def test_extreme_words_give_finite_normals():
     words = [0, 1, 2**31, 2**32 - 257, 2**32 - 129, 2**32 - 128, 2**32 - 1]
     pairs = [normal_pair(np.uint32(a), np.uint32(b)) for a in words for b in words]
     assert np.isfinite(pairs).all()
     assert 6.7 < np.abs(pairs).max() < 6.8
 
 
-def test_moments() -> None:
+def test_moments():
     drawn = normals().astype(np.float64)
     # Standard errors of the first four moments of n normals: sqrt(1, 2, 15, 96) / sqrt(n).
     for power, mean, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
@@ -128,7 +120,7 @@ def test_moments() -> None:
         assert abs(error) < SIGMAS * math.sqrt(variance / MANY), power
 
 
-def test_distribution_is_normal() -> None:
+def test_distribution_is_normal():
     """Assert by Kolmogorov and Smirnov; false failure 2 exp(-2 * 3^2) = 3e-8."""
     drawn = np.sort(normals(200_000).astype(np.float64))
     cdf = np.array([0.5 * math.erfc(-value / math.sqrt(2)) for value in drawn])
@@ -138,7 +130,7 @@ def test_distribution_is_normal() -> None:
 
 
 @pytest.mark.parametrize('lag', [1, 2, 3, 4, 5, 8, 223, 224, 225, 172 * 224])
-def test_pixels_are_independent(lag: int) -> None:
+def test_pixels_are_independent(lag):
     drawn = normals().astype(np.float64)
     for values in (drawn, drawn**2 - 1, np.abs(drawn) - math.sqrt(2 / math.pi)):
         correlation = (values[:-lag] * values[lag:]).mean() / (values**2).mean()
@@ -162,19 +154,19 @@ def test_pixels_are_independent(lag: int) -> None:
         {'stream': STREAM_COLUMN_EDGES},
     ],
 )
-def test_streams_of_random_numbers_are_independent(other: dict) -> None:
+def test_streams_of_random_numbers_are_independent(other):
     one, two = normals(200_000), normals(200_000, **other)
     assert abs(np.mean(one * two)) < SIGMAS / math.sqrt(one.size)
     assert not np.array_equal(np.sort(one[:400]), np.sort(two[:400]))
 
 
-def test_stamps_give_different_numbers_over_their_whole_range() -> None:
+def test_stamps_give_different_numbers_over_their_whole_range():
     stamps = [0, 1, -1, 2**32, 2**32 - 1, 2**32 + 1, -(2**32), 2**63 - 1, -(2**63)]
     assert len({stamp_words(stamp) for stamp in stamps}) == len(stamps)
     assert len({normals(4, stamp_ns=stamp).tobytes() for stamp in stamps}) == len(stamps)
 
 
-def test_keys_cannot_be_confused() -> None:
+def test_keys_cannot_be_confused():
     pairs = [(seed, name) for seed in (0, 1, 10, -1) for name in ('', '0', '/0', '1/', 'é', 'a b')]
     keys = {camera_key(seed, name).tobytes() for seed, name in pairs}
     assert len(keys) == len(pairs)

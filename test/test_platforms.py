@@ -6,7 +6,6 @@ import runpy
 import subprocess
 import sys
 import tomllib
-from typing import Any
 import urllib.request
 from xml.etree import ElementTree
 
@@ -24,7 +23,7 @@ PLATFORMS = {
 }
 
 
-def resolved(*requirements: str, platforms: tuple[str, ...] = ()) -> str:
+def resolved(*requirements, platforms=()):
     """Return what pip says when it cannot resolve wheels for a platform; empty: it can."""
     pip = (sys.executable, '-m', 'pip', 'install', '--dry-run', '--quiet', '--ignore-installed')
     options = ('--only-binary=:all:', '--python-version', '3.11', '--target', 'nowhere')
@@ -39,9 +38,9 @@ def resolved(*requirements: str, platforms: tuple[str, ...] = ()) -> str:
 
 
 @pytest.fixture(scope='module')
-def declared() -> dict[str, Any]:
+def declared():
     """Return what setup.py gives to setuptools."""
-    given: dict[str, Any] = {}
+    given = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(setuptools, 'setup', lambda **words: given.update(words))
         runpy.run_path(str(ROOT / 'setup.py'))
@@ -51,7 +50,7 @@ def declared() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize('machine', PLATFORMS)
-def test_all_dependencies_have_wheels(declared: dict[str, Any], machine: str) -> None:
+def test_all_dependencies_have_wheels(declared, machine):
     wanted = []
     for one in (*declared['install_requires'], *declared['extras_require']['all']):
         name, _, marker = one.partition(';')
@@ -61,7 +60,7 @@ def test_all_dependencies_have_wheels(declared: dict[str, Any], machine: str) ->
     assert not resolved(*wanted, platforms=tuple(PLATFORMS[machine]))
 
 
-def test_what_is_left_out_on_a_robot_has_no_wheel_there(declared: dict[str, Any]) -> None:
+def test_what_is_left_out_on_a_robot_has_no_wheel_there(declared):
     for one in declared['extras_require']['all']:
         name, _, marker = one.partition(';')
         if marker:
@@ -69,7 +68,7 @@ def test_what_is_left_out_on_a_robot_has_no_wheel_there(declared: dict[str, Any]
             assert 'No matching distribution' in said
 
 
-def rosdistro(path: str) -> dict[str, Any]:
+def rosdistro(path):
     """Return a YAML file of rosdistro: of a checkout in FLEXX2_ROSDISTRO, or from GitHub."""
     checkout = os.environ.get('FLEXX2_ROSDISTRO')
     if checkout:
@@ -84,7 +83,7 @@ def rosdistro(path: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(('distribution', 'ubuntu'), [('jazzy', 'noble'), ('lyrical', 'resolute')])
-def test_rosdep_knows_all_keys_without_pip(distribution: str, ubuntu: str) -> None:
+def test_rosdep_knows_all_keys_without_pip(distribution, ubuntu):
     keys = {
         str(one.text)
         for one in ElementTree.parse(ROOT / 'package.xml').findall('*')
@@ -107,7 +106,7 @@ def test_rosdep_knows_all_keys_without_pip(distribution: str, ubuntu: str) -> No
         assert 'pip' not in rule, key
 
 
-def test_pixi_takes_what_there_is(declared: dict[str, Any]) -> None:
+def test_pixi_takes_what_there_is(declared):
     content = tomllib.loads((ROOT / 'pixi.toml').read_text())
     own = content['pypi-dependencies']['flexx2_sim_ros']
     assert set(own['extras']) <= set(declared['extras_require'])

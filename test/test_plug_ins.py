@@ -4,9 +4,7 @@ import ast
 import json
 import logging
 import os
-from pathlib import Path
 import re
-import subprocess
 
 from bench.gap_campaigns import write_campaign
 from boards import K
@@ -29,19 +27,19 @@ CLEAN = np.full((48, 64), 1.5, np.float32)
 
 
 @pytest.fixture(scope='module')
-def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def site(tmp_path_factory):
     """Return where the example is installed."""
     return install_example(tmp_path_factory.mktemp('site'))
 
 
 @pytest.fixture
-def example(site: Path) -> object:
+def example(site):
     """Let this process find the example."""
     with on_path(site):
         yield
 
 
-def command(site: Path, *arguments: str) -> subprocess.CompletedProcess:
+def command(site, *arguments):
     """Run ``flexx2`` in a process that finds a path's plug-ins."""
     start = 'from flexx2_sim_ros.cli.main import main; raise SystemExit(main())'
     return run_python(
@@ -52,15 +50,13 @@ def command(site: Path, *arguments: str) -> subprocess.CompletedProcess:
     )
 
 
-def swing(amplitude: float, period: float, rows: int) -> np.ndarray:
+def swing(amplitude, period, rows):
     """Return (rows, 1) metres."""
     return amplitude * np.sin(2 * np.pi / period * np.arange(rows))[:, None]
 
 
 @pytest.mark.usefixtures('example')
-def test_the_camera_files_and_texts_have_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_camera_files_and_texts_have_it(tmp_path, capsys):
     effect = {'row_banding': {'amplitude': 0.05, 'period': 12.0}}
     with_it, without = (
         Camera(effects=effects, seed=1).capture(CLEAN, K, np.arange(3) * PERIOD).depth
@@ -81,7 +77,7 @@ def test_the_camera_files_and_texts_have_it(
 
 
 @pytest.mark.usefixtures('example')
-def test_the_batch_runs_it(caplog: pytest.LogCaptureFixture) -> None:
+def test_the_batch_runs_it(caplog):
     effects = [{'row_banding': {'amplitude': 0.05}}, {'offset': None}]
     cameras = BatchCamera(2, 'Mode_5_30fps', effects=effects, K=K, device='cpu')
     alone = [Camera('Mode_5_30fps', effects=own, seed=i) for i, own in enumerate(effects)]
@@ -94,7 +90,7 @@ def test_the_batch_runs_it(caplog: pytest.LogCaptureFixture) -> None:
 
 
 @pytest.mark.usefixtures('ros', 'example')
-def test_a_running_node_switches_it() -> None:
+def test_a_running_node_switches_it():
     streams = pytest.importorskip('streams')
     values = {'amplitude': 0.05, 'strength': 1.0}
     with streams.stream(streams.DEPTH) as seen:
@@ -116,7 +112,7 @@ def test_a_running_node_switches_it() -> None:
         np.testing.assert_array_equal(seen.depths()[-1], wanted)
 
 
-def test_the_command_line_has_it_and_the_diagnosis_finds_it(site: Path, tmp_path: Path) -> None:
+def test_the_command_line_has_it_and_the_diagnosis_finds_it(site, tmp_path):
     shown = command(site, 'effects', '--sources')
     assert 'row_banding' in shown.stdout, shown.stderr
     with on_path(site):
@@ -220,7 +216,7 @@ BAD = {
 
 
 @pytest.fixture(scope='module')
-def bad_site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bad_site(tmp_path_factory):
     """Return where plug-ins are installed that cannot be used, and one good one."""
     site = tmp_path_factory.mktemp('bad')
     for name, (text, _) in BAD.items():
@@ -233,9 +229,7 @@ def bad_site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return site
 
 
-def test_what_cannot_be_used_is_named_and_left_out(
-    bad_site: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_what_cannot_be_used_is_named_and_left_out(bad_site, caplog):
     before = list(registry())
     with on_path(bad_site):
         assert set(registry()) == {*before, 'good'}
@@ -253,7 +247,7 @@ def test_what_cannot_be_used_is_named_and_left_out(
     assert all(line.isprintable() and len(line) < 400 for line in lines)
 
 
-def test_the_command_line_works_beside_broken_plug_ins(bad_site: Path) -> None:
+def test_the_command_line_works_beside_broken_plug_ins(bad_site):
     assert '[/dim] [bold' in command(bad_site, 'effects', '--sources').stdout
     done = command(bad_site, 'effects')
     assert done.returncode == 0
@@ -273,9 +267,7 @@ _LATE = """
 """
 
 
-def test_a_plug_in_that_fails_later_is_reported_once_and_switched_off(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_plug_in_that_fails_later_is_reported_once_and_switched_off(tmp_path, caplog):
     (tmp_path / 'late.py').write_text(_HEAD.replace("'good'", "'late'") + _LATE)
     write_metadata(tmp_path, 'late', late='late:Good')
     with on_path(tmp_path), caplog.at_level(logging.WARNING):
@@ -291,14 +283,14 @@ def test_a_plug_in_that_fails_later_is_reported_once_and_switched_off(
     ]
 
 
-def test_the_page_names_the_example() -> None:
+def test_the_page_names_the_example():
     page = (ROOT / 'CONTRIBUTING.md').read_text()
     for path in (EXAMPLE / 'row_banding.py', EXAMPLE / 'pyproject.toml'):
         assert path.is_file()
         assert f'`{path.relative_to(ROOT)}`' in page
 
 
-def test_no_module_but_its_own_names_an_effect() -> None:
+def test_no_module_but_its_own_names_an_effect():
     """
     Assert it of strings.
 
@@ -320,7 +312,7 @@ def test_no_module_but_its_own_names_an_effect() -> None:
             assert texts & set(loadable()) <= {path.stem, own.get(path.name)}, place
 
 
-def test_effects_import_nothing_above_them() -> None:
+def test_effects_import_nothing_above_them():
     below = {'atomic', 'config_file', 'effects', 'errors', 'formulas', 'paths', 'physics'}
     below |= {'entry_points', 'limits', 'npz_arrays', 'profiles'}
     for path in sorted((ROOT / 'flexx2_sim_ros' / 'effects').glob('*.py')):
@@ -328,7 +320,7 @@ def test_effects_import_nothing_above_them() -> None:
         assert rooms <= below, path.name
 
 
-def test_counts_in_the_documents() -> None:
+def test_counts_in_the_documents():
     """Assert that documents that count the effects count them right."""
     count = len(registry())
     said = []
@@ -342,13 +334,13 @@ def test_counts_in_the_documents() -> None:
     assert f'{said_there} effects run in kernels' in batch
 
 
-def test_every_kind_of_picture_can_be_drawn() -> None:
+def test_every_kind_of_picture_can_be_drawn():
     assert set(DRAW_PROFILE) == set(PROFILES)
     with pytest.raises(InputError, match='picture.profile: must be one of covariate, .* got'):
         Picture('oil on canvas')
 
 
-def test_random_numbers_are_each_effects_own() -> None:
+def test_random_numbers_are_each_effects_own():
     streams = [kind.stream for kind in loadable().values()]
     assert len(set(streams)) == len(streams)
     assert {name: registry()[name].stream for name in ('fixed_pattern', 'saturation')} == {

@@ -1,6 +1,5 @@
 """Terminal escapes in files are shown escaped: in errors, notes, tables and logs."""
 
-from pathlib import Path
 import zipfile
 
 from flexx2_sim_ros.cli.main import main
@@ -15,18 +14,18 @@ import pytest
 EVIL = '\x1b]0;owned\x07\x1b[31m\x1b[1A\x9b1m\u202e\r[red]'
 
 
-def is_safe(text: str) -> bool:
+def is_safe(text):
     """Say whether text has nothing that a terminal obeys."""
     return all(letter.isprintable() or letter in '\n\t' for letter in text)
 
 
-def test_printable_text_stays_unchanged() -> None:
+def test_printable_text_stays_unchanged():
     assert printable('σ = 1 °\n\tüé 深度') == 'σ = 1 °\n\tüé 深度'
     assert is_safe(printable(EVIL))
     assert is_safe(str(InputError(EVIL + '\udc80')))
 
 
-def test_convert_shows_escapes_escaped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_convert_shows_escapes_escaped(tmp_path, capsys):
     path = tmp_path / 'evil.npz'
     with RecordingWriter(path, 1, 4, 5) as writer:
         writer.add_depth(depths(1, 4, 5))
@@ -43,9 +42,7 @@ def test_convert_shows_escapes_escaped(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.usefixtures('ros')
-def test_replay_and_convert_show_names_in_bags_escaped(
-    child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_replay_and_convert_show_names_in_bags_escaped(child_env, tmp_path):
     pixels = depths(1, 4, 5)[0]
     text = make('std_msgs/msg/String', EVIL)
     bag = write(

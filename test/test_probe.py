@@ -1,6 +1,5 @@
 """What the demo's table measures of frames that arrive in part."""
 
-from pathlib import Path
 import re
 import subprocess
 import sys
@@ -14,7 +13,7 @@ MODE = 'Mode_9_30fps'
 
 
 @pytest.mark.parametrize('kept', [1, 3, 10])
-def test_noise_is_that_of_the_model_when_images_are_lost(kept: int) -> None:
+def test_noise_is_that_of_the_model_when_images_are_lost(kept):
     """
     Assert it of a box before a wall, whose edges move, with every ``kept``-th sigma_z only.
 
@@ -36,7 +35,7 @@ def test_noise_is_that_of_the_model_when_images_are_lost(kept: int) -> None:
     assert len(capture.stamps) == 30
 
 
-def test_late_frames_of_the_mode_before_do_not_count() -> None:
+def test_late_frames_of_the_mode_before_do_not_count():
     """
     Assert it of two such frames, as on a busy machine; the noise differs by a factor of 1.2.
 
@@ -54,7 +53,7 @@ def test_late_frames_of_the_mode_before_do_not_count() -> None:
     assert realised / modelled == pytest.approx(1, abs=0.01)
 
 
-def test_two_frames_give_no_noise_ratio() -> None:
+def test_two_frames_give_no_noise_ratio():
     capture = Capture()
     for i in range(2):
         capture.add(i, np.ones((4, 4), np.float32), np.ones((4, 4), np.float32), 0.001)
@@ -62,9 +61,7 @@ def test_two_frames_give_no_noise_ratio() -> None:
     assert np.isnan(capture.sigmas()).all()
 
 
-def test_the_demo_waits_for_frames_however_short_its_time(
-    child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_the_demo_waits_for_frames_however_short_its_time(child_env, tmp_path):
     pytest.importorskip('rclpy')
     done = subprocess.run(
         [sys.executable, '-m', 'flexx2_sim_ros.cli.main', 'demo', '--renderer', 'ray']

@@ -1,17 +1,13 @@
 """The nodes as the processes they are: how they start, what they publish, how they end."""
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 import itertools
-from pathlib import Path
 import signal
 import subprocess
-import sys
-import time
-from typing import Any
 
+from bench.torture_kill import handles_signals
 from flexx2_sim_ros.camera import Camera
 import numpy as np
+from programs import node_words, PATIENCE, until
 import pytest
 from streams import (
     array_of,
@@ -22,15 +18,13 @@ from streams import (
     Image,
     image_message,
     info_message,
-    Listener,
+    listening,
     nanoseconds,
 )
 
 SECOND = 1_000_000_000
 CAMERA, GO1 = 'flexx2_camera', 'go1_cameras'
 SIGNALS = [signal.SIGINT, signal.SIGTERM]
-# Far more than a node takes to start or end; a machine may be busy.
-PATIENCE = 60.0
 WALL = np.full((172, 224), 1.5, np.float32)
 
 _numbers = itertools.count()
@@ -48,26 +42,11 @@ class Node:
 
     """
 
-    def __init__(
-        self,
-        executable: str,
-        folder: Path,
-        env: dict[str, str],
-        *parameters: str,
-        arguments: tuple[str, ...] = (),
-    ) -> None:
+    def __init__(self, executable, folder, env, *parameters, arguments=()):
         """Start it."""
         self.namespace = f'/process_{next(_numbers)}'
         self._log = folder / f'{executable}{self.namespace.replace("/", "_")}.log'
-        command = [
-            sys.executable,
-            '-m',
-            f'flexx2_sim_ros.nodes.{executable}',
-            '--ros-args',
-            '-r',
-            f'__ns:={self.namespace}',
-            *arguments,
-        ]
+        command = node_words(executable, '-r', f'__ns:={self.namespace}', *arguments)
         for parameter in parameters:
             command += ['-p', parameter]
         with self._log.open('wb') as log:
@@ -76,21 +55,15 @@ class Node:
             )
 
     @property
-    def output(self) -> str:
+    def output(self):
         """Return what it has written so far."""
         return self._log.read_text(errors='replace')
 
-    def catches_signals(self) -> bool:
-        """Say whether the process has got so far as to handle SIGTERM."""
-        status = Path(f'/proc/{self.process.pid}/status').read_text()
-        caught = next(line for line in status.splitlines() if line.startswith('SigCgt'))
-        return bool(int(caught.split()[1], 16) & (1 << (signal.SIGTERM - 1)))
-
-    def wait(self) -> int:
+    def wait(self):
         """Return the exit code."""
         return self.process.wait(PATIENCE)
 
-    def assert_ends_quietly(self, number: signal.Signals) -> None:
+    def assert_ends_quietly(self, number):
         """Send a signal and assert the process ends at once, with exit code 0, without a fuss."""
         assert self.process.poll() is None, self.output
         self.process.send_signal(number)
@@ -100,11 +73,11 @@ class Node:
 
 
 @pytest.fixture
-def start(tmp_path: Path, child_env: dict[str, str]) -> Iterator[Any]:
+def start(tmp_path, child_env):
     """Return a function that starts a node; those that still run are killed at the end."""
-    nodes: list[Node] = []
+    nodes = []
 
-    def started(executable: str, *parameters: str, arguments: tuple[str, ...] = ()) -> Node:
+    def started(executable, *parameters, arguments=()):
         nodes.append(Node(executable, tmp_path, child_env, *parameters, arguments=arguments))
         return nodes[-1]
 
@@ -115,33 +88,19 @@ def start(tmp_path: Path, child_env: dict[str, str]) -> Iterator[Any]:
             node.process.wait()
 
 
-@contextmanager
-def listening() -> Iterator[Listener]:
-    """Return a `Listener` that leaves at the end of the block."""
-    listener = Listener()
-    try:
-        yield listener
-    finally:
-        listener.close()
-
-
 @pytest.mark.parametrize(
     ('executable', 'number'), [(CAMERA, signal.SIGINT), (GO1, signal.SIGTERM)]
 )
-def test_a_signal_while_starting_ends_the_process(
-    start: Any, executable: str, number: signal.Signals
-) -> None:
+def test_a_signal_while_starting_ends_the_process(start, executable, number):
     """Assert a node that has hardly begun to start ends at once."""
     node = start(executable)
-    deadline = time.monotonic() + PATIENCE
-    while not node.catches_signals():
-        assert time.monotonic() < deadline
+    until(lambda: handles_signals(node.process.pid, [signal.SIGTERM]))
     node.assert_ends_quietly(number)
     assert node.output == ''
 
 
 @pytest.mark.parametrize('number', SIGNALS)
-def test_the_camera_node(start: Any, number: signal.Signals) -> None:
+def test_the_camera_node(start, number):
     """Assert frames over the wire are the library's, and a quiet end amid a burst of images."""
     node = start(
         CAMERA,
@@ -182,7 +141,7 @@ def test_the_camera_node(start: Any, number: signal.Signals) -> None:
         user.spin_until(lambda: not user.node.count_publishers(topic))
 
 
-def _common_stamps(heard: Iterable[list[Any]], clock: list[Clock]) -> set[int]:
+def _common_stamps(heard, clock):
     ticks = {message.clock.sec * SECOND + message.clock.nanosec for message in clock}
     return ticks.intersection(
         *({nanoseconds(message) for message in messages} for messages in heard)
@@ -213,9 +172,7 @@ ONE_BOARD = """
     ],
     ids=['lab', 'own scene'],
 )
-def test_the_robot_node(
-    start: Any, tmp_path: Path, number: signal.Signals, rate: int, parameters: list[str]
-) -> None:
+def test_the_robot_node(start, tmp_path, number, rate, parameters):
     """Assert what both cameras publish, all with the state's time, and the clock."""
     (tmp_path / 'board.xml').write_text(ONE_BOARD)
     node = start(GO1, *(parameter.format(folder=tmp_path) for parameter in parameters))
@@ -289,9 +246,7 @@ BROKEN = '<mujoco><worldbody><body name="trunk"><geom size="-1"/></body></worldb
     ],
     ids=str,
 )
-def test_bad_parameters_at_start(
-    start: Any, tmp_path: Path, executable: str, options: list[str], parts: list[str]
-) -> None:
+def test_bad_parameters_at_start(start, tmp_path, executable, options, parts):
     """Assert exit code 1, and one message that says what is wrong."""
     (tmp_path / 'broken.xml').write_text(BROKEN)
     node = start(executable, *(option.format(folder=tmp_path) for option in options))
@@ -302,7 +257,7 @@ def test_bad_parameters_at_start(
     assert all(part in errors[0] for part in parts), errors[0]
 
 
-def test_a_parameter_file_that_is_not_there(start: Any) -> None:
+def test_a_parameter_file_that_is_not_there(start):
     """Assert exit code 1 and its name."""
     node = start(CAMERA, arguments=('--params-file', '/nowhere/parameters.yaml'))
     assert node.wait() == 1

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from pathlib import Path
 import re
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from flexx2_sim_ros.camera import flexx2, Intrinsics
+from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.processing import Chain, chain, load_chain, parse_chain, Stage
@@ -35,13 +35,13 @@ ALL = [
 ]
 
 
-def slope(lens: Intrinsics) -> np.ndarray:
+def slope(lens):
     """Return depth (H, W) that is linear in the direction of the pixels."""
     across, down = (np.arange(lens.width) - lens.cx) / lens.fx, np.arange(lens.height) - lens.cy
     return np.float32(1 + SLOPE * across + SLOPE * (down / lens.fy)[:, np.newaxis])
 
 
-def holes(count: int, height: int = 40, width: int = 50, share: float = 0.2) -> np.ndarray:
+def holes(count, height=40, width=50, share=0.2):
     """Return (T, H, W) noisy walls with invalid pixels."""
     images = RNG.normal(1.5, 0.2, (count, height, width)).astype(np.float32)
     images[RNG.random(images.shape) < share] = np.nan
@@ -59,10 +59,9 @@ def holes(count: int, height: int = 40, width: int = 50, share: float = 0.2) -> 
         [{'decimate': {'factor': 5}}, {'crop': {'left': 4}}, {'resize': {'method': 'bilinear'}}],
     ],
 )
-def test_the_lens_says_where_pixels_look(stages: list[Any]) -> None:
+def test_the_lens_says_where_pixels_look(stages):
     made = parse_chain(stages)
     found, lens = made.step(slope(LENS), 0), made.lens(LENS)
-    assert found is not None
     assert found.shape == (lens.height, lens.width)
     inner = slice(2, -2), slice(2, -2)  # beyond the outer pixel centres bilinear is constant
     np.testing.assert_allclose(found[inner], slope(lens)[inner], atol=1e-4)
@@ -73,10 +72,10 @@ def test_the_lens_says_where_pixels_look(stages: list[Any]) -> None:
     )
 
 
-def test_averages_are_of_valid_pixels() -> None:
+def test_averages_are_of_valid_pixels():
     image = np.array([[1, 2, np.nan, np.nan], [3, np.nan, np.nan, 5]], np.float32)
 
-    def small(**more: Any) -> list[float]:
+    def small(**more):
         options = {'width': 2, 'height': 1, 'method': 'area', **more}
         return parse_chain([{'resize': options}]).step(image, 0)[0].tolist()
 
@@ -90,10 +89,10 @@ def test_averages_are_of_valid_pixels() -> None:
     assert found[0].tolist() == pytest.approx([3, 3, np.nan, np.nan], nan_ok=True)
 
 
-def test_ranges_and_holes() -> None:
+def test_ranges_and_holes():
     image = np.array([[0.2, 1.0, 3.0, np.nan]], np.float32)
 
-    def row(*stages: Any) -> list[float]:
+    def row(*stages):
         return parse_chain(list(stages)).step(image, 0)[0].tolist()
 
     one = {'low': 0.5, 'high': 2.0}
@@ -125,7 +124,7 @@ LIBREALSENSE = (
 )
 
 
-def in_millimetres() -> np.ndarray:
+def in_millimetres():
     """Return (12, 40, 50) whole millimetres with jumps, holes and noise; 0 where invalid."""
     t, y, x = np.ogrid[:12, :40, :50]
     noise = (7919 * x + 104729 * y + 1299709 * t + x * y * (t + 3)) % 23
@@ -136,9 +135,7 @@ def in_millimetres() -> np.ndarray:
 
 
 @pytest.mark.parametrize(('stage', 'options', 'total', 'valid'), LIBREALSENSE)
-def test_the_filters_of_librealsense(
-    stage: str, options: dict[str, Any], total: int, valid: int
-) -> None:
+def test_the_filters_of_librealsense(stage, options, total, valid):
     images = in_millimetres()
     depth = np.where(images > 0, images / 1000, np.nan).astype(np.float32)
     made = parse_chain([{stage: {**options, 'step': 0.001}}])
@@ -150,7 +147,7 @@ def test_the_filters_of_librealsense(
     assert np.nanmean(even - depth[-1]) == pytest.approx(0, abs=0.001)
 
 
-def test_a_smooth_fill_is_harmonic() -> None:
+def test_a_smooth_fill_is_harmonic():
     y, x = np.mgrid[:40, :50] / 50.0
     true = np.float32(1 + x * x - y * y)  # Its differences cancel, also those of pixels.
     holed = true.copy()
@@ -166,12 +163,12 @@ def test_a_smooth_fill_is_harmonic() -> None:
     assert 1.0 <= found.min() <= found.max() <= 2.0
 
 
-def test_what_is_kept_over_time() -> None:
+def test_what_is_kept_over_time():
     values = np.array([1, 2, np.nan, np.nan, np.nan, 6], np.float32)
     images = np.repeat(values, 6).reshape(6, 2, 3)
     stamps = np.arange(6) * 100_000_000
 
-    def run(*stages: Any) -> tuple[list[float], list[int]]:
+    def run(*stages):
         found, times = parse_chain(list(stages)).run(images, stamps)
         return found[:, 0, 0].tolist(), (times // 100_000_000).tolist()
 
@@ -190,7 +187,7 @@ def test_what_is_kept_over_time() -> None:
     np.testing.assert_array_equal(np.flatnonzero(made.kept(stamps)), [0, 3, 5])
 
 
-def test_environments_are_processed_as_one_camera_is() -> None:
+def test_environments_are_processed_as_one_camera_is():
     images = np.stack([holes(9) for _ in range(3)], axis=1)  # (T, N, H, W)
     stamps = np.arange(9) * 50_000_000
     many = parse_chain(ALL)
@@ -222,12 +219,12 @@ def test_environments_are_processed_as_one_camera_is() -> None:
         ([{'normalise': {'low': 2.0}}], 'normalise.high: must be above 2'),
     ],
 )
-def test_wrong_chains_are_refused(stages: Any, said: str) -> None:
+def test_wrong_chains_are_refused(stages, said):
     with pytest.raises(InputError, match=said):
         parse_chain(stages)
 
 
-def test_images_that_are_too_small_are_refused(tmp_path: Path) -> None:
+def test_images_that_are_too_small_are_refused(tmp_path):
     for stages in ([{'crop': {'left': 50}}], [{'decimate': {'factor': 16}}]):
         with pytest.raises(InputError, match='must'):
             parse_chain(stages).step(np.ones((8, 12), np.float32), 0)
@@ -244,14 +241,12 @@ class Mirror(Stage):
 
     name: ClassVar[str] = 'mirror'
 
-    def apply(self, images: np.ndarray, stamp: int, memory: dict[str, Any]) -> np.ndarray:
+    def apply(self, images, stamp, memory):
         """Return images with left and right exchanged."""
         return images[..., ::-1]
 
 
-def test_stages_of_other_packages(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_stages_of_other_packages(monkeypatch, caplog):
     points = [
         EntryPoint('mirror', 'test_processing:Mirror', chain.GROUP),
         EntryPoint('again', 'test_processing:Mirror', chain.GROUP),
@@ -268,7 +263,7 @@ def test_stages_of_other_packages(
         chain.stage_kinds.cache_clear()
 
 
-def test_a_recording_is_processed_as_images_are(tmp_path: Path) -> None:
+def test_a_recording_is_processed_as_images_are(tmp_path):
     depth, stamps = holes(12, LENS.height, LENS.width), np.arange(12) * 50_000_000
     clean = np.broadcast_to(slope(LENS), depth.shape)
     np.savez(
@@ -301,14 +296,14 @@ def test_a_recording_is_processed_as_images_are(tmp_path: Path) -> None:
     assert load_recording(tmp_path / 'c.mcap').depth.shape == wanted.shape
 
 
-def test_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_documentation_runs(tmp_path, monkeypatch):
     page = (Path(__file__).resolve().parents[1] / 'docs' / 'recordings.md').read_text()
     text = page.split('## Your own processing')[1].split('\n## ')[0]
     monkeypatch.chdir(tmp_path)
     (chain_file,) = re.findall(r'```yaml\n(.*?)```', text, re.S)
     Path('chain.yaml').write_text(chain_file)
     (program,) = re.findall(r'```python\n(.*?)```', text, re.S)
-    done: dict[str, Any] = {}
+    done = {}
     exec(compile(program, 'docs/recordings.md', 'exec'), done)  # noqa: S102
     assert done['images'].shape == (5, 58, 87)
     for name in load_chain('chain.yaml').stages:

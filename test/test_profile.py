@@ -1,10 +1,7 @@
 """Camera profiles: read back as written, refused by name, run by library, CLI and node."""
 
-from collections.abc import Callable
 from dataclasses import replace
 import math
-from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics, Mode, NoiseModel, Profile
 from flexx2_sim_ros.cli.main import main
@@ -42,12 +39,12 @@ WHOLE = ProfileFile(
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     save_profile(tmp_path / 'profile.yaml', WHOLE)
     return tmp_path / 'profile.yaml'
 
 
-def test_a_profile_is_read_back_as_it_was_written(path: Path) -> None:
+def test_a_profile_is_read_back_as_it_was_written(path):
     content = read_profile(path)
     assert content.profile.model == OTHER.model
     assert content.profile.intrinsics == OTHER.intrinsics
@@ -67,7 +64,7 @@ def test_a_profile_is_read_back_as_it_was_written(path: Path) -> None:
     assert [file.name for file in sorted(path.parent.iterdir())] == ['again.yaml', 'profile.yaml']
 
 
-def test_the_built_in_camera_is_a_profile_too(tmp_path: Path) -> None:
+def test_the_built_in_camera_is_a_profile_too(tmp_path):
     save_profile(tmp_path / 'flexx2.yaml', ProfileFile(flexx2()))
     loaded = load_profile(tmp_path / 'flexx2.yaml')
     assert loaded.intrinsics == flexx2().intrinsics
@@ -77,7 +74,7 @@ def test_the_built_in_camera_is_a_profile_too(tmp_path: Path) -> None:
     assert OTHER.default_usecase == 'Narrow'
 
 
-def moving(path: Path, **fields: Any) -> np.ndarray:
+def moving(path, **fields):
     """Return frames of a wall that comes nearer, of a mode with other fields."""
     table = yaml.safe_load(path.read_text())
     table['modes']['Wide.1+'] |= fields
@@ -88,14 +85,14 @@ def moving(path: Path, **fields: Any) -> np.ndarray:
     return camera.capture(clean, OTHER.intrinsics.matrix, np.arange(3) * 40_000_000).depth
 
 
-def test_raw_frames_take_no_longer_than_a_frame_if_their_exposure_is_not_known(path: Path) -> None:
+def test_raw_frames_take_no_longer_than_a_frame_if_their_exposure_is_not_known(path):
     # A readout takes 600 us: at 25 Hz this leaves 4400 us of exposure to each of eight.
     whole = moving(path, raw_frames=8, exposure_us=[1, 4400])
     np.testing.assert_array_equal(moving(path, raw_frames=8, exposure_us=None), whole)
     assert not np.array_equal(moving(path, raw_frames=8, exposure_us=[1, 2200]), whole)
 
 
-def test_an_unknown_number_of_raw_frames_is_four_for_each_frequency(path: Path) -> None:
+def test_an_unknown_number_of_raw_frames_is_four_for_each_frequency(path):
     given = {'exposure_us': [1, 2200]}
     stated = moving(path, raw_frames=8, **given)
     np.testing.assert_array_equal(moving(path, raw_frames=None, **given), stated)
@@ -104,9 +101,7 @@ def test_an_unknown_number_of_raw_frames_is_four_for_each_frequency(path: Path) 
 
 @pytest.mark.parametrize('exposure', [[1, 2200], None])
 @pytest.mark.parametrize('raw_frames', [8, None])
-def test_an_exposure_is_kept_whether_raw_frames_are_known_or_not(
-    raw_frames: int | None, exposure: list[int] | None, path: Path
-) -> None:
+def test_an_exposure_is_kept_whether_raw_frames_are_known_or_not(raw_frames, exposure, path):
     table = yaml.safe_load(path.read_text())
     table['modes']['Wide.1+'] |= {'raw_frames': raw_frames, 'exposure_us': exposure}
     path.write_text(yaml.safe_dump(table))
@@ -117,8 +112,8 @@ def test_an_exposure_is_kept_whether_raw_frames_are_known_or_not(
     assert read_profile(path.with_name('again.yaml')).profile == content.profile
 
 
-def missing(*keys: str) -> Callable[[dict[str, Any]], None]:
-    def change(table: dict[str, Any]) -> None:
+def missing(*keys):
+    def change(table):
         for key in keys[:-1]:
             table = table[key]
         del table[keys[-1]]
@@ -126,8 +121,8 @@ def missing(*keys: str) -> Callable[[dict[str, Any]], None]:
     return change
 
 
-def put(value: Any, *keys: str) -> Callable[[dict[str, Any]], None]:
-    def change(table: dict[str, Any]) -> None:
+def put(value, *keys):
+    def change(table):
         for key in keys[:-1]:
             table = table[key]
         table[keys[-1]] = value
@@ -216,9 +211,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(('change', 'named'), BAD)
-def test_a_bad_field_is_refused_by_name(
-    path: Path, change: Callable[[dict[str, Any]], None], named: str
-) -> None:
+def test_a_bad_field_is_refused_by_name(path, change, named):
     table = yaml.safe_load(path.read_text(encoding='utf-8'))
     change(table)
     path.write_text(yaml.safe_dump(table), encoding='utf-8')
@@ -228,7 +221,7 @@ def test_a_bad_field_is_refused_by_name(
     assert 'must be' in str(error.value)
 
 
-def test_what_the_simulation_does_not_need_may_be_left_out(path: Path) -> None:
+def test_what_the_simulation_does_not_need_may_be_left_out(path):
     table = yaml.safe_load(path.read_text(encoding='utf-8'))
     del table['provenance'], table['sensor']
     for mode in table['modes'].values():
@@ -243,7 +236,7 @@ def test_what_the_simulation_does_not_need_may_be_left_out(path: Path) -> None:
     assert content.provenance == {}
 
 
-def test_all_missing_fields_are_named_at_once(path: Path) -> None:
+def test_all_missing_fields_are_named_at_once(path):
     table = yaml.safe_load(path.read_text(encoding='utf-8'))
     for key in ('rate_hz', 'raw_frames', 'noise'):
         del table['modes']['Narrow'][key]
@@ -254,7 +247,7 @@ def test_all_missing_fields_are_named_at_once(path: Path) -> None:
         load_profile(path)
 
 
-def test_a_number_that_yaml_takes_for_a_text_is_explained(path: Path) -> None:
+def test_a_number_that_yaml_takes_for_a_text_is_explained(path):
     text = path.read_text(encoding='utf-8').replace('100000000.0', '100e6')
     path.write_text(text, encoding='utf-8')
     with pytest.raises(InputError, match=r'100e6 for a text; write 100000000\.0$'):
@@ -262,7 +255,7 @@ def test_a_number_that_yaml_takes_for_a_text_is_explained(path: Path) -> None:
 
 
 @pytest.mark.parametrize('name', ['', ' ', '9fps', 'a b', 'ä', 'x' * 65, '../m', 'm:=1'])
-def test_a_bad_mode_name_is_refused(path: Path, name: str) -> None:
+def test_a_bad_mode_name_is_refused(path, name):
     table = yaml.safe_load(path.read_text(encoding='utf-8'))
     table['modes'][name] = table['modes'].pop('Narrow')
     path.write_text(yaml.safe_dump(table), encoding='utf-8')
@@ -270,7 +263,7 @@ def test_a_bad_mode_name_is_refused(path: Path, name: str) -> None:
         load_profile(path)
 
 
-def test_names_that_differ_by_case_alone_are_refused(path: Path) -> None:
+def test_names_that_differ_by_case_alone_are_refused(path):
     table = yaml.safe_load(path.read_text(encoding='utf-8'))
     table['modes']['NARROW'] = table['modes']['Narrow']
     path.write_text(yaml.safe_dump(table), encoding='utf-8')
@@ -279,7 +272,7 @@ def test_names_that_differ_by_case_alone_are_refused(path: Path) -> None:
 
 
 @pytest.mark.parametrize('content', [b'', b'- 1', b'\xff\xfe', b'schema: [', b'!!python/object:x'])
-def test_a_file_that_is_not_a_profile_is_refused(path: Path, content: bytes) -> None:
+def test_a_file_that_is_not_a_profile_is_refused(path, content):
     path.write_bytes(content)
     with pytest.raises(InputError, match=r'profile\.yaml'):
         load_profile(path)
@@ -288,7 +281,7 @@ def test_a_file_that_is_not_a_profile_is_refused(path: Path, content: bytes) -> 
         load_profile(path)
 
 
-def test_a_bad_profile_is_not_written(tmp_path: Path) -> None:
+def test_a_bad_profile_is_not_written(tmp_path):
     falling = replace(NARROW, noise=replace(NOISE, b=-0.01))
     target = tmp_path / 'profile.yaml'
     target.write_text('precious')
@@ -300,7 +293,7 @@ def test_a_bad_profile_is_not_written(tmp_path: Path) -> None:
         save_profile(tmp_path / 'no' / 'such.yaml', WHOLE)
 
 
-def test_the_library_runs_it(path: Path) -> None:
+def test_the_library_runs_it(path):
     """Assert the realised noise; 400 x 3,072 samples know sigma to 0.06 %: 0.5 % is 7.8 of it."""
     profile = load_profile(path)
     scene = np.full((48, 64), 2.0, np.float32)
@@ -317,9 +310,7 @@ def test_the_library_runs_it(path: Path) -> None:
         Camera('Mode_9_30fps', profile=profile)
 
 
-def test_the_command_line_runs_it(
-    path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_line_runs_it(path, tmp_path, capsys):
     scene, out = str(tmp_path / 'scene.npz'), str(tmp_path / 'out.npz')
     np.savez(scene, clean_depth=np.full((48, 64), 2.0), K=OTHER.intrinsics.matrix)
     assert main(['simulate', scene, out, '--profile', str(path), '--frames', '4']) == 0
@@ -331,14 +322,14 @@ def test_the_command_line_runs_it(
     assert 'modes.Narrow.noise.sigma_x: must be' in capsys.readouterr().err
 
 
-def test_the_node_runs_it(ros: None, path: Path) -> None:
+def test_the_node_runs_it(ros, path):
     from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
     from rclpy.parameter import Parameter
 
     node = Flexx2Camera(parameter_overrides=[Parameter('profile', value=str(path))])
     try:
 
-        def value(name: str) -> Any:
+        def value(name):
             return node.get_parameter(name).value
 
         assert list(value('available_usecases')) == ['Narrow', 'Wide.1+']

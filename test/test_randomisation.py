@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 import re
 import shlex
-from typing import Any
 
 from boards import K
 from campaigns import write_diagnosis
@@ -29,7 +28,7 @@ import yaml
 DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'robots.md'
 CLEAN = np.linspace(1.0, 1.6, 48 * 64, dtype=np.float32).reshape(48, 64)
 NORMAL = {'mean': 0.01, 'sd': 0.002, 'low': -0.2, 'high': 0.2}
-DRAWN: dict[str, Any] = {
+DRAWN = {
     'effects': {
         'offset': {'parameters': {'bias': NORMAL}},
         'heavy_tails': {'probability': 0.4, 'parameters': {'share': 0.02}},
@@ -42,13 +41,13 @@ DRAWN: dict[str, Any] = {
 }
 
 
-def write(path: Path, table: Any) -> Path:
+def write(path, table):
     """Write a file of distributions."""
     path.write_text(yaml.safe_dump({'schema': 1, 'randomisation': table}))
     return path
 
 
-def test_draws_have_the_distributions_of_the_file(tmp_path: Path) -> None:
+def test_draws_have_the_distributions_of_the_file(tmp_path):
     one = load_randomisation(write(tmp_path / 'r.yaml', DRAWN))
     save_randomisation(tmp_path / 'again.yaml', one, 'a comment')
     again = load_randomisation(tmp_path / 'again.yaml')
@@ -98,12 +97,12 @@ def test_draws_have_the_distributions_of_the_file(tmp_path: Path) -> None:
         ({**DRAWN, 'correlation': []}, 'must be a table of effects and correlations'),
     ],
 )
-def test_wrong_files_are_refused(table: Any, said: str, tmp_path: Path) -> None:
+def test_wrong_files_are_refused(table, said, tmp_path):
     with pytest.raises(InputError, match=said):
         load_randomisation(write(tmp_path / 'wrong.yaml', table))
 
 
-def test_a_file_of_distributions_needs_a_seed(tmp_path: Path) -> None:
+def test_a_file_of_distributions_needs_a_seed(tmp_path):
     path = write(tmp_path / 'r.yaml', DRAWN)
     with pytest.raises(InputError, match=r'r.yaml#7'):
         load_effects(path)
@@ -115,7 +114,7 @@ def test_a_file_of_distributions_needs_a_seed(tmp_path: Path) -> None:
         load_effects(f'{"a" * 300}#7')
 
 
-def diagnosed(folder: Path, rows: int, effects: dict[str, Any]) -> Path:
+def diagnosed(folder, rows, effects):
     """Write a diagnosis whose fits without each recording scatter."""
     rng = np.random.default_rng(1)
     recordings = []
@@ -138,7 +137,7 @@ def diagnosed(folder: Path, rows: int, effects: dict[str, Any]) -> Path:
 FITTED = {'offset': {'bias': 0.02}, 'excess_noise': {'factor': 1.5}}
 
 
-def test_distributions_are_those_of_the_diagnosis(tmp_path: Path) -> None:
+def test_distributions_are_those_of_the_diagnosis(tmp_path):
     folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
     found = randomise(folder, tmp_path / 'r.yaml')
     assert found.named == ('offset', 'excess_noise')
@@ -167,7 +166,7 @@ def test_distributions_are_those_of_the_diagnosis(tmp_path: Path) -> None:
     assert given.settings['share'] == 0.3
 
 
-def test_curves_and_maps_that_are_taken_as_given_are_written(tmp_path: Path) -> None:
+def test_curves_and_maps_that_are_taken_as_given_are_written(tmp_path):
     folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
     path = folder / 'diagnosis.json'
     known = {
@@ -189,7 +188,7 @@ def test_curves_and_maps_that_are_taken_as_given_are_written(tmp_path: Path) -> 
         randomise(folder, tmp_path / 'again.yaml')
 
 
-def with_age(folder: Path, age: Any, undecided: str = 'wiggling') -> Path:
+def with_age(folder, age, undecided='wiggling'):
     """Add the age of images to a diagnosis, and what it could not decide."""
     path = folder / 'diagnosis.json'
     table = json.loads(path.read_text()) | {'age': age}
@@ -198,7 +197,7 @@ def with_age(folder: Path, age: Any, undecided: str = 'wiggling') -> Path:
     return folder
 
 
-def test_cameras_are_as_late_as_the_frames_were(tmp_path: Path) -> None:
+def test_cameras_are_as_late_as_the_frames_were(tmp_path):
     age = {'latency': 0.0, 'delay': {'median': 0.08, 'low': 0.06, 'high': 0.1}}
     folder = with_age(diagnosed(tmp_path / 'diagnosis', 8, FITTED), age, 'time_offset')
     found = randomise(folder).randomisation
@@ -213,9 +212,7 @@ def test_cameras_are_as_late_as_the_frames_were(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('decided', [True, False])
-def test_a_delay_that_is_taken_as_given_stays_beside_a_latency(
-    decided: bool, tmp_path: Path
-) -> None:
+def test_a_delay_that_is_taken_as_given_stays_beside_a_latency(decided, tmp_path):
     named = {'time_offset': {'latency': 0.05}}
     folder = diagnosed(tmp_path / 'diagnosis', 8, named if decided else FITTED)
     path = folder / 'diagnosis.json'
@@ -238,15 +235,13 @@ def test_a_delay_that_is_taken_as_given_stays_beside_a_latency(
 @pytest.mark.parametrize(
     'age', [3, {}, {'delay': [1]}, {'delay': {'median': 0.1, 'low': 0.2, 'high': 0.3}}]
 )
-def test_an_age_that_no_diagnosis_writes_is_refused(age: Any, tmp_path: Path) -> None:
+def test_an_age_that_no_diagnosis_writes_is_refused(age, tmp_path):
     folder = with_age(diagnosed(tmp_path / 'diagnosis', 8, FITTED), age)
     with pytest.raises(InputError, match='diagnosis.json: age'):
         randomise(folder)
 
 
-def test_a_file_is_written_over_only_by_force(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_is_written_over_only_by_force(tmp_path, capsys):
     out = tmp_path / 'mine.yaml'
     out.write_text('mine')
     folder = diagnosed(tmp_path / 'diagnosis', 3, {'offset': {'bias': 0.01}})
@@ -258,7 +253,7 @@ def test_a_file_is_written_over_only_by_force(
     assert out.read_text() != 'mine'
 
 
-def test_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_documentation_runs(tmp_path, monkeypatch):
     text = DOCS.read_text().split('## Random cameras for training')[1].split('\n## ')[0]
     monkeypatch.chdir(tmp_path)
     diagnosed(tmp_path / 'diagnosis', 4, FITTED)
@@ -277,7 +272,7 @@ def test_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert str(a.extra['effects']) != str(c.extra['effects'])
     assert main(['simulate', 'scene.npz', 'd.npz', '--draw', '7']) == 2  # without --effects
     (code,) = re.findall(r'```python\n(.*?)```', text, re.S)
-    names: dict[str, Any] = {}
+    names = {}
     exec(code, names)  # noqa: S102 - the documentation's own
     assert {effect.name for effect in names['effects']} >= {'offset', 'excess_noise'}
     (file,) = re.findall(r'```yaml\n(.*?)```', text, re.S)
@@ -293,16 +288,14 @@ def test_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         (8, {'residual_patch': {}}, 'with a cause, got residual_patch'),
     ],
 )
-def test_diagnoses_that_cannot_be_randomised(
-    rows: int, effects: dict[str, Any], said: str, tmp_path: Path
-) -> None:
+def test_diagnoses_that_cannot_be_randomised(rows, effects, said, tmp_path):
     folder = diagnosed(tmp_path / 'diagnosis', rows, effects)
     with pytest.raises(InputError, match=said):
         randomise(folder, tmp_path / 'r.yaml')
     assert not (tmp_path / 'r.yaml').exists()
 
 
-def test_an_effect_with_a_frequency_of_its_own_is_drawn(tmp_path: Path) -> None:
+def test_an_effect_with_a_frequency_of_its_own_is_drawn(tmp_path):
     """Assert it of a period that the recordings showed, which all fits have."""
     camera = {**FITTED, 'wiggling': {'a2': 0.004, 'mhz': 44.0}}
     folder = diagnosed(tmp_path / 'diagnosis', 8, camera)
@@ -325,7 +318,7 @@ def test_an_effect_with_a_frequency_of_its_own_is_drawn(tmp_path: Path) -> None:
         randomise(calibrated)
 
 
-def test_numbers_that_a_diagnosis_has_fitted_are_drawn(tmp_path: Path) -> None:
+def test_numbers_that_a_diagnosis_has_fitted_are_drawn(tmp_path):
     """Assert it of raw frames, whose stamp the form of the catalogue has at the other end."""
     before, name = {'stretch': 0.6, 'stamp_at': 1.0}, 'motion_artefact'
     folder = diagnosed(tmp_path / 'diagnosis', 8, {name: {'stretch': 1.1, 'stamp_at': 0.0}})
@@ -345,7 +338,7 @@ def test_numbers_that_a_diagnosis_has_fitted_are_drawn(tmp_path: Path) -> None:
         assert effect.settings['stamp_at'] == 0.0
 
 
-def test_the_folder_of_a_calibration_is_named_as_such(tmp_path: Path) -> None:
+def test_the_folder_of_a_calibration_is_named_as_such(tmp_path):
     folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
     path = folder / 'diagnosis.json'
     table = json.loads(path.read_text())
@@ -356,7 +349,7 @@ def test_the_folder_of_a_calibration_is_named_as_such(tmp_path: Path) -> None:
         randomise(folder)
 
 
-def test_a_correction_that_is_taken_as_given_is_written(tmp_path: Path) -> None:
+def test_a_correction_that_is_taken_as_given_is_written(tmp_path):
     folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
     path = folder / 'diagnosis.json'
     known = {'residual_patch': {'bias_0': 0.02}}
@@ -366,13 +359,13 @@ def test_a_correction_that_is_taken_as_given_is_written(tmp_path: Path) -> None:
     assert {*parse_effects(known)} <= {*drawn}
 
 
-def test_each_environment_draws_a_camera_at_reset(tmp_path: Path) -> None:
+def test_each_environment_draws_a_camera_at_reset(tmp_path):
     one = load_randomisation(write(tmp_path / 'r.yaml', DRAWN))
     cameras = BatchCamera(6, 'Mode_9_30fps', seed=5, K=K, device='cpu')
     cameras.randomise(one, seed=2, pool=50)
     assert cameras.drawn is not None
 
-    def look() -> tuple[np.ndarray, np.ndarray]:
+    def look():
         stamps = cameras.stamps.numpy().copy()
         seen = cameras(np.broadcast_to(CLEAN, (6, 48, 64)).copy()).copy()
         chosen = cameras.drawn.drawn.numpy().copy()
@@ -398,7 +391,7 @@ def test_each_environment_draws_a_camera_at_reset(tmp_path: Path) -> None:
         cameras.randomise(wrong)
 
 
-def test_drawn_cameras_stay_where_effects_and_modes_do_not_change(tmp_path: Path) -> None:
+def test_drawn_cameras_stay_where_effects_and_modes_do_not_change(tmp_path):
     bias = {'strength': 1.0, 'bias': {'low': 0.05, 'high': 0.15}}
     late = {'strength': 1.0, 'latency': 0.0, 'delay': {'low': 0.06, 'high': 0.07}}
     table = {'effects': {'offset': {'parameters': bias}, 'time_offset': {'parameters': late}}}
@@ -406,15 +399,14 @@ def test_drawn_cameras_stay_where_effects_and_modes_do_not_change(tmp_path: Path
     cameras.randomise(load_randomisation(write(tmp_path / 'r.yaml', table)), seed=1, pool=1000)
     wall, mask = np.full((4, 24, 32), 1.5, np.float32), np.arange(4) == 1
 
-    def biases() -> np.ndarray:
+    def biases():
         for _ in range(8):
             seen = cameras(wall)
         delays = (cameras.stamps.numpy() - cameras.image_stamps.numpy()) > 60_000_000
         np.testing.assert_array_equal(delays, own != 0)
         return np.asarray(np.nanmean(seen, (1, 2)) - 1.5)
 
-    def drawn() -> np.ndarray:
-        assert cameras.drawn is not None
+    def drawn():
         biases = np.array(
             [{one.name: one for one in own}['offset'].bias for own in cameras.drawn.cameras]
         )

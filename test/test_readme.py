@@ -65,7 +65,7 @@ ELSEWHERE = {
 }
 
 
-def blocks(language: str) -> list[str]:
+def blocks(language):
     return re.findall(rf'```{language}\n(.*?)```', README, re.DOTALL)
 
 
@@ -82,7 +82,7 @@ COMMANDS = dict.fromkeys(
 )
 
 
-def write_files_of_other_cameras(folder: Path) -> None:
+def write_files_of_other_cameras(folder):
     """Write what the page about recordings converts, by its names."""
     ros1_bag(folder / 'pico_flexx.bag', pico_flexx())
     write(folder / 'realsense_bag', realsense())
@@ -99,12 +99,12 @@ def write_files_of_other_cameras(folder: Path) -> None:
     np.savez(folder / 'sdk.npz', depth_mm=counts(), ir16=counts() // 2)
 
 
-def python(module: str) -> list[str]:
+def python(module):
     return [sys.executable, '-m', module]
 
 
 @pytest.mark.parametrize('command', [c for c in COMMANDS if c not in ELSEWHERE])
-def test_command(command: str, tmp_path: Path) -> None:
+def test_command(command, tmp_path):
     words = shlex.split(command)
     if words[0] == 'make':
         # The target's own recipe is what is run below, as `flexx2 demo`.
@@ -161,7 +161,7 @@ TESTS = [program for program in PROGRAMS if 'def test_' in program]
 
 
 @pytest.mark.parametrize('program', [program for program in PROGRAMS if program not in TESTS])
-def test_program(program: str, tmp_path: Path) -> None:
+def test_program(program, tmp_path):
     done = run_python('-c', program, cwd=tmp_path, timeout=120)
     assert done.returncode == 0, done.stderr
     if 'print(' in program:
@@ -170,7 +170,7 @@ def test_program(program: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('program', TESTS)
-def test_example_of_a_test(program: str, tmp_path: Path, child_env: dict[str, str]) -> None:
+def test_example_of_a_test(program, tmp_path, child_env):
     (tmp_path / 'test_camera.py').write_text(program, encoding='utf-8')
     done = subprocess.run(
         [*python('pytest'), '-q', '-p', 'no:cacheprovider', 'test_camera.py'],
@@ -187,6 +187,6 @@ def test_example_of_a_test(program: str, tmp_path: Path, child_env: dict[str, st
 @pytest.mark.parametrize(
     'page', [ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md'))], ids=lambda page: page.name
 )
-def test_links_and_pictures_are_there(page: Path) -> None:
+def test_links_and_pictures_are_there(page):
     for target in re.findall(r'\]\(([^)#]+)[^)]*\)', page.read_text(encoding='utf-8')):
         assert target.startswith('https://') or (page.parent / target).is_file(), target

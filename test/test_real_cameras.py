@@ -14,19 +14,19 @@ from real_frames import DATA
 PAGE = Path(__file__).parent.parent / 'docs' / 'benchmark.md'
 
 
-def blocks(title: str, language: str) -> list[str]:
+def blocks(title, language):
     """Return the code of a section of the page."""
     section = PAGE.read_text(encoding='utf-8').split(f'## {title}')[1].split('\n## ')[0]
     return re.findall(rf'```{language}\n(.*?)```', section, re.DOTALL)
 
 
-def need(data: str) -> None:
+def need(data):
     """Skip the test where a file of frames is not there."""
     if not (DATA / data).is_file():
         pytest.skip(f'{DATA / data} is not there')
 
 
-def run_section(title: str) -> None:
+def run_section(title):
     """Run the commands of a section in the current folder."""
     for command in ''.join(blocks(title, 'bash')).splitlines():
         program, *words = shlex.split(command.replace('../shared/data', str(DATA)))
@@ -37,9 +37,7 @@ def run_section(title: str) -> None:
             assert main([*words, *alone]) == 0, command
 
 
-def test_the_latency_of_a_drones_sensor_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_latency_of_a_drones_sensor_is_found(tmp_path, monkeypatch):
     need('vl53l5cx_flights.npz')
     monkeypatch.chdir(tmp_path)
     (profile,) = blocks('VL53L5CX', 'yaml')
@@ -52,9 +50,7 @@ def test_the_latency_of_a_drones_sensor_is_found(
     assert first['parameters']['latency'] == pytest.approx(0.0975, rel=0.2)
 
 
-def test_boards_seen_by_a_kinect_are_filtered_and_rounded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_boards_seen_by_a_kinect_are_filtered_and_rounded(tmp_path, monkeypatch):
     need('kinect2_chessboard.npz')
     monkeypatch.chdir(tmp_path)
     (planes,) = blocks('Kinect v2', 'yaml')

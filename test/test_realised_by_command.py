@@ -1,8 +1,5 @@
 """The frames that the benchmark's realised reduction is measured on are those of the command."""
 
-from pathlib import Path
-from typing import Any
-
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.gap import diagnose
@@ -14,7 +11,7 @@ from study.blind import BlindCamera, Case, SceneKey
 MODE = 'Mode_9_30fps'
 
 
-def recorded(folder: Path, seed: int, effects: dict[str, float]) -> Path:
+def recorded(folder, seed, effects):
     """Record six scenes with the blind camera: a drift takes as many."""
     folder.mkdir()
     key = SceneKey(MODE, seed, 0.0, 112, 86, recordings=6, frames=8)
@@ -24,10 +21,10 @@ def recorded(folder: Path, seed: int, effects: dict[str, float]) -> Path:
 
 # A fitted form, a map in a side file, a drift that depends on the time since power-on.
 @pytest.mark.parametrize('name', ['wiggling', 'fixed_pattern', 'warm_up_drift'])
-def test_the_command_simulates_new_scenes_as_the_benchmark_does(tmp_path: Path, name: str) -> None:
+def test_the_command_simulates_new_scenes_as_the_benchmark_does(tmp_path, name):
     campaign = recorded(tmp_path / 'campaign', 31, {name: 2.0})
     table = diagnose(campaign, out=tmp_path / 'out')
-    effects: dict[str, Any] = {one['name']: one['parameters'] for one in table['effects']}
+    effects = {one['name']: one['parameters'] for one in table['effects']}
     assert name in effects
     effects.pop('pose_error', None)  # the benchmark leaves it out, as effects.yaml does
     fresh = sorted(recorded(tmp_path / 'fresh', 32, {name: 2.0}).iterdir())[0]

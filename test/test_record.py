@@ -1,9 +1,6 @@
 """`flexx2 record` as a process, over real DDS."""
 
-from collections.abc import Iterator
-from pathlib import Path
 import signal
-import subprocess
 import sys
 
 from flexx2_sim_ros.cli.main import main
@@ -14,10 +11,11 @@ from flexx2_sim_ros.recording.bag_writer import BagWriter
 from flexx2_sim_ros.recording.sink import BagSink
 from mcap.reader import make_reader
 import numpy as np
+from programs import PATIENCE, started, until
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
-from recorders import finish, flexx2, open_source, PATIENCE, rows, SECOND, Source, STEP, until
+from recorders import finish, flexx2, open_source, rows, SECOND, Source, STEP
 from rosgraph_msgs.msg import Clock
 import streams
 from streams import image_message
@@ -26,17 +24,21 @@ pytestmark = pytest.mark.usefixtures('ros')
 
 
 @pytest.fixture
-def source() -> Iterator[Source]:
+def source():
     with open_source() as found:
+        yield found
+
+
+@pytest.fixture
+def listener():
+    with streams.listening() as found:
         yield found
 
 
 @pytest.mark.parametrize(
     ('storage', 'number'), [('mcap', signal.SIGINT), ('sqlite3', signal.SIGTERM)]
 )
-def test_a_recording_has_all_topics_and_messages(
-    storage: str, number: signal.Signals, source: Source, child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_recording_has_all_topics_and_messages(storage, number, source, child_env, tmp_path):
     bag = tmp_path / 'bag'
     with flexx2(
         child_env, 'record', bag, '--storage', storage, '--cameras', *source.cameras
@@ -73,14 +75,13 @@ def test_a_recording_has_all_topics_and_messages(
         assert recording.notes == ()
 
 
-def check_compressed(path: Path, source: Source) -> None:
+def check_compressed(path, source):
     """Read a file with the library of its format, which decompresses chunks and checks them."""
     with path.open('rb') as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
-        assert summary is not None
         assert {chunk.compression for chunk in summary.chunk_indexes} == {'zstd'}
-        read: dict[str, list[bytes]] = {topic: [] for topic in source.publishers}
+        read = {topic: [] for topic in source.publishers}
         for _, channel, message in reader.iter_messages(list(read)):
             read[channel.topic].append(message.data)
     for topic, sent in source.sent.items():
@@ -88,21 +89,14 @@ def check_compressed(path: Path, source: Source) -> None:
         assert [deserialize_message(data, kind) for data in read[topic]] == sent, topic
 
 
-def test_a_full_disk_ends_the_recording(
-    source: Source, child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_full_disk_ends_the_recording(source, child_env, tmp_path):
     bag = tmp_path / 'bag'
     limited = (
         'import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (3 << 20,) * 2); '
         'from flexx2_sim_ros.cli.main import main; sys.exit(main())'
     )
-    with subprocess.Popen(
-        [sys.executable, '-c', limited, 'record', bag, '--cameras', *source.cameras],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=child_env,
-    ) as process:
+    words = [sys.executable, '-c', limited, 'record', bag, '--cameras', *source.cameras]
+    with started(words, env=child_env) as process:
         source.wait()
         source.publish(10)
         out, err = process.communicate(timeout=PATIENCE)
@@ -116,13 +110,11 @@ def test_a_full_disk_ends_the_recording(
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_killed_recorder_leaves_what_it_had(
-    storage: str, source: Source, child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_killed_recorder_leaves_what_it_had(storage, source, child_env, tmp_path):
     bag = tmp_path / 'bag'
     name = source.names[0]
 
-    def frames() -> int:
+    def frames():
         try:
             return len(load_recording(bag, name).depth)
         except InputError:
@@ -145,9 +137,7 @@ def test_killed_recorder_leaves_what_it_had(
     )
 
 
-def test_losses_are_counted_in_the_table_and_in_the_bag(
-    source: Source, child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_losses_are_counted_in_the_table_and_in_the_bag(source, child_env, tmp_path):
     bag = tmp_path / 'bag'
     # Room for camera infos only: every image is refused.
     with flexx2(child_env, 'record', bag, '--queue', 0.1, '--cameras', *source.cameras) as process:
@@ -165,10 +155,9 @@ def test_losses_are_counted_in_the_table_and_in_the_bag(
     assert f'10 of {source.cameras[0]}/clean/depth_image' in note
 
 
-def test_losses_on_the_way_are_counted(tmp_path: Path) -> None:
+def test_losses_on_the_way_are_counted(listener, tmp_path):
     from flexx2_sim_ros.nodes.recorder import Recorder
 
-    listener = streams.Listener()
     source = Source(listener, depth=5)
     topic = f'{source.cameras[0]}/clean/depth_image'
     with BagSink(BagWriter(tmp_path / 'bag'), 1 << 30) as sink:
@@ -180,7 +169,7 @@ def test_losses_on_the_way_are_counted(tmp_path: Path) -> None:
         publisher = source.publishers[topic]
         slow.spin_until(publisher.get_subscription_count, 'subscription')
 
-        def send(count: int) -> None:
+        def send(count):
             for _ in range(count):
                 number = len(source.sent[topic])
                 message = image_message(np.ones((2, 2), 'f4'), SECOND + number * STEP)
@@ -199,63 +188,50 @@ def test_losses_on_the_way_are_counted(tmp_path: Path) -> None:
         assert gaps.longest > 2 / 60
         recorder.destroy_node()
         slow.close()
-    listener.close()
     assert len(list(Bag(tmp_path / 'bag').messages({topic}))) == 201 - statistics.numbers.lost
 
 
 def test_a_camera_of_any_name_is_found_by_an_info_that_was_sent_once(
-    child_env: dict[str, str], tmp_path: Path
-) -> None:
+    listener, child_env, tmp_path
+):
     bag, space = tmp_path / 'bag', '/latched_info/tof'
-    user = streams.Listener()
     once = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    infos = user.node.create_publisher(streams.CameraInfo, f'{space}/camera_info', once)
-    images = user.node.create_publisher(streams.Image, f'{space}/image_raw', 10)
+    infos = listener.node.create_publisher(streams.CameraInfo, f'{space}/camera_info', once)
+    images = listener.node.create_publisher(streams.Image, f'{space}/image_raw', 10)
     infos.publish(streams.info_message(streams.FLEXX2, SECOND))
     frame = np.full((172, 224), 1.25, 'f4')
-    sent: list[int] = []
-    try:
-        with flexx2(child_env, 'record', bag, '--seconds', 0.5) as process:
-            # It ends half a second after the first message, or after 30 s without one.
-            while process.poll() is None:
-                sent.append(SECOND + len(sent) * STEP)
-                images.publish(image_message(frame, sent[-1]))
-                user.spin_for_a_message()
-            finish(process)
-    finally:
-        user.close()
+    sent = []
+    with flexx2(child_env, 'record', bag, '--seconds', 0.5) as process:
+        # It ends half a second after the first message, or after 30 s without one.
+        while process.poll() is None:
+            sent.append(SECOND + len(sent) * STEP)
+            images.publish(image_message(frame, sent[-1]))
+            listener.spin_for_a_message()
+        finish(process)
     recording = load_recording(bag)
     assert set(recording.stamp_ns.tolist()) <= set(sent)
     np.testing.assert_array_equal(recording.depth[0], frame)
     np.testing.assert_array_equal(recording.K, streams.FLEXX2.matrix)
 
 
-def test_what_was_asked_for_is_kept_without_a_camera(
-    child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_what_was_asked_for_is_kept_without_a_camera(listener, child_env, tmp_path):
     bag = tmp_path / 'bag'
-    listener = streams.Listener()
     clock = listener.node.create_publisher(Clock, '/clock', 100)
 
-    def recorded() -> bool:
+    def recorded():
         clock.publish(Clock())
         try:
             return bag.exists() and len(list(Bag(bag).messages({'/clock'}))) > 5
         except InputError:  # Nothing is in the bag yet.
             return False
 
-    try:
-        with flexx2(child_env, 'record', bag, '--also', '/clock', '--cameras', 'none') as process:
-            listener.spin_until(recorded, 'messages')
-            finish(process, signal.SIGINT)
-    finally:
-        listener.close()
+    with flexx2(child_env, 'record', bag, '--also', '/clock', '--cameras', 'none') as process:
+        listener.spin_until(recorded, 'messages')
+        finish(process, signal.SIGINT)
     assert len(list(Bag(bag).messages({'/clock'}))) > 5
 
 
-def test_one_camera_is_recorded_for_some_time(
-    source: Source, child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_one_camera_is_recorded_for_some_time(source, child_env, tmp_path):
     bag = tmp_path / 'bag'
     with flexx2(
         child_env, 'record', bag, '--seconds', 0.2, '--cameras', source.cameras[0]
@@ -268,7 +244,7 @@ def test_one_camera_is_recorded_for_some_time(
     assert len(list(Bag(bag).messages({topic}))) == 3
 
 
-def test_nothing_to_record(child_env: dict[str, str], tmp_path: Path) -> None:
+def test_nothing_to_record(child_env, tmp_path):
     with flexx2(
         child_env, 'record', tmp_path / 'bag', '--wait', 0.2, '--cameras', 'nobody'
     ) as process:
@@ -295,9 +271,7 @@ def test_nothing_to_record(child_env: dict[str, str], tmp_path: Path) -> None:
         (['replay', '{}', '--wait', '-1'], '--wait'),
     ],
 )
-def test_bad_arguments_end_the_command_before_it_starts(
-    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_arguments_end_the_command_before_it_starts(words, message, tmp_path, capsys):
     assert main([word.format(tmp_path) for word in words]) == 2
     assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

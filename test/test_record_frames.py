@@ -1,14 +1,12 @@
 """`/tf_static`, `/tf` and `/clock` beside the cameras: recorded by default, replayed alike."""
 
-from collections.abc import Iterator
-from pathlib import Path
 import signal
 
 from flexx2_sim_ros.recording.bag_files import Bag
 from geometry_msgs.msg import TransformStamped
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from recorders import finish, flexx2, open_source, Source
+from recorders import finish, flexx2, open_source
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 import streams
@@ -23,16 +21,16 @@ KIND = TransformStamped
 
 
 @pytest.fixture
-def source() -> Iterator[Source]:
+def source():
     with open_source() as found:
         yield found
 
 
 def test_frames_are_recorded_and_replayed_with_their_qos(
-    source: Source,  # noqa: F811
-    child_env: dict[str, str],
-    tmp_path: Path,
-) -> None:
+    source,  # noqa: F811
+    child_env,
+    tmp_path,
+):
     listener, bag = source.listener, tmp_path / 'bag'
     node = listener.node
     static = node.create_publisher(KIND, '/tf_static', LATCHED)
@@ -76,7 +74,7 @@ def test_frames_are_recorded_and_replayed_with_their_qos(
         early = listener.listen(source.cameras[0] + '/clean/camera_info', streams.CameraInfo)
         listener.spin_until(lambda: len(early) > 3, 'the second time round')
         # Who comes late has it all the same.
-        late: list[KIND] = []
+        late = []
         node.create_subscription(KIND, '/tf_static', late.append, LATCHED)
         listener.spin_until(lambda: late, 'frames that were sent before')
         assert late[0] == frame

@@ -1,8 +1,6 @@
 """Recordings: whole or not at all, and never unpickled."""
 
 import io
-from pathlib import Path
-from typing import Any
 import zipfile
 
 from flexx2_sim_ros.errors import InputError
@@ -17,7 +15,7 @@ CLEAN = np.linspace(0.5, 3.0, 30).reshape(5, 6).astype(np.float32)
 CLEAN[0, 0] = np.nan
 
 
-def write(path: Path, frames: np.ndarray, **arrays: Any) -> None:
+def write(path, frames, **arrays):
     """Write a recording two frames at a time."""
     with RecordingWriter(path, *frames.shape) as writer:
         for start in range(0, len(frames), 2):
@@ -26,7 +24,7 @@ def write(path: Path, frames: np.ndarray, **arrays: Any) -> None:
             writer.add_array(key, value)
 
 
-def saved(folder: Path, **arrays: Any) -> Path:
+def saved(folder, **arrays):
     """Save a scene with these arrays replaced, or left out where None."""
     content = {'clean_depth': CLEAN, 'K': K, **arrays}
     path = folder / 'scene.npz'
@@ -34,7 +32,7 @@ def saved(folder: Path, **arrays: Any) -> Path:
     return path
 
 
-def test_round_trip(tmp_path: Path) -> None:
+def test_round_trip(tmp_path):
     """Assert depth to the last bit, every other array, and the scene it shows."""
     frames = np.random.default_rng(1).normal(2, 1, (7, 5, 6)).astype(np.float32)
     frames[3, 2] = np.nan
@@ -67,13 +65,13 @@ def test_round_trip(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize('existing', [False, True])
 @pytest.mark.parametrize('when', ['before depth', 'amid depth', 'after depth', 'object array'])
-def test_a_failure_leaves_nothing_behind(tmp_path: Path, existing: bool, when: str) -> None:
+def test_a_failure_leaves_nothing_behind(tmp_path, existing, when):
     """Assert an exception at any time removes the new file and keeps the old one."""
     path = tmp_path / 'r.npz'
     if existing:
         path.write_bytes(b'precious')
 
-    def interrupted() -> None:
+    def interrupted():
         with RecordingWriter(path, 4, 5, 6) as writer:
             for step in ('before depth', 'amid depth'):
                 if when == step:
@@ -90,7 +88,7 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path, existing: bool, when: s
     assert not existing or path.read_bytes() == b'precious'
 
 
-def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path: Path) -> None:
+def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path):
     """Assert a recording has all its frames, of its size, before anything else."""
     path = tmp_path / 'r.npz'
     with (
@@ -112,7 +110,7 @@ def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unwritable_path_is_refused(tmp_path: Path) -> None:
+def test_an_unwritable_path_is_refused(tmp_path):
     """Assert the path is named, and nothing is left behind."""
     with pytest.raises(InputError, match='nowhere/r.npz: cannot be written'):
         RecordingWriter(tmp_path / 'nowhere' / 'r.npz', 1, 1, 1)
@@ -152,9 +150,7 @@ def test_an_unwritable_path_is_refused(tmp_path: Path) -> None:
     ],
     ids=str,
 )
-def test_wrong_contents_are_named(
-    tmp_path: Path, arrays: dict[str, Any], parts: list[str]
-) -> None:
+def test_wrong_contents_are_named(tmp_path, arrays, parts):
     """Assert file, key, what it must be and what it is."""
     path = saved(tmp_path, **arrays)
     with pytest.raises(InputError) as raised:
@@ -163,7 +159,7 @@ def test_wrong_contents_are_named(
     assert all(part in str(raised.value) for part in parts), str(raised.value)
 
 
-def test_a_file_that_is_not_an_archive_is_refused(tmp_path: Path) -> None:
+def test_a_file_that_is_not_an_archive_is_refused(tmp_path):
     """Assert the path and what it must be."""
     single, text = tmp_path / 'single.npy', tmp_path / 'text.npz'
     np.save(single, CLEAN)
@@ -173,7 +169,7 @@ def test_a_file_that_is_not_an_archive_is_refused(tmp_path: Path) -> None:
             load_scene(path)
 
 
-def test_a_member_that_is_not_an_array_is_refused(tmp_path: Path) -> None:
+def test_a_member_that_is_not_an_array_is_refused(tmp_path):
     """Assert members that are no arrays are refused by name, whatever they are for."""
     for name, content in (
         ('clean_depth.npy', b''),
@@ -193,7 +189,7 @@ def test_a_member_that_is_not_an_array_is_refused(tmp_path: Path) -> None:
             load_scene(cut)
 
 
-def test_an_array_too_large_for_memory(tmp_path: Path) -> None:
+def test_an_array_too_large_for_memory(tmp_path):
     """Assert a damaged header that asks for a petabyte is refused."""
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(
@@ -214,7 +210,7 @@ for compressed in (np.savez, np.savez_compressed):
 
 
 @pytest.mark.parametrize('archive', ARCHIVES, ids=['stored', 'compressed'])
-def test_cut_off_at_every_byte(tmp_path: Path, archive: bytes) -> None:
+def test_cut_off_at_every_byte(tmp_path, archive):
     """Assert a file that was not written to its end is refused, wherever it ends."""
     path = tmp_path / 'cut.npz'
     for length in range(len(archive)):
@@ -227,9 +223,7 @@ def test_cut_off_at_every_byte(tmp_path: Path, archive: bytes) -> None:
 
 @settings(max_examples=400)
 @given(st.sampled_from(ARCHIVES), st.data())
-def test_damaged_bytes(
-    tmp_path_factory: pytest.TempPathFactory, archive: bytes, data: Any
-) -> None:
+def test_damaged_bytes(tmp_path_factory, archive, data):
     """Assert damage is found or does no harm: an InputError, or arrays of the right shape."""
     damaged = bytearray(archive)
     for place in data.draw(st.lists(st.integers(0, len(archive) - 1), min_size=1, max_size=3)):
@@ -247,7 +241,7 @@ def test_damaged_bytes(
 
 
 @pytest.mark.parametrize('kind', ['u2', '>i4'])
-def test_whole_numbers_are_millimetres(tmp_path: Path, kind: str) -> None:
+def test_whole_numbers_are_millimetres(tmp_path, kind):
     depth = np.full((2, 9, 10), 1500, kind)
     depth[:, :3] = 0
     path = tmp_path / 'of_an_sdk.npz'

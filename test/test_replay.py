@@ -1,9 +1,7 @@
 """`flexx2 replay` as a process, over real DDS."""
 
-from collections.abc import Iterator
 import itertools
 import os
-from pathlib import Path
 import signal
 
 from flexx2_sim_ros.errors import InputError
@@ -12,7 +10,7 @@ from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.bag_writer import BagWriter
 import numpy as np
 import pytest
-from recorders import finish, flexx2, open_source, PATIENCE, SECOND, Source, STEP, whole
+from recorders import finish, flexx2, open_source, PATIENCE, SECOND, STEP, whole
 import streams
 from streams import CameraInfo, Clock, DEPTH, Image, image_message, info_message, nanoseconds
 
@@ -20,14 +18,12 @@ pytestmark = pytest.mark.usefixtures('ros')
 
 
 @pytest.fixture
-def source() -> Iterator[Source]:
+def source():
     with open_source() as found:
         yield found
 
 
-def test_replay_gives_the_same_messages_and_their_time(
-    source: Source, child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_replay_gives_the_same_messages_and_their_time(source, child_env, tmp_path):
     bag = tmp_path / 'bag'
     with flexx2(child_env, 'record', bag, '--cameras', *source.cameras) as process:
         source.wait()
@@ -55,9 +51,7 @@ def test_replay_gives_the_same_messages_and_their_time(
     assert f'{30 * len(heard)} messages' in text
 
 
-def test_recorded_clean_depth_gives_the_recorded_camera(
-    child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_recorded_clean_depth_gives_the_recorded_camera(child_env, tmp_path):
     bag = tmp_path / 'bag'
     rng = np.random.default_rng(3)
     scene = np.full((172, 224), 1.2, np.float32)
@@ -96,7 +90,6 @@ def test_recorded_clean_depth_gives_the_recorded_camera(
         assert '0 messages lost' in text
         assert recorded.usecase == 'Mode_5_60fps'
         assert len(recorded.depth) == 12
-        assert recorded.amplitude is not None
         assert recorded.amplitude.any()
         for seen, frame in zip(camera.depths(), recorded.depth, strict=True):
             np.testing.assert_array_equal(seen, frame)
@@ -120,9 +113,7 @@ def test_recorded_clean_depth_gives_the_recorded_camera(
             np.testing.assert_array_equal(seen, frame)
 
 
-def test_replay_loops_until_it_is_stopped(
-    source: Source, child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_replay_loops_until_it_is_stopped(source, child_env, tmp_path):
     bag = tmp_path / 'bag'
     topic = f'/loop_{os.getpid()}/clean/camera_info'
     with BagWriter(bag) as writer:
@@ -147,9 +138,7 @@ def test_replay_loops_until_it_is_stopped(
 
 
 @pytest.mark.parametrize('odd', [CameraInfo, Image])
-def test_a_stamp_of_another_clock_does_not_stop_replay(
-    odd: type, source: Source, child_env: dict[str, str], tmp_path: Path
-) -> None:
+def test_a_stamp_of_another_clock_does_not_stop_replay(odd, source, child_env, tmp_path):
     """Assert it for a camera info that was sent once, and for an image before a clock ran."""
     from rclpy.serialization import serialize_message
 
@@ -183,7 +172,7 @@ def test_a_stamp_of_another_clock_does_not_stop_replay(
         finish(process)
 
 
-def test_replay_without_a_topic(tmp_path: Path) -> None:
+def test_replay_without_a_topic(tmp_path):
     from flexx2_sim_ros.nodes.player import Player
 
     with BagWriter(tmp_path / 'bag') as writer:

@@ -16,7 +16,7 @@ from real_frames import DATA
 CASES = DATA.parent / 'cases'
 LENS = ['--intrinsics', '365.5', '365.5', '75.5', '48']
 # The same three frames of a Kinect, as drivers publish them; what each bag needs to be said.
-BAGS: dict[str, list[str]] = {
+BAGS = {
     'adi_16uc1_both': [],
     'cdepth_png': [],
     'cdepth_rvl': [],
@@ -52,7 +52,7 @@ REPORTS = (
 )
 
 
-def case(*parts: str) -> Path:
+def case(*parts):
     """Return the path of a case, or skip the test."""
     path = CASES.joinpath(*parts)
     if not path.exists():
@@ -61,7 +61,7 @@ def case(*parts: str) -> Path:
 
 
 @pytest.mark.parametrize('name', BAGS)
-def test_a_bag_of_any_driver_gives_the_same_depth(name: str, tmp_path: Path) -> None:
+def test_a_bag_of_any_driver_gives_the_same_depth(name, tmp_path):
     whole, out = case('real', 'bags', 'cdepth_png'), tmp_path / 'out.npz'
     assert main(['convert', str(whole), str(tmp_path / 'whole.npz')]) == 0
     assert main(['convert', str(case('real', 'bags', name)), str(out), *BAGS[name]]) == 0
@@ -71,7 +71,7 @@ def test_a_bag_of_any_driver_gives_the_same_depth(name: str, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize('name', CALIBRATIONS)
-def test_a_lens_from_any_common_file(name: str, tmp_path: Path) -> None:
+def test_a_lens_from_any_common_file(name, tmp_path):
     path, out = case('real', 'calibrations', name), tmp_path / 'out.npz'
     (tmp_path / 'in').mkdir()
     size = (424, 512) if name.startswith('iai') else (480, 640)
@@ -82,9 +82,7 @@ def test_a_lens_from_any_common_file(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('name', REPORTS)
-def test_the_script_of_a_report_finds_the_right_value(
-    name: str, tmp_path: Path, child_env: dict[str, str]
-) -> None:
+def test_the_script_of_a_report_finds_the_right_value(name, tmp_path, child_env):
     folder = tmp_path / 'reports'
     shutil.copytree(case('reports'), folder)
     program = (folder / f'{name}.py').read_text()

@@ -1,7 +1,5 @@
 """Many sets of effects on the same frames: sharing what they have in common changes nothing."""
 
-from typing import Any
-
 from bench.gap_campaigns import look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
@@ -14,7 +12,7 @@ K = flexx2().intrinsics.matrix * [[0.5], [0.5], [1]]
 STAMPS = 1_000_000_000 + np.arange(4) * 33_000_000
 
 
-def scene(moving: bool, still_albedo: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def scene(moving, still_albedo=False):
     room = make_room(np.random.default_rng(2))
     views = [
         look(room, K, (86, 112), optical(0.1, 0.35, 0.0), np.array([0.02 * t, 0.1, 0.6]))
@@ -28,9 +26,9 @@ def scene(moving: bool, still_albedo: bool = False) -> tuple[np.ndarray, np.ndar
 
 
 @pytest.mark.parametrize(('moving', 'lit'), [(False, False), (True, False), (True, True)])
-def test_frames_do_not_depend_on_effects_simulated_before(moving: bool, lit: bool) -> None:
+def test_frames_do_not_depend_on_effects_simulated_before(moving, lit):
     clean, albedo = scene(moving, lit)
-    tables: list[dict[str, Any]] = [
+    tables = [
         {},
         *(column.effects for column in catalogue()[0]),
         *({name: {'strength': 1.3}} for name in registry()),
@@ -56,7 +54,7 @@ def test_frames_do_not_depend_on_effects_simulated_before(moving: bool, lit: boo
     )
 
 
-def test_cached_simulations_belong_to_their_scene() -> None:
+def test_cached_simulations_belong_to_their_scene():
     clean, _ = scene(False)
     retakes = CommonRandomNumbers(Camera(seed=3), clean, K, STAMPS)
     plain = retakes.depth({})

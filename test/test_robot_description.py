@@ -1,7 +1,6 @@
 """The robot's URDF and its link frames agree with the model that MuJoCo moves."""
 
 from dataclasses import replace
-from pathlib import Path
 from xml.etree import ElementTree
 
 from flexx2_sim_ros.profiles.modes import flexx2
@@ -30,7 +29,7 @@ ODD = """
 """
 
 
-def frame(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
+def frame(position, quaternion):
     """Return (4, 4) of a pose."""
     result, turn = np.eye(4), np.empty(9)
     mujoco.mju_quat2Mat(turn, quaternion)
@@ -38,7 +37,7 @@ def frame(position: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
     return result
 
 
-def from_rpy(text: str) -> np.ndarray:
+def from_rpy(text):
     """Return (3, 3) of URDF's rotations about the fixed x, y and z axes."""
     turns = []
     for axis, angle in zip(np.eye(3), map(float, text.split()), strict=True):
@@ -49,18 +48,16 @@ def from_rpy(text: str) -> np.ndarray:
 
 
 @pytest.fixture(scope='module', params=['builtin', 'odd'])
-def model(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> mujoco.MjModel:
+def model(request, tmp_path_factory):
     """Build Go1, and a robot with everything that is difficult."""
-    path: str | Path = request.param
+    path = request.param
     if path == 'odd':
         path = tmp_path_factory.mktemp('odd') / 'odd.xml'
         path.write_text(ODD)
     return build_model(str(path), 'corner', intrinsics=flexx2().intrinsics)
 
 
-def test_joints_without_names_have_those_of_the_description(tmp_path: Path) -> None:
+def test_joints_without_names_have_those_of_the_description(tmp_path):
     path = tmp_path / 'arm.xml'
     path.write_text("""
         <mujoco><worldbody><body name="trunk"><freejoint/><geom size="0.1"/>
@@ -77,7 +74,7 @@ def test_joints_without_names_have_those_of_the_description(tmp_path: Path) -> N
     assert len({*parts.joints.values()}) == 2
 
 
-def test_every_link_has_a_name_of_its_own(tmp_path: Path) -> None:
+def test_every_link_has_a_name_of_its_own(tmp_path):
     path = tmp_path / 'torso.xml'
     path.write_text("""
         <mujoco><worldbody><body name="torso"><freejoint/><geom size="0.1"/>
@@ -103,7 +100,7 @@ def test_every_link_has_a_name_of_its_own(tmp_path: Path) -> None:
     assert len({joint.get('name') for joint in joints}) == len(links)
 
 
-def test_links_of_the_description_are_at_the_models_bodies(model: mujoco.MjModel) -> None:
+def test_links_of_the_description_are_at_the_models_bodies(model):
     random, data, robot = np.random.default_rng(3), mujoco.MjData(model), find_parts(model)
     links = links_of(model)
     for _ in range(5):
@@ -120,7 +117,7 @@ def test_links_of_the_description_are_at_the_models_bodies(model: mujoco.MjModel
     assert {model.body(link.body).name for link in links if link.body >= 0} >= {'trunk'}
 
 
-def test_the_urdf_agrees_with_the_model(model: mujoco.MjModel) -> None:
+def test_the_urdf_agrees_with_the_model(model):
     links = links_of(model)
     robot = ElementTree.fromstring(urdf(model, links))
     names = [link.get('name') for link in robot.findall('link')]
@@ -131,7 +128,6 @@ def test_the_urdf_agrees_with_the_model(model: mujoco.MjModel) -> None:
     for link in links:
         joint = joints[link.joint]
         origin = joint.find('origin')
-        assert origin is not None
         expected = frame(link.position, link.quaternion)
         np.testing.assert_allclose(from_rpy(origin.get('rpy', '')), expected[:3, :3], atol=1e-7)
         np.testing.assert_allclose(
@@ -150,7 +146,7 @@ def test_the_urdf_agrees_with_the_model(model: mujoco.MjModel) -> None:
 @pytest.mark.parametrize(
     ('name', 'limits'), [('go1', ('-2.818', '-0.888')), ('go2', ('-2.7227', '-0.83776'))]
 )
-def test_a_robot_has_its_usual_links_and_joints(name: str, limits: tuple[str, str]) -> None:
+def test_a_robot_has_its_usual_links_and_joints(name, limits):
     kind = load_robot(name)
     model = build_model('builtin', 'corner', intrinsics=flexx2().intrinsics, robot=kind)
     links = links_of(model, kind)
@@ -166,6 +162,5 @@ def test_a_robot_has_its_usual_links_and_joints(name: str, limits: tuple[str, st
     knee = next(joint for joint in robot.findall('joint') if joint.get('name') == 'FR_calf_joint')
     limit = knee.find('limit')
     assert knee.get('type') == 'revolute'
-    assert limit is not None
     assert (limit.get('lower'), limit.get('upper')) == limits
     assert all(link.find('visual') is not None for link in robot.findall('link')[1:])

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 import re
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
@@ -20,7 +19,7 @@ SCENE[:5] = np.nan
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def save(folder: Path, **arrays: Any) -> str:
+def save(folder, **arrays):
     """Save a scene with these arrays replaced, added, or left out where None."""
     content = {'clean_depth': SCENE, 'K': K, **arrays}
     path = folder / 'in.npz'
@@ -28,7 +27,7 @@ def save(folder: Path, **arrays: Any) -> str:
     return str(path)
 
 
-def simulate(source: str, folder: Path, *options: str) -> dict[str, np.ndarray]:
+def simulate(source, folder, *options):
     """Run the command, which has to succeed, and read what it wrote."""
     out = folder / 'out.npz'
     assert main(['simulate', source, str(out), *options]) == 0
@@ -36,9 +35,7 @@ def simulate(source: str, folder: Path, *options: str) -> dict[str, np.ndarray]:
         return {key: archive[key] for key in archive.files}
 
 
-def test_simulate_writes_the_librarys_frames(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_simulate_writes_the_librarys_frames(tmp_path, capsys):
     """Assert keys, shapes, dtypes, the stamps, and every frame to the last bit."""
     options = ['--usecase', 'mode_5_45FPS', '--frames', '70', '--seed', '7', '--name', 'left']
     out = simulate(save(tmp_path), tmp_path, *options)
@@ -65,7 +62,7 @@ def test_simulate_writes_the_librarys_frames(
         np.testing.assert_array_equal(out['depth'][index], camera.capture(SCENE, K, stamp).depth)
 
 
-def test_scenes_differ_in_noise_and_share_the_fixed_pattern(tmp_path: Path) -> None:
+def test_scenes_differ_in_noise_and_share_the_fixed_pattern(tmp_path):
     """
     Assert that a scene always has the same noise, another scene another, all one fixed pattern.
 
@@ -95,7 +92,7 @@ def test_scenes_differ_in_noise_and_share_the_fixed_pattern(tmp_path: Path) -> N
         assert main(['simulate', source, str(tmp_path / 'x.npz'), '--start', start]) == 2
 
 
-def test_uptime_of_the_scene_or_as_given(tmp_path: Path) -> None:
+def test_uptime_of_the_scene_or_as_given(tmp_path):
     """
     Assert that a drift of 50 mm is what it is at that time after power-on.
 
@@ -121,14 +118,14 @@ def test_uptime_of_the_scene_or_as_given(tmp_path: Path) -> None:
     assert main(['simulate', source, str(tmp_path / 'x.npz')]) == 2
 
 
-def test_defaults(tmp_path: Path) -> None:
+def test_defaults(tmp_path):
     """Assert 300 frames of a still scene in the default mode."""
     out = simulate(save(tmp_path), tmp_path)
     assert len(out['depth']) == 300
     assert str(out['usecase']) == 'Mode_9_30fps'
 
 
-def test_a_moving_scene_is_simulated_frame_by_frame(tmp_path: Path) -> None:
+def test_a_moving_scene_is_simulated_frame_by_frame(tmp_path):
     """Assert T frames in, T out, each of its own scene; stamps and reflectivity are kept."""
     scenes = np.stack([SCENE + 0.1 * step for step in range(35)])
     stamps = np.cumsum(np.linspace(0.01, 0.05, 35)) + 1000.0
@@ -157,9 +154,7 @@ def test_a_moving_scene_is_simulated_frame_by_frame(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('keys', [('stamp', 'stamp_ns'), ('stamp_ns',)])
-def test_stamps_of_a_clock_are_kept_to_the_nanosecond(
-    keys: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_stamps_of_a_clock_are_kept_to_the_nanosecond(keys, tmp_path):
     exact = 1_700_000_000_123_456_789 + np.arange(5) * 33_333_333
     stamps = {'stamp': exact / 1e9, 'stamp_ns': exact}
     source = save(
@@ -176,9 +171,7 @@ def test_stamps_of_a_clock_are_kept_to_the_nanosecond(
 @pytest.mark.parametrize(
     'stamp', [[0.0, 0.1, 0.1], np.array([7, 7, 9]) / 10, [0.0, 0.1, 0.2]], ids=str
 )
-def test_stamps_that_repeat_are_noticed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], stamp: Any
-) -> None:
+def test_stamps_that_repeat_are_noticed(tmp_path, capsys, stamp):
     """Frames of one stamp have the same noise."""
     source = save(tmp_path, clean_depth=np.full((3, 9, 9), 1.0, np.float32), K=K, stamp=stamp)
     depth = simulate(source, tmp_path)['depth']
@@ -188,7 +181,7 @@ def test_stamps_that_repeat_are_noticed(
     assert count == len(set(stamp))
 
 
-def test_arrays_with_one_image_a_frame_are_cut_with_the_frames(tmp_path: Path) -> None:
+def test_arrays_with_one_image_a_frame_are_cut_with_the_frames(tmp_path):
     scenes = np.stack([SCENE] * 5)
     known = np.isfinite(scenes)
     source = save(
@@ -202,15 +195,12 @@ def test_arrays_with_one_image_a_frame_are_cut_with_the_frames(tmp_path: Path) -
     simulate(source, tmp_path, '--frames', '3')
     recording = load_recording(tmp_path / 'out.npz')
     assert recording.extra['uptime'] == 60.0
-    assert recording.amplitude is not None
     assert recording.amplitude.shape == (3, *SCENE.shape)
     truth = read_truth(tmp_path / 'out.npz', recording.extra, recording.depth.shape)
     np.testing.assert_array_equal(truth.known, known[:3])
 
 
-def test_more_frames_than_images_of_one_kind_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_more_frames_than_images_of_one_kind_are_refused(tmp_path, capsys):
     """Assert nothing is written that could not be read."""
     source = save(tmp_path, known=np.ones((5, *SCENE.shape), bool))
     assert main(['simulate', source, str(tmp_path / 'out.npz'), '--frames', '6']) == 2
@@ -224,7 +214,7 @@ def test_more_frames_than_images_of_one_kind_are_refused(
     assert read_truth(tmp_path / 'out.npz', recording.extra, recording.depth.shape).known.all()
 
 
-def test_the_input_may_be_a_recording(tmp_path: Path) -> None:
+def test_the_input_may_be_a_recording(tmp_path):
     """Assert what was written can be simulated again, in another mode."""
     first = simulate(save(tmp_path), tmp_path, '--frames', '5')
     recording = (tmp_path / 'out.npz').rename(tmp_path / 'recording.npz')
@@ -260,13 +250,7 @@ def test_the_input_may_be_a_recording(tmp_path: Path) -> None:
     ],
     ids=str,
 )
-def test_bad_input(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    arrays: dict[str, Any],
-    options: list[str],
-    parts: list[str],
-) -> None:
+def test_bad_input(tmp_path, capsys, arrays, options, parts):
     """Assert exit code 2, one message, no traceback, and no output file."""
     source = save(tmp_path, **arrays)
     assert main(['simulate', source, str(tmp_path / 'out.npz'), *options]) == 2
@@ -277,7 +261,7 @@ def test_bad_input(
     assert [path.name for path in tmp_path.iterdir()] == ['in.npz']
 
 
-def test_wrong_arguments() -> None:
+def test_wrong_arguments():
     """Assert exit code 2, as every command does."""
     for arguments in (
         ['simulate'],
@@ -289,9 +273,7 @@ def test_wrong_arguments() -> None:
 
 
 @pytest.mark.parametrize('columns', ['80', '120'])
-def test_modes(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], columns: str
-) -> None:
+def test_modes(monkeypatch, capsys, columns):
     """Assert nine modes with rate and range, and the paper's coefficients to the digit."""
     monkeypatch.setenv('COLUMNS', columns)
     assert main(['modes']) == 0
@@ -315,13 +297,8 @@ def test_modes(
     assert '…' not in text
 
 
-def test_repeated_stamps_and_other_units_are_noted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    stamp, percent = np.array([0.0, 0.1, 0.1, 0.2]), np.full(SCENE.shape, 50, np.uint8)
-    out = simulate(save(tmp_path, stamp=stamp, reflectivity=percent), tmp_path)
-    np.testing.assert_array_equal(out['depth'][1], out['depth'][2])
+def test_a_reflectivity_in_percent_is_noted(tmp_path, capsys):
+    out = simulate(save(tmp_path, reflectivity=np.full(SCENE.shape, 50, np.uint8)), tmp_path)
     np.testing.assert_allclose(out['reflectivity'], 0.5)
     said = ' '.join(capsys.readouterr().err.split())
-    assert 'in.npz: stamp: 1 of 4 frames have the stamp of another one, and so its noise' in said
     assert 'in.npz: reflectivity: up to 50: taken for percent' in said

@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 import re
-from typing import Any
 
 from bench.wall_campaigns import wall
 from flexx2_sim_ros.camera import Intrinsics
@@ -31,7 +30,7 @@ _PAGE = Path(__file__).parent.parent / 'docs' / 'benchmark.md'
 VL53L5CX = _PAGE.read_text(encoding='utf-8').split('```yaml\n')[1].split('```')[0]
 
 
-def record(folder: Path, walls: list[tuple[float, float]], frames: int, bias: float) -> None:
+def record(folder, walls, frames, bias):
     """Write an SDK's archives with noise of 2 mm + 2 mm/m^2 z^2, and convert them."""
     rng = np.random.default_rng(3)
     folder.mkdir()
@@ -50,7 +49,7 @@ def record(folder: Path, walls: list[tuple[float, float]], frames: int, bias: fl
         assert main(['convert', str(sdk), str(folder / f'wall{i}.npz'), *keys]) == 0
 
 
-def fit(folder: Path) -> Path:
+def fit(folder):
     out = folder.with_name(f'{folder.name}_fit')
     assert main(['characterize', 'fit', str(folder), '--out', str(out), '--jobs', '1']) == 0
     return out / 'profile.yaml'
@@ -61,7 +60,7 @@ WALLS = [(0.7, 10.0), (0.9, 30.0), (1.1, 0.0), (1.4, 40.0), (1.6, 20.0), (1.8, 5
 MORE_WALLS = [(distance + 0.05, angle) for distance, angle in WALLS]
 
 
-def test_a_camera_of_64_pixels_is_measured_and_diagnosed(tmp_path: Path) -> None:
+def test_a_camera_of_64_pixels_is_measured_and_diagnosed(tmp_path):
     record(tmp_path / 'boards', BOARDS, FRAMES, 0.0)
     record(tmp_path / 'campaign', WALLS + MORE_WALLS, FRAMES, 0.03)
     profile = fit(tmp_path / 'boards')
@@ -76,7 +75,7 @@ def test_a_camera_of_64_pixels_is_measured_and_diagnosed(tmp_path: Path) -> None
     assert set(effects) <= {'offset', 'quantisation'}
 
 
-def test_single_frames_of_64_pixels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_single_frames_of_64_pixels(tmp_path, capsys):
     """Assert a profile, and that so few pixels are too few for a diagnosis: no false alarm."""
     record(tmp_path / 'boards', BOARDS, 1, 0.0)
     record(tmp_path / 'campaign', WALLS, 1, 0.03)
@@ -90,7 +89,7 @@ def test_single_frames_of_64_pixels(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert not json.loads((out / 'diagnosis.json').read_text())['effects']
 
 
-def test_masked_pixels_are_left_out_of_a_measurement(tmp_path: Path) -> None:
+def test_masked_pixels_are_left_out_of_a_measurement(tmp_path):
     matrix, side = np.array([[60.0, 0, 29.5], [0, 60.0, 29.5], [0, 0, 1]]), 60
     rng = np.random.default_rng(0)
     depth = wall(1.0, 10, matrix, (side, side)) + 0.003 * rng.standard_normal((12, side, side))
@@ -109,14 +108,14 @@ def test_masked_pixels_are_left_out_of_a_measurement(tmp_path: Path) -> None:
     assert measure(tmp_path / 'in.npz').pixels.count > known.sum()
 
 
-def write_flight(path: Path, latency: float, seed: int, frames: int = 100) -> None:
+def write_flight(path, latency, seed, frames=100):
     """Write an archive of a sensor that flies to and fro before a panel; its images are late."""
     rng = np.random.default_rng(seed)
     phase = rng.uniform(0, 2 * np.pi, 3)
     v, u = np.mgrid[:8, :8]
     x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
 
-    def seen(time: float) -> np.ndarray:
+    def seen(time):
         distance = 1.3 + 0.9 * np.cos(0.9 * time + phase[0])
         yaw, aside = 0.15 * np.sin(0.7 * time + phase[1]), 0.1 * np.sin(0.8 * time + phase[2])
         depth = (aside * np.sin(yaw) + distance * np.cos(yaw)) / (x * np.sin(yaw) + np.cos(yaw))
@@ -131,7 +130,7 @@ def write_flight(path: Path, latency: float, seed: int, frames: int = 100) -> No
     np.savez(path, depth=depth, clean_depth=clean, K=K, stamp=stamp, received=received)
 
 
-def diagnosed(folder: Path, latency: float) -> dict[str, Any]:
+def diagnosed(folder, latency):
     """Return the diagnosis of three flights."""
     profile = folder / 'profile.yaml'
     profile.write_text(VL53L5CX)
@@ -147,9 +146,7 @@ def diagnosed(folder: Path, latency: float) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize('latency', [0.1])
-def test_the_latency_of_a_sensor_of_64_pixels_is_found(
-    tmp_path: Path, latency: float, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_latency_of_a_sensor_of_64_pixels_is_found(tmp_path, latency, capsys):
     """Assert it where only a few pixels have ground truth, the others are unknown."""
     table = diagnosed(tmp_path, latency)
     assert all(row['truth']['unknown'] > 0.5 for row in table['recordings'])
@@ -171,7 +168,7 @@ def test_the_latency_of_a_sensor_of_64_pixels_is_found(
     assert np.mean([one.latency_ns for one in drawn]) == pytest.approx(latency * 1e9, rel=0.3)
 
 
-def test_late_images_are_no_effect_where_there_is_no_gap(tmp_path: Path) -> None:
+def test_late_images_are_no_effect_where_there_is_no_gap(tmp_path):
     table = diagnosed(tmp_path, 0.0)
     # Of campaigns without an effect, 3 % have a gap. In this one, quantisation is named.
     found = {row['name'] for row in (*table['effects'], *table['alternatives'])}
@@ -179,7 +176,7 @@ def test_late_images_are_no_effect_where_there_is_no_gap(tmp_path: Path) -> None
     assert table['age']['delay']['median'] == pytest.approx(0.07, abs=0.003)
 
 
-def test_the_step_is_that_of_the_depths_where_recordings_agree() -> None:
+def test_the_step_is_that_of_the_depths_where_recordings_agree():
     """Assert it with steps of whole millimetres, found in three flights, and what a fit gave."""
     assert agreed_step(np.array([0.0010004, 0.001014, 0.001001]), 0.0057) == 0.001001
     assert agreed_step(np.array([0.0007, 0.0011, 0.0019]), 0.0057) == 0.0057
@@ -187,7 +184,7 @@ def test_the_step_is_that_of_the_depths_where_recordings_agree() -> None:
     assert agreed_step(np.array([0.005]), 0.0057) == 0.005
 
 
-def test_what_is_unknown_stays_unknown(tmp_path: Path) -> None:
+def test_what_is_unknown_stays_unknown(tmp_path):
     """Assert it of a recording with ground truth that gets a mask besides."""
     known, mask = np.ones((3, 8, 8), bool), np.ones((8, 8), bool)
     known[1, 2, :] = False
@@ -202,13 +199,13 @@ def test_what_is_unknown_stays_unknown(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, known & mask & np.isfinite(clean))
 
 
-def test_partial_truth_needs_ground_truth(tmp_path: Path) -> None:
+def test_partial_truth_needs_ground_truth(tmp_path):
     np.savez(tmp_path / 'in.npz', depth=np.ones((3, 8, 8)), K=K)
     with pytest.raises(InputError, match='must come with clean_depth'):
         convert(tmp_path / 'in.npz', tmp_path / 'out.npz', given=Given(partial_truth=True))
 
 
-def test_recordings_of_a_real_sensor_of_64_pixels_are_read(tmp_path: Path) -> None:
+def test_recordings_of_a_real_sensor_of_64_pixels_are_read(tmp_path):
     source = DATA / 'vl53l5cx_flights.npz'
     if not source.is_file():
         pytest.skip(f'{source} is not there')
@@ -223,7 +220,7 @@ def test_recordings_of_a_real_sensor_of_64_pixels_are_read(tmp_path: Path) -> No
     assert found.depth.shape[1:] == (8, 8)
 
 
-def test_masked_pixels_get_no_ground_truth(tmp_path: Path) -> None:
+def test_masked_pixels_get_no_ground_truth(tmp_path):
     """Assert this also for a lens of eight coefficients, whose rays are otherwise all there."""
     known = np.ones((8, 8), bool)
     known[:, :3] = False

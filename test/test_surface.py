@@ -4,7 +4,7 @@ import math
 
 from flexx2_sim_ros.camera import depth_from_z_buffer, flexx2, Intrinsics, ray_length
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.surface import analyse, Surface, tangents
+from flexx2_sim_ros.physics.surface import analyse, tangents
 from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,7 +23,7 @@ CAMERAS = [
 SLOPES = [(0, 0), (0.6, 0), (0, -0.8), (1, 1), (-1.7, 0.5), (0.4, 4)]
 
 
-def plane(camera: Intrinsics, normal: np.ndarray, distance: float) -> tuple:
+def plane(camera, normal, distance):
     """Return depth and incidence of the plane normal . X = distance; NaN where it is unseen."""
     v, u = np.mgrid[: camera.height, : camera.width].astype(float)
     rays = np.stack(
@@ -35,21 +35,21 @@ def plane(camera: Intrinsics, normal: np.ndarray, distance: float) -> tuple:
     return depth, np.arccos(np.clip(cosine, 0, 1))
 
 
-def tilted(slopes: tuple, distance: float = 1.5, camera: Intrinsics = FLEXX2) -> tuple:
+def tilted(slopes, distance=1.5, camera=FLEXX2):
     normal = np.array([*slopes, 1.0])
     return plane(camera, normal, distance / np.linalg.norm(normal))
 
 
-def look(depth: np.ndarray, camera: Intrinsics = FLEXX2) -> Surface:
+def look(depth, camera=FLEXX2):
     return analyse(np.ascontiguousarray(depth, np.float32), camera, flexx2().sensor)
 
 
-def worst(surface: Surface, truth: np.ndarray, where: np.ndarray) -> float:
+def worst(surface, truth, where):
     """Return the largest error of the incidence angle, degrees."""
     return math.degrees(np.abs(surface.incidence - truth)[where].max(initial=0))
 
 
-def borders(labels: np.ndarray) -> tuple:
+def borders(labels):
     """Return where neighbours in a row, and in a column, have different labels."""
     rows, columns = np.zeros((2, *labels.shape), np.uint8)
     rows[:, :-1] = labels[:, 1:] != labels[:, :-1]
@@ -57,7 +57,7 @@ def borders(labels: np.ndarray) -> tuple:
     return rows, columns
 
 
-def thin(labels: np.ndarray) -> np.ndarray:
+def thin(labels):
     """Return which pixels lie in a row's or column's run of one or two pixels of one label."""
     padded = np.pad(labels.astype(np.int8), 2, constant_values=-1)
     height, width = labels.shape
@@ -73,7 +73,7 @@ def thin(labels: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize('camera', CAMERAS, ids=lambda camera: f'{camera.width}')
 @pytest.mark.parametrize('seed', range(8))
-def test_planes_up_to_80_degrees(camera: Intrinsics, seed: int) -> None:
+def test_planes_up_to_80_degrees(camera, seed):
     rng = np.random.default_rng(seed)
     # The angle at a pixel drawn from the whole image, the direction at random.
     ray = np.array(
@@ -97,7 +97,7 @@ def test_planes_up_to_80_degrees(camera: Intrinsics, seed: int) -> None:
     assert worst(surface, truth, seen & ~thin(seen)) < 1
 
 
-def test_inverse_depth_has_a_border_of_two_pixels_of_nothing() -> None:
+def test_inverse_depth_has_a_border_of_two_pixels_of_nothing():
     inverse, across, down = tangents(np.full((5, 7), 2.0, np.float32), DEFAULT_SENSOR)
     assert inverse.shape == (9, 11)
     assert (inverse[2:-2, 2:-2] == 0.5).all()
@@ -108,7 +108,7 @@ def test_inverse_depth_has_a_border_of_two_pixels_of_nothing() -> None:
 
 @pytest.mark.parametrize('distance', [1.0, 2.0, 4.0])
 @pytest.mark.parametrize('slopes', SLOPES)
-def test_planes_in_whole_millimetres(slopes: tuple, distance: float) -> None:
+def test_planes_in_whole_millimetres(slopes, distance):
     """Rounding to 1 mm moves single angles by degrees; what is made of them, sigma_z, hardly."""
     depth, truth = tilted(slopes, distance)
     seen = (truth < math.radians(80)) & (depth > 0.5) & (depth < 7)
@@ -139,7 +139,7 @@ SHAPES = {
 
 @pytest.mark.parametrize('shape', SHAPES)
 @pytest.mark.parametrize(('front', 'back'), [(0, 1), (1, 0), (3, 1), (2, 4), (4, 2), (5, 0)])
-def test_slopes_are_not_computed_across_a_jump(shape: str, front: int, back: int) -> None:
+def test_slopes_are_not_computed_across_a_jump(shape, front, back):
     near, near_truth = tilted(SLOPES[front], 1.0)
     far, far_truth = tilted(SLOPES[back], 3.0)
     mask = SHAPES[shape]
@@ -177,7 +177,7 @@ STRIPS = [
         *((width, (1, 1.04, 1.08)) for width in (2, 3)),
     ],
 )
-def test_thin_strips(width: int, depths: tuple) -> None:
+def test_thin_strips(width, depths):
     line = np.repeat(depths, (20, width, 20))
     labels = np.repeat([0, 1, 2], (20, width, 20))
     for turned in (False, True):
@@ -200,7 +200,7 @@ def test_thin_strips(width: int, depths: tuple) -> None:
 
 @pytest.mark.parametrize(('one', 'two'), [(0, 1), (0, 3), (1, 4), (3, 4), (2, 5)])
 @pytest.mark.parametrize('fold', [np.fmin, np.fmax])
-def test_creases_are_not_taken_for_jumps(one: int, two: int, fold: np.ufunc) -> None:
+def test_creases_are_not_taken_for_jumps(one, two, fold):
     first, first_truth = tilted(SLOPES[one])
     second, second_truth = tilted(SLOPES[two])
     valid = np.isfinite(first) & np.isfinite(second) & (first < 7) & (second < 7)
@@ -222,7 +222,7 @@ def test_creases_are_not_taken_for_jumps(one: int, two: int, fold: np.ufunc) -> 
 
 
 @pytest.mark.parametrize('shape', [(1, 1), (1, 2), (2, 1), (1, 9), (9, 1), (2, 2), (2, 3), (3, 3)])
-def test_tiny_images(shape: tuple) -> None:
+def test_tiny_images(shape):
     camera = Intrinsics(shape[1], shape[0], 200.0, 200.0, 0.0, 0.0)
     surface = look(np.full(shape, 2.0), camera)
     assert not (surface.row_jumps | surface.column_jumps).any()
@@ -241,9 +241,7 @@ def test_tiny_images(shape: tuple) -> None:
     st.floats(1.0, 1e4),
     st.floats(-1e4, 1e4),
 )
-def test_any_image_is_analysed_without_an_error(
-    depth: np.ndarray, focal: float, centre: float
-) -> None:
+def test_any_image_is_analysed_without_an_error(depth, focal, centre):
     height, width = depth.shape
     surface = look(depth, Intrinsics(width, height, focal, 2 * focal, centre, -centre))
     assert ((surface.cos_incidence >= 0) & (surface.cos_incidence <= 1)).all()
@@ -253,7 +251,7 @@ def test_any_image_is_analysed_without_an_error(
 
 
 @pytest.mark.parametrize(('near', 'far'), [(0.01, 50.0), (0.1, 5.0), (0.02, 1000.0)])
-def test_a_z_buffer_becomes_depth(near: float, far: float) -> None:
+def test_a_z_buffer_becomes_depth(near, far):
     z = np.linspace(near, min(far, 7.0), 20, dtype=np.float32).reshape(4, 5)
     # What OpenGL writes for a surface at depth z, in single precision.
     x = (far + near - 2 * far * near / z.astype(float)) / (far - near)
@@ -278,13 +276,13 @@ def test_a_z_buffer_becomes_depth(near: float, far: float) -> None:
         ([[np.nan]], 0.1, 10.0, 'buffer: must be a z-buffer'),
     ],
 )
-def test_a_z_buffer_is_refused(buffer: list, near: float, far: float, said: str) -> None:
+def test_a_z_buffer_is_refused(buffer, near, far, said):
     with pytest.raises(InputError, match=said):
         depth_from_z_buffer(buffer, near, far)
 
 
 @pytest.mark.parametrize('camera', CAMERAS)
-def test_a_range_becomes_depth(camera: Intrinsics) -> None:
+def test_a_range_becomes_depth(camera):
     v, u = np.mgrid[: camera.height, : camera.width]
     point = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)])
     ranges = np.linalg.norm(1.5 * point, axis=0)

@@ -1,7 +1,6 @@
 """Noise that depends on reflectivity: in the camera, in a batch, and measured with boards."""
 
 from dataclasses import replace
-from pathlib import Path
 
 from batches import DEVICES
 from flexx2_sim_ros.batch import BatchCamera
@@ -25,7 +24,7 @@ K = np.array([[210.0, 0.0, 55.5], [0.0, 212.0, 42.5], [0.0, 0.0, 1.0]])
 SIZE = 86, 112
 
 
-def camera_with(surfaces: SurfaceNoise | None) -> Profile:
+def camera_with(surfaces):
     """Return the middle of the Flexx2's image in Mode_9_30fps, with noise of surfaces or not."""
     mode = flexx2().mode(USECASE)
     mode = replace(mode, noise=replace(mode.noise, surfaces=surfaces))
@@ -33,7 +32,7 @@ def camera_with(surfaces: SurfaceNoise | None) -> Profile:
     return Profile('Crop', lens, (mode,))
 
 
-def striped() -> tuple[np.ndarray, np.ndarray]:
+def striped():
     """Return a slanted wall with a step, and reflectivity from 0 to 1 in stripes."""
     depth = np.linspace(0.8, 4.0, SIZE[1], dtype=np.float32) * np.ones((SIZE[0], 1), np.float32)
     depth[30:, 60:] += 0.4
@@ -42,7 +41,7 @@ def striped() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize('effects', [{}, {'offset': {'bias': 0.01}}])
-def test_without_the_section_reflectivity_changes_no_depth(effects: dict[str, object]) -> None:
+def test_without_the_section_reflectivity_changes_no_depth(effects):
     depth, rho = striped()
     camera = Camera(USECASE, profile=camera_with(None), effects=effects, seed=3)
     other = Camera(USECASE, profile=camera_with(PLANTED), effects=effects, seed=3)
@@ -52,7 +51,7 @@ def test_without_the_section_reflectivity_changes_no_depth(effects: dict[str, ob
     np.testing.assert_array_equal(other.capture(depth, K, 5).depth, plain.depth)
 
 
-def test_darker_surfaces_are_noisier_as_light_says() -> None:
+def test_darker_surfaces_are_noisier_as_light_says():
     """All of read noise: sigma as 1 / A; all of shot noise: as 1 / sqrt(A); constant: the same."""
     depth = np.full(SIZE, 1.0, np.float32)
     for constant, read, wanted in ((0, 1, 9.0), (0, 0, 3.0), (1, 0.5, 1.0)):
@@ -66,7 +65,7 @@ def test_darker_surfaces_are_noisier_as_light_says() -> None:
         assert white == camera.capture(depth, K, 0).sigma[40, 50]
 
 
-def test_both_paths_and_the_batch_agree() -> None:
+def test_both_paths_and_the_batch_agree():
     depth, rho = striped()
     profile = camera_with(PLANTED)
     one = Camera(USECASE, profile=profile, seed=3).capture(depth, K, 0, rho)
@@ -85,7 +84,7 @@ def test_both_paths_and_the_batch_agree() -> None:
 
 @pytest.mark.parametrize('device', DEVICES)
 @pytest.mark.parametrize('first', ['white', 'dark'])
-def test_a_captured_graph_follows_changes_of_mode(first: str, device: str) -> None:
+def test_a_captured_graph_follows_changes_of_mode(first, device):
     """Assert it of modes whose noise depends on reflectivity in different ways, or not at all."""
     profile = camera_with(PLANTED)
     (mode,) = profile.modes
@@ -113,7 +112,7 @@ def test_a_captured_graph_follows_changes_of_mode(first: str, device: str) -> No
         np.testing.assert_allclose(seen.numpy()[1], depth, rtol=1e-4)
 
 
-def test_the_section_is_read_back_and_checked(tmp_path: Path) -> None:
+def test_the_section_is_read_back_and_checked(tmp_path):
     path = tmp_path / 'profile.yaml'
     errors = {USECASE: {'read_share': 0.02}}
     save_profile(path, ProfileFile(camera_with(PLANTED), errors))
@@ -124,7 +123,7 @@ def test_the_section_is_read_back_and_checked(tmp_path: Path) -> None:
         load_profile(path)
 
 
-def test_three_boards_give_the_dependence_back(tmp_path: Path) -> None:
+def test_three_boards_give_the_dependence_back(tmp_path):
     """
     Assert the planted shares within their standard errors, and that these are of the right size.
 
@@ -161,9 +160,7 @@ def test_three_boards_give_the_dependence_back(tmp_path: Path) -> None:
     assert 'one white board' not in page
 
 
-def test_one_board_leaves_the_dependence_off_and_reports_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_board_leaves_the_dependence_off_and_reports_it(tmp_path, capsys):
     profile = tmp_path / 'camera.yaml'
     save_profile(profile, ProfileFile(camera_with(PLANTED)))
     wanted = conditions(camera_with(None), [USECASE], (0.8, 1.6), (0.0, 40.0))

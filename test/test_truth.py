@@ -1,8 +1,5 @@
 """What a recording says of its ground truth: unknown pixels, accuracy, constraints."""
 
-from pathlib import Path
-from typing import Any
-
 from flexx2_sim_ros.camera import flexx2, Intrinsics
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of
@@ -27,7 +24,7 @@ V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)
 SLANTED = (1 / (0.5 + 0.002 * U - 0.001 * V)).astype(np.float32)
 
 
-def write(path: Path, **arrays: Any) -> Path:
+def write(path, **arrays):
     """Write a recording of a slanted plane that stands still."""
     content = {
         'depth': np.tile(SLANTED, (4, 1, 1)),
@@ -41,14 +38,14 @@ def write(path: Path, **arrays: Any) -> Path:
     return path
 
 
-def two_planes() -> dict[str, np.ndarray]:
+def two_planes():
     """Return the left and the right half as planes, each known to 3 mm and 0.5 degrees."""
     plane = np.where(U < 28, 1, 2).astype(np.uint8)
     std = np.tile([0.003, np.radians(0.5), np.radians(0.5)], 2)
     return {'plane': plane, 'plane_covariance': np.diag(std**2)}
 
 
-def test_ground_truth_survives_a_bag(tmp_path: Path) -> None:
+def test_ground_truth_survives_a_bag(tmp_path):
     known = U > 10
     truth = Truth(
         known,
@@ -97,9 +94,7 @@ def test_ground_truth_survives_a_bag(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_impossible_ground_truth_is_refused(
-    arrays: dict[str, Any], message: str, tmp_path: Path
-) -> None:
+def test_impossible_ground_truth_is_refused(arrays, message, tmp_path):
     path = write(tmp_path / 'one.npz', **arrays)
     reason = check(path, None)
     assert isinstance(reason, str)
@@ -108,14 +103,14 @@ def test_impossible_ground_truth_is_refused(
         raise InputError(reason)
 
 
-def test_planes_of_a_scene_that_moves_are_refused(tmp_path: Path) -> None:
+def test_planes_of_a_scene_that_moves_are_refused(tmp_path):
     moving = SLANTED + 0.1 * np.arange(4, dtype=np.float32)[:, None, None]
     path = write(tmp_path / 'one.npz', clean_depth=moving, **two_planes())
     with pytest.raises(InputError, match='plane: must come with the clean_depth'):
         read(Found(path, MODE, ()), None)
 
 
-def test_unknown_pixels_are_filled_and_not_compared(tmp_path: Path) -> None:
+def test_unknown_pixels_are_filled_and_not_compared(tmp_path):
     known = np.ones(SHAPE, bool)
     known[10:30, 20:30] = False
     known[5, 50] = False
@@ -136,7 +131,7 @@ def test_unknown_pixels_are_filled_and_not_compared(tmp_path: Path) -> None:
         assert not ((scene.runs[:, 2] >= low) & (scene.runs[:, 2] < high)).any()
 
 
-def test_known_pixels_without_a_return_stay_without() -> None:
+def test_known_pixels_without_a_return_stay_without():
     known = np.ones(SHAPE, bool)
     known[:, 30:40] = False
     clean = np.where(known & (U < 35), SLANTED, np.float32(np.nan))
@@ -150,7 +145,7 @@ def test_known_pixels_without_a_return_stay_without() -> None:
 
 
 @pytest.mark.parametrize('distortion', [(), (-0.2, 0.05, 0.001, -0.001)])
-def test_the_parameters_of_a_plane_move_it(distortion: tuple[float, ...]) -> None:
+def test_the_parameters_of_a_plane_move_it(distortion):
     """Assert them against the plane's equation: an offset, and turns about the mean point."""
     known, plane = np.ones(SHAPE, bool), np.ones(SHAPE, np.uint8)
     lens = Intrinsics.from_matrix(K, SHAPE[1], SHAPE[0], distortion)
@@ -174,17 +169,15 @@ def test_the_parameters_of_a_plane_move_it(distortion: tuple[float, ...]) -> Non
         assert (there - slanted) / step == pytest.approx(shifts[i], abs=5e-3), i
 
 
-def test_the_prior_of_a_pose_and_planes() -> None:
+def test_the_prior_of_a_pose_and_planes():
     usual = np.array([0.01] * 3 + [0.5] * 3)
     assert covariance_of(Truth(), usual) is None
     planes = Truth(**two_planes())
     covariance = covariance_of(planes, usual)
-    assert covariance is not None
     # Planes are given in the camera's frame: its pose has no error besides.
     assert not covariance[:6].any()
     assert covariance[6, 6] == pytest.approx(0.003**2)
     pose = covariance_of(Truth(pose_covariance=np.radians(1) ** 2 * np.eye(6)), usual)
-    assert pose is not None
     assert pose[3, 3] == pytest.approx(1.0)  # degrees
     whole = factor(covariance)
     assert whole @ whole.T == pytest.approx(covariance)

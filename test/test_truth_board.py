@@ -1,8 +1,6 @@
 """Ground truth from a printed board: sheets to print, and recordings that show one."""
 
-from pathlib import Path
 import re
-from typing import Any
 
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
@@ -32,7 +30,7 @@ FRAMES, BIAS = 8, 0.008
 LENS = np.array([-0.2, 0.05, 0.001, -0.001, 0.01])
 
 
-def record(path: Path, boards: list[Board], rng: np.random.Generator, **changes: Any) -> Board:
+def record(path, boards, rng, **changes):
     """Write a recording of a camera with an offset: of one board, or of one a frame."""
     lens = changes.pop('distortion', None)
     seen = [board.look(rng, lens=lens) for board in boards]
@@ -42,7 +40,7 @@ def record(path: Path, boards: list[Board], rng: np.random.Generator, **changes:
         light, depth = (np.repeat(image, FRAMES, axis=0) for image in (light, depth))
     stamp = 1000 + np.arange(len(depth)) / 5
     camera = Camera('Mode_9_5fps', effects={'offset': {'bias': BIAS}}, seed=3)
-    arrays: dict[str, Any] = {
+    arrays = {
         'depth': camera.capture(depth, K, stamp).depth,
         'K': K,
         'stamp': stamp,
@@ -56,33 +54,31 @@ def record(path: Path, boards: list[Board], rng: np.random.Generator, **changes:
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
+def rng():
     return np.random.default_rng(7)
 
 
 @pytest.fixture
-def board_yaml(tmp_path: Path) -> Path:
+def board_yaml(tmp_path):
     path = tmp_path / 'target.yaml'
     path.write_text(target_of('A3').to_yaml())
     return path
 
 
-def truth(tmp_path: Path, board: Path | str, *options: str) -> dict[str, Any]:
+def truth(tmp_path, board, *options):
     out = tmp_path / 'campaign'
     command = ['gap', 'truth', str(tmp_path / 'in'), '--board', str(board), '--out', str(out)]
     assert main([*command, '--jobs', '1', *options]) == 0
     return dict(yaml.safe_load((out / 'truth.yaml').read_text()))
 
 
-def place_in_camera(row: dict[str, Any]) -> np.ndarray:
+def place_in_camera(row):
     """Return where a recording's board is, in the camera's frame."""
     pose = Pose.from_numbers(np.array(row['pose']))
     return -pose.R.T @ pose.t
 
 
-def test_the_offset_of_depth_does_not_move_the_board(
-    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
-) -> None:
+def test_the_offset_of_depth_does_not_move_the_board(tmp_path, board_yaml, rng):
     (tmp_path / 'in').mkdir()
     boards = {
         'far.npz': record(tmp_path / 'in' / 'far.npz', [Board(1.5, -15, 20)], rng),
@@ -104,9 +100,7 @@ def test_the_offset_of_depth_does_not_move_the_board(
     assert 'outline of the board' in page
 
 
-def test_truth_is_on_the_board_and_unknown_elsewhere(
-    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
-) -> None:
+def test_truth_is_on_the_board_and_unknown_elsewhere(tmp_path, board_yaml, rng):
     (tmp_path / 'in').mkdir()
     board = record(tmp_path / 'in' / 'one.npz', [Board(1.0, 10, -25)], rng)
     truth(tmp_path, board_yaml)
@@ -114,7 +108,6 @@ def test_truth_is_on_the_board_and_unknown_elsewhere(
     said = read_truth(reader.path, reader.arrays, reader.shape)
     clean, real = reader.load().clean_depth, board.look(rng)[1]
     on_board = real < board.t[2] + 0.3
-    assert said.known is not None
     assert clean is not None
     assert said.plane is not None
     assert not said.known[~on_board].any()
@@ -123,16 +116,12 @@ def test_truth_is_on_the_board_and_unknown_elsewhere(
     assert (said.plane == said.known).all()
     # With a focal length within 0.3 % the board is known to 3 mm, and its size to 1 mm.
     assert said.plane_names == ('board',)
-    assert said.plane_covariance is not None
     assert 0.0025 < np.sqrt(said.plane_covariance[0, 0]) < 0.004
     reflectivity = reader.load().reflectivity
-    assert reflectivity is not None
     assert np.percentile(reflectivity[said.known], [2, 98]) == pytest.approx([0.06, 0.8], abs=0.04)
 
 
-def test_a_moving_camera_has_a_board_in_each_frame_that_shows_it(
-    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
-) -> None:
+def test_a_moving_camera_has_a_board_in_each_frame_that_shows_it(tmp_path, board_yaml, rng):
     (tmp_path / 'in').mkdir()
     distances = [0.9, 0.94, 0.98, 1.02]
     record(tmp_path / 'in' / 'walk.npz', [Board(d, 5, -10) for d in distances], rng)
@@ -151,9 +140,7 @@ def test_a_moving_camera_has_a_board_in_each_frame_that_shows_it(
     )
 
 
-def test_a_print_of_the_wrong_size_is_doubtful(
-    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
-) -> None:
+def test_a_print_of_the_wrong_size_is_doubtful(tmp_path, board_yaml, rng):
     (tmp_path / 'in').mkdir()
     for distance in (0.7, 1.1):
         board = Board(distance, 10, -20, size=0.95)
@@ -178,14 +165,8 @@ def test_a_print_of_the_wrong_size_is_doubtful(
     ],
 )
 def test_a_missing_board_is_reported_with_the_reason(
-    tmp_path: Path,
-    board_yaml: Path,
-    rng: np.random.Generator,
-    capsys: pytest.CaptureFixture[str],
-    amplitude: np.ndarray | None,
-    words: str,
-    described: str,
-) -> None:
+    tmp_path, board_yaml, rng, capsys, amplitude, words, described
+):
     depth = np.full((FRAMES, HEIGHT, WIDTH), 1.2, np.float32)
     arrays = {'depth': depth, 'K': K, 'stamp': np.arange(FRAMES) / 5}
     arrays |= {} if amplitude is None else {'amplitude': amplitude}
@@ -209,9 +190,7 @@ def test_a_missing_board_is_reported_with_the_reason(
         ({'first_id': 48}, 'first_id: must be at most 44'),
     ],
 )
-def test_impossible_targets_are_refused(
-    tmp_path: Path, changes: dict[str, Any], words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_impossible_targets_are_refused(tmp_path, changes, words, capsys):
     table = yaml.safe_load(target_of('A3').to_yaml())
     table['target'] |= changes
     path = tmp_path / 'target.yaml'
@@ -222,11 +201,10 @@ def test_impossible_targets_are_refused(
 
 
 @pytest.mark.parametrize('size', SHEETS)
-def test_a_target_is_printed_true_to_scale(tmp_path: Path, size: str) -> None:
+def test_a_target_is_printed_true_to_scale(tmp_path, size):
     out = tmp_path / 'target.pdf'
     assert main(['gap', 'target', '--out', str(out), '--size', size]) == 0
     box = re.search(rb'/MediaBox ?\[ ?0 0 ([\d.]+) ([\d.]+) ?\]', out.read_bytes())
-    assert box is not None
     points = [float(side) for side in box.groups()]
     assert np.array(points) * 0.0254 / 72 == pytest.approx(np.array(SHEETS[size][:2]), abs=1e-6)
     assert read_target(tmp_path / 'target.yaml') == target_of(size)
@@ -235,7 +213,7 @@ def test_a_target_is_printed_true_to_scale(tmp_path: Path, size: str) -> None:
     assert before == ((tmp_path / 'target.yaml').read_bytes(), out.read_bytes())
 
 
-def test_the_pdf_shows_what_the_description_says() -> None:
+def test_the_pdf_shows_what_the_description_says():
     pdfium = pytest.importorskip('pypdfium2', reason='rasterises PDF')
     target = target_of('A3')
     step = 0.0254 / 72  # one pixel a point
@@ -247,7 +225,7 @@ def test_the_pdf_shows_what_the_description_says() -> None:
     assert np.mean(apart > 0.5) < 0.005
 
 
-def test_a_painted_sheet_has_the_area_of_its_tags() -> None:
+def test_a_painted_sheet_has_the_area_of_its_tags():
     target = Target()
     step = 0.0007
     black = (1 - target.paint(step)).sum() * step**2
@@ -273,9 +251,7 @@ tagSpacing: 0.3
         (april_grid(), KALIBR, 0.8),
     ],
 )
-def test_boards_that_people_own_are_found(
-    picture: np.ndarray, described: str, distance: float, tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_boards_that_people_own_are_found(picture, described, distance, tmp_path, rng):
     (tmp_path / 'in').mkdir()
     boards = [Board(distance, -20, 25, picture=picture), Board(distance, 25, -15, picture=picture)]
     for number, board in enumerate(boards):
@@ -298,7 +274,7 @@ asymmetricGrid: True
 """
 
 
-def record_blind(path: Path, board: Board, rng: np.random.Generator) -> None:
+def record_blind(path, board, rng):
     """Write what the blind camera sees of a board."""
     gray, depth = expose_blind(*board.look(rng), FRAMES, rng)
     arrays = {'depth': depth, 'amplitude': gray, 'K': K, 'stamp': np.arange(FRAMES) / 5}
@@ -314,9 +290,7 @@ def record_blind(path: Path, board: Board, rng: np.random.Generator) -> None:
         (circles(4, 9, 0.025, 0.018, True), CIRCLES),
     ],
 )
-def test_grids_of_circles_are_found_in_gray_of_16_bits(
-    picture: np.ndarray, described: str, tmp_path: Path, rng: np.random.Generator
-) -> None:
+def test_grids_of_circles_are_found_in_gray_of_16_bits(picture, described, tmp_path, rng):
     (tmp_path / 'in').mkdir()
     boards = [Board(0.5, -20, 25, picture=picture), Board(0.6, 30, -20, picture=picture)]
     for number, board in enumerate(boards):
@@ -337,13 +311,8 @@ def test_grids_of_circles_are_found_in_gray_of_16_bits(
     [(circles(7, 6, 0.03, 0.016, False), 'circles:7x6:0.03', False), (april_grid(), KALIBR, True)],
 )
 def test_a_board_partly_out_of_the_image_is_found_by_its_tags_only(
-    picture: np.ndarray,
-    described: str,
-    found: bool,
-    tmp_path: Path,
-    rng: np.random.Generator,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    picture, described, found, tmp_path, rng, capsys
+):
     board = Board(0.6, -20, 25, picture=picture)
     board.t[0] = -0.4
     record_blind(tmp_path / 'one.npz', board, rng)
@@ -371,7 +340,7 @@ def test_a_board_partly_out_of_the_image_is_found_by_its_tags_only(
         ('target_type: aprilgrid', 'must be a target of Kalibr, got'),
     ],
 )
-def test_impossible_boards_are_refused(described: str, said: str, tmp_path: Path) -> None:
+def test_impossible_boards_are_refused(described, said, tmp_path):
     file = tmp_path / 'kalibr.yaml'
     file.write_text(described)
     with pytest.raises(InputError) as error:
@@ -379,9 +348,7 @@ def test_impossible_boards_are_refused(described: str, said: str, tmp_path: Path
     assert said in str(error.value)
 
 
-def test_the_wall_around_a_board_is_known_if_asked(
-    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
-) -> None:
+def test_the_wall_around_a_board_is_known_if_asked(tmp_path, board_yaml, rng):
     (tmp_path / 'in').mkdir()
     board = record(tmp_path / 'in/0.npz', [Board(1.0, 10, 25, glued=True)], rng)
     (alone,) = truth(tmp_path, board_yaml)['recordings']
@@ -395,9 +362,7 @@ def test_the_wall_around_a_board_is_known_if_asked(
     assert np.abs(error).max() < 0.004
 
 
-def test_a_wall_behind_a_board_stays_unknown(
-    tmp_path: Path, board_yaml: Path, rng: np.random.Generator
-) -> None:
+def test_a_wall_behind_a_board_stays_unknown(tmp_path, board_yaml, rng):
     (tmp_path / 'in').mkdir()
     record(tmp_path / 'in/0.npz', [Board(1.0, 10, 25)], rng)
     (row,) = truth(tmp_path, board_yaml, '--wall')['recordings']

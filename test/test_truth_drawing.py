@@ -1,7 +1,5 @@
 """Outlines that are drawn: what else is in `planes.yaml` stays as it is."""
 
-from pathlib import Path
-
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.plane_drawing import save_outline
 from flexx2_sim_ros.truth.plane_file import plane_form, read_planes
@@ -36,7 +34,7 @@ recordings:
     ],
 )
 @pytest.mark.parametrize('plane', ['left', 'floor', 'the "new" one: #2'])
-def test_an_outline_takes_the_place_of_a_box(before: str, plane: str, tmp_path: Path) -> None:
+def test_an_outline_takes_the_place_of_a_box(before, plane, tmp_path):
     path = tmp_path / 'planes.yaml'
     if before:
         path.write_text(before)
@@ -62,7 +60,7 @@ def test_an_outline_takes_the_place_of_a_box(before: str, plane: str, tmp_path: 
             )
 
 
-def test_a_file_that_is_not_of_planes_stays(tmp_path: Path) -> None:
+def test_a_file_that_is_not_of_planes_stays(tmp_path):
     path = tmp_path / 'planes.yaml'
     for text, said in (('schema: 2\n', 'schema: must be 1'), (BLOCKS, 'must be a list of 3')):
         path.write_text(text)

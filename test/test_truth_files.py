@@ -1,8 +1,6 @@
 """The files that `flexx2 gap truth` reads and writes."""
 
 from copy import deepcopy
-from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError, MachineError
@@ -20,7 +18,7 @@ import yaml
 MODE = 'Mode_9_30fps'
 
 
-def small_wall(path: Path, distance: float, **changes: Any) -> Path:
+def small_wall(path, distance, **changes):
     """Write a recording of a wall from the front, in few pixels."""
     K = np.array([[25.0, 0, 15.5], [0, 25, 11.5], [0, 0, 1]])  # noqa: N806
     noise = np.random.default_rng(4).normal(0, 0.003, (3, 24, 32))
@@ -32,13 +30,13 @@ def small_wall(path: Path, distance: float, **changes: Any) -> Path:
 
 
 @pytest.fixture
-def wall_yaml(tmp_path: Path) -> Path:
+def wall_yaml(tmp_path):
     path = tmp_path / 'planes.yaml'
     path.write_text('schema: 1\nplanes:\n- name: wall\n')
     return path
 
 
-def refused(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
+def refused(capsys, *words):
     """Return the error of the command."""
     assert main(['gap', 'truth', *map(str, words), '--jobs', '1']) == 2
     return capsys.readouterr().err.strip().splitlines()[-1]
@@ -55,15 +53,13 @@ def refused(capsys: pytest.CaptureFixture[str], *words: Path | str) -> str:
     ],
 )
 def test_an_option_of_another_kind_of_truth_is_refused_also_if_it_is_0(
-    options: tuple[str, ...], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    options, words, tmp_path, capsys
+):
     error = refused(capsys, 'wall.npz', *options, '--out', tmp_path / 'out')
     assert error == f'flexx2: error: {options[2]}: must be given with {words} only'
 
 
-def test_no_recording_is_overwritten_by_another_one(
-    tmp_path: Path, wall_yaml: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_recording_is_overwritten_by_another_one(tmp_path, wall_yaml, capsys):
     days = [small_wall(tmp_path / day / 'wall.npz', 1.2) for day in ('monday', 'tuesday')]
     before = [path.read_bytes() for path in days]
     # Monday's wall.npz would be written over that of Tuesday, also where a link leads there.
@@ -76,9 +72,7 @@ def test_no_recording_is_overwritten_by_another_one(
         assert [path.name for path in (tmp_path / 'tuesday').iterdir()] == ['wall.npz']
 
 
-def test_no_recording_is_overwritten_by_the_bag_beside_it(
-    tmp_path: Path, wall_yaml: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_recording_is_overwritten_by_the_bag_beside_it(tmp_path, wall_yaml, capsys):
     there = small_wall(tmp_path / 'rec' / 'wall.npz', 1.2)
     assert main(['convert', str(there), str(tmp_path / 'rec' / 'wall')]) == 0
     before = there.read_bytes()
@@ -87,9 +81,7 @@ def test_no_recording_is_overwritten_by_the_bag_beside_it(
     assert there.read_bytes() == before
 
 
-def test_a_recording_without_truth_in_the_folder_is_not_replaced(
-    tmp_path: Path, wall_yaml: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_without_truth_in_the_folder_is_not_replaced(tmp_path, wall_yaml, capsys):
     path = small_wall(tmp_path / 'in' / 'wall.npz', 1.2)
     raw = small_wall(tmp_path / 'out' / 'wall.npz', 1.4)
     before = raw.read_bytes()
@@ -98,9 +90,7 @@ def test_a_recording_without_truth_in_the_folder_is_not_replaced(
     assert raw.read_bytes() == before
 
 
-def test_the_file_of_the_planes_is_not_overwritten(
-    tmp_path: Path, wall_yaml: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_file_of_the_planes_is_not_overwritten(tmp_path, wall_yaml, capsys):
     path = small_wall(tmp_path / 'in' / 'wall.npz', 1.2)
     planes = wall_yaml.rename(tmp_path / 'truth.yaml')
     before = planes.read_bytes()
@@ -110,9 +100,7 @@ def test_the_file_of_the_planes_is_not_overwritten(
     assert planes.read_bytes() == before
 
 
-def test_assumed_stamps_are_those_of_the_profile_and_said_once(
-    tmp_path: Path, wall_yaml: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_assumed_stamps_are_those_of_the_profile_and_said_once(tmp_path, wall_yaml, capsys):
     profile = tmp_path / 'slow.yaml'
     profile.write_text(
         'schema: 1\nmodel: Slow\nintrinsics: {width: 32, height: 24, fx: 25, fy: 25, cx: 15.5, '
@@ -134,7 +122,7 @@ def test_assumed_stamps_are_those_of_the_profile_and_said_once(
     assert all('taken for 5 Hz' in row['notes'][0] for row in rows)
 
 
-def test_a_campaign_of_many_recordings_can_be_diagnosed(tmp_path: Path, wall_yaml: Path) -> None:
+def test_a_campaign_of_many_recordings_can_be_diagnosed(tmp_path, wall_yaml):
     """Write truth.yaml as for 400 recordings, and 2,000 names that a shell wrote out."""
     path = small_wall(tmp_path / 'in' / 'wall.npz', 1.2)
     names = ' '.join(f'recordings/{i:04d}.npz' for i in range(2000))
@@ -154,8 +142,8 @@ def test_a_campaign_of_many_recordings_can_be_diagnosed(tmp_path: Path, wall_yam
 
 
 def test_files_of_a_folder_that_cannot_be_used_are_refused_and_the_others_go_on(
-    tmp_path: Path, wall_yaml: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+    tmp_path, wall_yaml, capsys
+):
     folder = tmp_path / 'in'
     good = small_wall(folder / 'good.npz', 1.2)
     cut = folder / 'cut.npz'
@@ -186,9 +174,7 @@ def test_files_of_a_folder_that_cannot_be_used_are_refused_and_the_others_go_on(
     assert 'depth: all pixels of all frames are invalid' in refused(capsys, folder, *words[2:])
 
 
-def test_a_bag_that_is_the_current_folder_gives_its_name(
-    tmp_path: Path, wall_yaml: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bag_that_is_the_current_folder_gives_its_name(tmp_path, wall_yaml, monkeypatch):
     convert(small_wall(tmp_path / 'in' / 'wall.npz', 1.2), tmp_path / 'corner')
     monkeypatch.chdir(tmp_path / 'corner')
     words = ['gap', 'truth', '.', '--planes', str(wall_yaml), '--out', str(tmp_path / 'out')]
@@ -197,12 +183,10 @@ def test_a_bag_that_is_the_current_folder_gives_its_name(
 
 
 @pytest.mark.parametrize(('error', 'kept'), [(MachineError, True), (InputError, False)])
-def test_what_is_done_stays_if_the_machine_fails(
-    error: type[InputError], kept: bool, tmp_path: Path
-) -> None:
+def test_what_is_done_stays_if_the_machine_fails(error, kept, tmp_path):
     out = tmp_path / 'out'
 
-    def fail() -> None:
+    def fail():
         with running(TruthRequest(recordings=(), out=out), no_progress) as run:
             run.each_once('registering', (0.0, 1.0), str, [1], [[]])
             raise error('--jobs: must be fewer')

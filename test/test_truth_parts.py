@@ -15,7 +15,7 @@ import pytest
     ('bias', 'said'),
     [(0.004, 'bounced light adds 6 mm; a smaller offset'), (-0.004, 'adds 6 mm'), (0.007, '')],
 )
-def test_bounced_light_hides_an_offset_that_is_smaller(bias: float, said: str) -> None:
+def test_bounced_light_hides_an_offset_that_is_smaller(bias, said):
     pixels = AlignedPixels(np.zeros((4, 2)), *np.ones((3, 4)), (), *np.zeros((2, 4), int))
     views = [
         PosedImage(0, Path(), pixels, Pose(np.eye(3), np.zeros(3)), bounce)

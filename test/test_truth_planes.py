@@ -1,9 +1,7 @@
 """Ground truth from planes: what a tape measure and a set square say of a corner."""
 
-from pathlib import Path
 import re
 import shutil
-from typing import Any
 
 from bench.planes import (
     corner,
@@ -40,23 +38,34 @@ KEPT = 'offset', 'wiggling', 'multipath', 'pose_error'
 WITHOUT = [name for name in registry() if name not in KEPT]
 
 
-def make(recordings: Path, planes: Path, out: Path) -> dict[str, Any]:
+def seen_by(path, clean, planes, alter=lambda depth: None):
+    """Record clean depth, write a file of planes, and return what is said of the recording."""
+    stamp = np.arange(FRAMES) / 30
+    depth = Camera(MODE, seed=1).capture(clean.astype(np.float32), K, stamp).depth
+    alter(depth)
+    np.savez(path / 'wall.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
+    (path / 'planes.yaml').write_text(yaml.safe_dump({'schema': 1, 'planes': planes}))
+    (row,) = make(path / 'wall.npz', path / 'planes.yaml', path / 'out')['recordings']
+    return row
+
+
+def make(recordings, planes, out):
     return make_truth(PlaneRequest(recordings=(recordings,), planes=planes, out=out))
 
 
 @pytest.fixture(scope='module')
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def plain(tmp_path_factory):
     """Return recordings of a camera without an effect."""
     return record(tmp_path_factory.mktemp('plain') / 'in')
 
 
 @pytest.fixture(scope='module')
-def biased(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def biased(tmp_path_factory):
     """Return recordings of a camera with an offset of 8 mm."""
     return record(tmp_path_factory.mktemp('biased') / 'in', 0.008)
 
 
-def test_measured_planes_decide_an_offset(biased: Path, tmp_path: Path) -> None:
+def test_measured_planes_decide_an_offset(biased, tmp_path):
     table = make(biased, describe(tmp_path / 'planes.yaml', taped=LASER), tmp_path / 'out')
     assert table['kind'] == 'planes'
     assert [row['verdict'] for row in table['recordings']] == ['used'] * len(VIEWS)
@@ -67,9 +76,7 @@ def test_measured_planes_decide_an_offset(biased: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('camera', ['plain', 'biased'])
-def test_planes_without_a_distance_leave_the_offset_open(
-    camera: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_planes_without_a_distance_leave_the_offset_open(camera, tmp_path, request):
     folder = request.getfixturevalue(camera)
     table = make(folder, describe(tmp_path / 'planes.yaml', taped=None), tmp_path / 'out')
     assert {'offset', 'pose_error'} <= {row['effect'] for row in table['cannot_decide']}
@@ -79,14 +86,14 @@ def test_planes_without_a_distance_leave_the_offset_open(
     assert 'offset' in [row['name'] for row in found['not_decidable']]
 
 
-def test_measured_planes_of_a_right_camera_are_no_false_alarm(plain: Path, tmp_path: Path) -> None:
+def test_measured_planes_of_a_right_camera_are_no_false_alarm(plain, tmp_path):
     make(plain, describe(tmp_path / 'planes.yaml', taped=LASER), tmp_path / 'out')
     found = diagnose(tmp_path / 'out', without=WITHOUT)
     assert found['verdict'] in ('none', 'not_decidable')
     assert found['effects'] == []
 
 
-def test_what_the_ground_truth_hides_is_never_ruled_out(plain: Path, tmp_path: Path) -> None:
+def test_what_the_ground_truth_hides_is_never_ruled_out(plain, tmp_path):
     make(plain, describe(tmp_path / 'planes.yaml', taped=LASER), tmp_path / 'out')
     file = tmp_path / 'out' / 'truth.yaml'
     table = yaml.safe_load(file.read_text())
@@ -107,7 +114,7 @@ def test_what_the_ground_truth_hides_is_never_ruled_out(plain: Path, tmp_path: P
             hidden_effects(tmp_path / 'out')
 
 
-def test_planes_are_labelled_and_lie_where_the_laser_says(biased: Path, tmp_path: Path) -> None:
+def test_planes_are_labelled_and_lie_where_the_laser_says(biased, tmp_path):
     make(biased, describe(tmp_path / 'planes.yaml', taped=LASER), tmp_path / 'out')
     for i, (turns, distances) in enumerate(VIEWS):
         clean, which = seen(corner(*turns), distances)
@@ -124,7 +131,7 @@ def test_planes_are_labelled_and_lie_where_the_laser_says(biased: Path, tmp_path
         assert abs(np.median((depth - clean)[known])) < 6 * LASER
 
 
-def test_reflectivity_of_planes_comes_from_gray_images(plain: Path, tmp_path: Path) -> None:
+def test_reflectivity_of_planes_comes_from_gray_images(plain, tmp_path):
     """Assert it for walls of 0.8 and 0.4 and a floor of 0.2 that the gray images show."""
     painted, folder = np.array([0.8, 0.4, 0.2]), tmp_path / 'in'
     folder.mkdir()
@@ -141,14 +148,13 @@ def test_reflectivity_of_planes_comes_from_gray_images(plain: Path, tmp_path: Pa
     assert table['reflectivity']['gray'] == 'proportional to light'
     for name, which in which_of.items():
         recording = open_recording(tmp_path / 'out' / name).load()
-        assert recording.reflectivity is not None
         known = recording.extra['known']
         found = [np.median(recording.reflectivity[known & (which == k)]) for k in range(3)]
         # The 95 % quantile of all pixels is the brightest wall.
         assert found == pytest.approx(painted, rel=0.1)
 
 
-def test_the_largest_planes_are_found_without_a_hint(plain: Path, tmp_path: Path) -> None:
+def test_the_largest_planes_are_found_without_a_hint(plain, tmp_path):
     planes = [{'name': name} for name in ('first', 'second', 'third', 'fourth')]
     path = tmp_path / 'planes.yaml'
     path.write_text(yaml.safe_dump({'schema': 1, 'planes': planes}))
@@ -160,9 +166,7 @@ def test_the_largest_planes_are_found_without_a_hint(plain: Path, tmp_path: Path
         assert found == pytest.approx(sorted(distances), abs=0.003)
 
 
-def test_the_command_warns_of_a_frontal_wall(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_warns_of_a_frontal_wall(tmp_path, capsys):
     recordings = tmp_path / 'in'
     recordings.mkdir()
     clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)
@@ -200,17 +204,14 @@ def test_the_command_warns_of_a_frontal_wall(
     ],
 )
 def test_pixels_inside_a_plane_that_contradict_it_are_counted(
-    tmp_path: Path, left: int, change: float, outline: Any, known: bool, words: str
-) -> None:
-    stamp = np.arange(FRAMES) / 30
-    clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)
-    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
-    depth[:, 20:40, left : left + 20] += change
-    np.savez(tmp_path / 'wall.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
-    planes = tmp_path / 'planes.yaml'
+    tmp_path, left, change, outline, known, words
+):
+
+    def hang_a_card(depth):
+        depth[:, 20:40, left : left + 20] += change
+
     wall = {'name': 'wall', 'distance': '1.2 +- 0.003', 'outline': outline}
-    planes.write_text(yaml.safe_dump({'schema': 1, 'planes': [wall]}))
-    (row,) = make(tmp_path / 'wall.npz', planes, tmp_path / 'out')['recordings']
+    row = seen_by(tmp_path, np.full((HEIGHT, WIDTH), 1.2), [wall], hang_a_card)
     (said,) = row['reasons']
     assert words in said
     assert int(said.split()[1]) == pytest.approx(400, rel=0.5)  # its border as well
@@ -220,65 +221,50 @@ def test_pixels_inside_a_plane_that_contradict_it_are_counted(
     assert (row['unknown']['hidden'] > 0) == ('nearer' in words)
 
 
-def test_a_patch_of_a_plane_without_depth_stays_known(tmp_path: Path) -> None:
+def test_a_patch_of_a_plane_without_depth_stays_known(tmp_path):
     """Assert it for a patch that saturates, in which a few pixels read too near."""
-    clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)
-    stamp = np.arange(FRAMES) / 30
-    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
-    depth[:, 20:40, 20:40] = np.nan
-    depth[:, 25:30, 25:30] = 1.0
-    np.savez(tmp_path / 'wall.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
-    planes = tmp_path / 'planes.yaml'
-    planes.write_text('schema: 1\nplanes:\n- name: wall\n')
-    (row,) = make(tmp_path / 'wall.npz', planes, tmp_path / 'out')['recordings']
-    assert row['known'] == 1
+
+    def saturate(depth):
+        depth[:, 20:40, 20:40] = np.nan
+        depth[:, 25:30, 25:30] = 1.0
+
+    clean = np.full((HEIGHT, WIDTH), 1.2)
+    assert seen_by(tmp_path, clean, [{'name': 'wall'}], saturate)['known'] == 1
 
 
-def test_a_plane_is_as_large_as_what_is_seen_of_it(tmp_path: Path) -> None:
+def test_a_plane_is_as_large_as_what_is_seen_of_it(tmp_path):
     """Assert it for two walls in one plane with a gap between them; a box is on one."""
-    clean = np.full((HEIGHT, WIDTH), 1.2, np.float32)
+    clean = np.full((HEIGHT, WIDTH), 1.2)
     clean[:, 50:60] = 2.0
-    stamp = np.arange(FRAMES) / 30
-    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
-    np.savez(tmp_path / 'walls.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
-    planes = tmp_path / 'planes.yaml'
-    planes.write_text('schema: 1\nplanes:\n- name: wall\n  box: [80, 20, 100, 60]\n')
-    (row,) = make(tmp_path / 'walls.npz', planes, tmp_path / 'out')['recordings']
-    with np.load(tmp_path / 'out' / 'walls.npz') as file:
+    row = seen_by(tmp_path, clean, [{'name': 'wall', 'box': [80, 20, 100, 60]}])
+    with np.load(tmp_path / 'out' / 'wall.npz') as file:
         known = file['known']
     assert not known[:, :60].any()
     assert known[:, 68:].all()
     assert row['unknown']['outside'] == pytest.approx(60 / WIDTH, abs=0.05)
 
 
-def test_a_plane_that_bends_is_doubtful(tmp_path: Path) -> None:
+def test_a_plane_that_bends_is_doubtful(tmp_path):
     """Assert it for a wall that turns by 14 degrees, too little for a second wall."""
     u = np.arange(WIDTH)
-    clean = np.tile(1.5 - 0.004 * np.maximum(u - 56, 0), (HEIGHT, 1)).astype(np.float32)
-    stamp = np.arange(FRAMES) / 30
-    depth = Camera(MODE, seed=1).capture(clean, K, stamp).depth
-    np.savez(tmp_path / 'bent.npz', depth=depth, K=K, stamp=stamp, usecase=MODE)
-    planes = tmp_path / 'planes.yaml'
-    planes.write_text('schema: 1\nplanes:\n- name: wall\n')
-    (row,) = make(tmp_path / 'bent.npz', planes, tmp_path / 'out')['recordings']
+    clean = np.tile(1.5 - 0.004 * np.maximum(u - 56, 0), (HEIGHT, 1))
+    row = seen_by(tmp_path, clean, [{'name': 'wall'}])
     assert row['verdict'] == 'doubtful'
     assert re.match(r'wall: the recording bends it by \d+ mm rms', row['reasons'][0])
 
 
-def test_planes_that_were_found_before_an_interruption_are_not_searched_again(
-    plain: Path, tmp_path: Path
-) -> None:
+def test_planes_that_were_found_before_an_interruption_are_not_searched_again(plain, tmp_path):
     planes = describe(tmp_path / 'planes.yaml', taped=LASER)
     out = tmp_path / 'out'
     request = PlaneRequest(recordings=(plain,), planes=planes, out=out)
 
-    def stop(text: str, fraction: float) -> None:
+    def stop(text, fraction):
         if text == 'writing':
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         make_truth(request, stop)
-    seen: list[str] = []
+    seen = []
     table = make_truth(request, lambda text, fraction: seen.append(text))
     assert 'finding planes' not in seen
     assert table['recordings'] == make(plain, planes, tmp_path / 'again')['recordings']
@@ -290,9 +276,7 @@ def test_planes_that_were_found_before_an_interruption_are_not_searched_again(
         assert np.array_equal(resumed.clean_depth, again.clean_depth, equal_nan=True)
 
 
-def test_no_ground_truth_of_an_earlier_run_stays_unnoticed(
-    plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_ground_truth_of_an_earlier_run_stays_unnoticed(plain, tmp_path, capsys):
     recordings, planes, out = (tmp_path / name for name in ('in', 'planes.yaml', 'out'))
     recordings.mkdir()
     for i in range(3):
@@ -316,7 +300,7 @@ def test_no_ground_truth_of_an_earlier_run_stays_unnoticed(
     assert sorted(path.name for path in out.glob('*.npz')) == ['corner0.npz', 'corner2.npz']
 
 
-def test_planes_settle_where_measurements_agree() -> None:
+def test_planes_settle_where_measurements_agree():
     normals, distances = corner(5, -22, 2), np.array([0.9, 1.0, 0.6])
     wrong = Rotation.from_rotvec([0.01, -0.004, 0.006]).as_matrix()
     placed = PlacedPlanes(
@@ -344,9 +328,7 @@ def test_planes_settle_where_measurements_agree() -> None:
     assert (np.linalg.eigvalsh(covariance) > np.radians(1) ** 2).sum() == 3
 
 
-def test_recordings_that_are_not_there_are_ignored_with_a_note(
-    plain: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_recordings_that_are_not_there_are_ignored_with_a_note(plain, tmp_path, capsys):
     path = describe(tmp_path / 'planes.yaml', taped=LASER)
     words = [str(plain / 'corner0.npz'), '--planes', str(path), '--out', str(tmp_path / 'out')]
     assert main(['gap', 'truth', *words, '--jobs', '1']) == 0
@@ -385,8 +367,8 @@ def test_recordings_that_are_not_there_are_ignored_with_a_note(
     ],
 )
 def test_what_cannot_be_is_one_sentence_and_nothing_is_written(
-    plain: Path, tmp_path: Path, planes: Any, changes: dict[str, Any], words: str
-) -> None:
+    plain, tmp_path, planes, changes, words
+):
     path = tmp_path / 'planes.yaml'
     path.write_text(yaml.safe_dump({'schema': 1, 'planes': planes, **changes}))
     with pytest.raises(InputError, match=re.escape(words)):

@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 import re
 import shutil
-from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.gap.report.words import headline
@@ -19,7 +18,7 @@ CASES = DATA.parent / 'cases' / 'real'
 
 
 @pytest.fixture
-def case(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def case(request, tmp_path, monkeypatch):
     """Return a copy of the case that the parameter names, which is the current folder."""
     source = CASES / request.param
     if not source.is_dir():
@@ -30,12 +29,12 @@ def case(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.Mon
     return folder
 
 
-def named(name: str) -> pytest.MarkDecorator:
+def named(name):
     """Return the mark of a test that takes a case."""
     return pytest.mark.parametrize('case', [name], indirect=True)
 
 
-def truth(recording: str, *options: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+def truth(recording, *options):
     """Run the command; return truth.yaml and the recording with its ground truth."""
     command = ['gap', 'truth', recording, *options, '--out', 'out', '--jobs', '1']
     assert main(command) == 0
@@ -44,9 +43,7 @@ def truth(recording: str, *options: str) -> tuple[dict[str, Any], dict[str, np.n
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason=f'{DATA} is not there')
-def test_the_chessboard_of_a_kinect_is_where_its_corners_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_chessboard_of_a_kinect_is_where_its_corners_are(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     view = kinect_views()[16]
     arrays = {'depth': view.depth[None], 'amplitude': view.amplitude[None], 'K': view.K}
@@ -62,7 +59,7 @@ def test_the_chessboard_of_a_kinect_is_where_its_corners_are(
 
 
 @named('dark_card_dropped')
-def test_a_dark_card_that_reads_too_far_stays_known_and_is_counted(case: Path) -> None:
+def test_a_dark_card_that_reads_too_far_stays_known_and_is_counted(case):
     table, arrays = truth('r0.npz', '--planes', 'planes.yaml')
     card = np.s_[50:120, 60:130]
     assert arrays['known'][card].all()
@@ -79,7 +76,7 @@ def test_a_dark_card_that_reads_too_far_stays_known_and_is_counted(case: Path) -
 
 
 @named('k2_board_strip')
-def test_a_board_is_not_the_door_frame_that_is_in_its_plane(case: Path) -> None:
+def test_a_board_is_not_the_door_frame_that_is_in_its_plane(case):
     assert main(['convert', 'v0001', 'v0001.npz', '--usecase', 'depth_30fps']) == 0
     table, arrays = truth('v0001.npz', '--planes', 'board.yaml', '--profile', 'kinect_v2')
     known = arrays['known']
@@ -98,7 +95,7 @@ def test_a_board_is_not_the_door_frame_that_is_in_its_plane(case: Path) -> None:
 
 
 @named('planes_not_flat')
-def test_a_plane_ends_where_the_next_wall_begins(case: Path) -> None:
+def test_a_plane_ends_where_the_next_wall_begins(case):
     options = '--planes', 'planes.yaml', '--profile', 'azure_kinect_nfov'
     table, arrays = truth('mug.npz', *options)
     (row,) = table['recordings']
@@ -108,9 +105,7 @@ def test_a_plane_ends_where_the_next_wall_begins(case: Path) -> None:
 
 
 @named('planes_not_flat')
-def test_a_tape_is_asked_for_before_the_work(
-    case: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_tape_is_asked_for_before_the_work(case, capsys):
     profile = '--profile', 'azure_kinect_nfov'
     table, _ = truth('mug.npz', '--planes', 'boxes.yaml', *profile)
     said = ' '.join(capsys.readouterr().err.split())
@@ -125,7 +120,7 @@ def test_a_tape_is_asked_for_before_the_work(
 
 
 @named('opt_corner')
-def test_a_measured_angle_stands_above_what_the_camera_shows(case: Path) -> None:
+def test_a_measured_angle_stands_above_what_the_camera_shows(case):
     """Assert it for a corner of 90 degrees that the camera shows as one of 80."""
     options = '--planes', 'corner.yaml', '--profile', 'opt8241.yaml'
     table, arrays = truth('corner_pin.npz', *options)
@@ -160,9 +155,7 @@ def test_a_measured_angle_stands_above_what_the_camera_shows(case: Path) -> None
     ],
     indirect=['case'],
 )
-def test_a_flight_is_where_motion_capture_says(
-    case: Path, name: str, scan: str, accuracy: str
-) -> None:
+def test_a_flight_is_where_motion_capture_says(case, name, scan, accuracy):
     """Assert it for a camera of 8 x 8 pixels, which sees a single panel, and find its latency."""
     mount = 0.0, 0.0, 0.0, -0.5, 0.5, -0.5, 0.5
     options = ['--scan', scan, '--trajectory', f'{name}.txt', '--clock-offset', '0']

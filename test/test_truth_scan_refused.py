@@ -1,11 +1,9 @@
 """Ground truth from a scan: meshes with holes, and what cannot be used."""
 
-from collections.abc import Callable
 import json
 import os
 from pathlib import Path
 import struct
-from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
@@ -21,21 +19,18 @@ import numpy as np
 import pytest
 from scans import box, HEIGHT, record, scaled, SMALL_K, WIDTH
 from study.blind.meshes import write_mesh
-from study.blind.scanned import ScannedCamera
 import trimesh
 import yaml
 
 
 @pytest.fixture(scope='module')
-def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ScannedCamera]:
+def plain(tmp_path_factory):
     """Return a folder with `in/` and `room.ply` of a camera without effects."""
     folder = tmp_path_factory.mktemp('plain')
     return folder, record(folder, {})
 
 
-def test_nothing_is_known_where_the_mesh_has_a_hole(
-    tmp_path: Path, plain: tuple[Path, ScannedCamera]
-) -> None:
+def test_nothing_is_known_where_the_mesh_has_a_hole(tmp_path, plain):
     folder, camera = plain
     pose = Pose(*camera.poses(0)[0])
     rays = observe(open_recording(folder / 'in' / '0.npz'), None).still.rays
@@ -54,18 +49,17 @@ def test_nothing_is_known_where_the_mesh_has_a_hole(
     assert whole.known.all()
 
 
-def test_colours_of_the_mesh_become_reflectivity(tmp_path: Path) -> None:
+def test_colours_of_the_mesh_become_reflectivity(tmp_path):
     box = trimesh.creation.box((4, 4, 4))
     box.visual.face_colors = [128, 128, 128, 255]
     for name in ('room.ply', 'room.glb'):
         box.export(tmp_path / name)
         hits = load_room(tmp_path / name).cast(Pose(np.eye(3), np.zeros(3)), np.zeros((1, 2)))
         assert hits.depth[0] == pytest.approx(2.0, abs=1e-6)
-        assert hits.reflectivity is not None
         assert hits.reflectivity[0] == pytest.approx(128 / 255, abs=0.01)
 
 
-def test_a_material_of_one_colour_says_nothing_of_reflectivity(tmp_path: Path) -> None:
+def test_a_material_of_one_colour_says_nothing_of_reflectivity(tmp_path):
     plain = trimesh.visual.material.PBRMaterial(baseColorFactor=[200, 200, 200, 255])
     box = trimesh.creation.box((4, 4, 4))
     box.visual = trimesh.visual.TextureVisuals(material=plain)
@@ -75,7 +69,7 @@ def test_a_material_of_one_colour_says_nothing_of_reflectivity(tmp_path: Path) -
     assert hits.reflectivity is None
 
 
-def mirrored(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+def mirrored(mesh):
     return trimesh.Trimesh(mesh.vertices * (-1, 1, 1), mesh.faces, process=False)
 
 
@@ -88,12 +82,7 @@ BAD_ROOMS = {
 
 
 @pytest.mark.parametrize('kind', BAD_ROOMS)
-def test_a_mesh_that_cannot_be_used_is_one_sentence(
-    tmp_path: Path,
-    plain: tuple[Path, ScannedCamera],
-    capsys: pytest.CaptureFixture[str],
-    kind: str,
-) -> None:
+def test_a_mesh_that_cannot_be_used_is_one_sentence(tmp_path, plain, capsys, kind):
     folder, _ = plain
     change, words = BAD_ROOMS[kind]
     change(trimesh.load_mesh(folder / 'room.ply', process=False)).export(tmp_path / 'bad.ply')
@@ -107,10 +96,10 @@ def test_a_mesh_that_cannot_be_used_is_one_sentence(
     assert not out.exists()
 
 
-def chain(name: str, nodes: list[dict[str, Any]], **buffer: str) -> Callable[[Path], Path]:
+def chain(name, nodes, **buffer):
     """Return a function that writes a GLB of a box with other nodes or another buffer."""
 
-    def write(folder: Path) -> Path:
+    def write(folder):
         data = trimesh.Scene(trimesh.creation.box((4, 4, 4))).export(file_type='glb')
         end = 20 + int.from_bytes(data[12:16], 'little')
         table = json.loads(data[20:end])
@@ -126,10 +115,10 @@ def chain(name: str, nodes: list[dict[str, Any]], **buffer: str) -> Callable[[Pa
     return write
 
 
-def text(name: str, content: str, box: bool = False) -> Callable[[Path], Path]:
+def text(name, content, box=False):
     """Return a function that writes a text file, with a box as in .obj files behind it."""
 
-    def write(folder: Path) -> Path:
+    def write(folder):
         (folder / 'plain.mtl').write_text('newmtl a\n')
         solid = trimesh.exchange.obj.export_obj(trimesh.creation.box((4, 4, 4)))
         (folder / name).write_text(content + (solid if box else ''))
@@ -138,13 +127,13 @@ def text(name: str, content: str, box: bool = False) -> Callable[[Path], Path]:
     return write
 
 
-def mjcf(name: str, assets: str, geom: str) -> Callable[[Path], Path]:
+def mjcf(name, assets, geom):
     return text(name, f'<mujoco>{assets}<worldbody><geom {geom}/></worldbody></mujoco>')
 
 
 BOX = 'type="box" size="1 1 1"'
 MESH = '<asset><mesh name="m" file="pipe"/></asset>'
-BREAKING: dict[str, tuple[Callable[[Path], Path], str]] = {
+BREAKING = {
     'no colour in the .mtl': (text('a.obj', 'mtllib plain.mtl\nusemtl a\n', True), 'as a mesh'),
     'no such vertex': (text('a.obj', 'v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n'), 'as a mesh'),
     'huge vertex': (text('a.obj', 'v 1e308 0 0\nv -1e308 0 0\nv 0 1 0\nf 1 2 3\n'), 'inf x'),
@@ -162,12 +151,7 @@ BREAKING: dict[str, tuple[Callable[[Path], Path], str]] = {
 
 
 @pytest.mark.parametrize('kind', BREAKING)
-def test_a_room_that_breaks_its_library_is_one_sentence(
-    tmp_path: Path,
-    plain: tuple[Path, ScannedCamera],
-    capsys: pytest.CaptureFixture[str],
-    kind: str,
-) -> None:
+def test_a_room_that_breaks_its_library_is_one_sentence(tmp_path, plain, capsys, kind):
     make, words = BREAKING[kind]
     os.mkfifo(tmp_path / 'pipe')
     room = make(tmp_path)
@@ -195,9 +179,7 @@ def test_a_room_that_breaks_its_library_is_one_sentence(
         ((0.97, 0.3), 'used refused', False),
     ],
 )
-def test_one_recording_that_fits_by_chance_does_not_make_it_the_room(
-    fitting: tuple[float, ...], states: str, wrong: bool
-) -> None:
+def test_one_recording_that_fits_by_chance_does_not_make_it_the_room(fitting, states, wrong):
     verdicts = [
         RoomFit(state, (), part, 0.01, (0.001, 0.1))
         for state, part in zip(states.split(), fitting, strict=True)
@@ -217,13 +199,7 @@ def test_one_recording_that_fits_by_chance_does_not_make_it_the_room(
         ({'distortion': np.zeros(9)}, 'distortion: must be'),
     ],
 )
-def test_a_recording_that_cannot_be_used_is_one_sentence(
-    tmp_path: Path,
-    plain: tuple[Path, ScannedCamera],
-    capsys: pytest.CaptureFixture[str],
-    change: dict[str, np.ndarray],
-    words: str,
-) -> None:
+def test_a_recording_that_cannot_be_used_is_one_sentence(tmp_path, plain, capsys, change, words):
     folder, _ = plain
     with np.load(folder / 'in' / '0.npz') as archive:
         arrays = {**archive, **change}
@@ -235,9 +211,7 @@ def test_a_recording_that_cannot_be_used_is_one_sentence(
     assert not out.exists()
 
 
-def test_a_moving_recording_that_does_not_fit_is_refused_and_the_others_go_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_moving_recording_that_does_not_fit_is_refused_and_the_others_go_on(tmp_path, capsys):
     pose, depth = box(tmp_path)
     (tmp_path / 'in').mkdir()
     rng = np.random.default_rng(1)
@@ -268,9 +242,7 @@ def test_a_moving_recording_that_does_not_fit_is_refused_and_the_others_go_on(
 
 
 @pytest.mark.parametrize('motion', ['still', 'moving', 'auto'])
-def test_what_a_mask_of_each_frame_hides_is_not_registered_and_stays_unknown(
-    tmp_path: Path, motion: str
-) -> None:
+def test_what_a_mask_of_each_frame_hides_is_not_registered_and_stays_unknown(tmp_path, motion):
     pose, depth = box(tmp_path)
     rng = np.random.default_rng(2)
     seen = depth + rng.normal(0, 0.002, (8, *depth.shape)).astype(np.float32)
@@ -297,13 +269,13 @@ def test_what_a_mask_of_each_frame_hides_is_not_registered_and_stays_unknown(
 
 
 @pytest.mark.parametrize('pose', ['1,2,3', '0,0,0,0,0,0,0', 'a,b,c,d,e,f,g', 'nan,0,0,0,0,0,1'])
-def test_a_pose_that_is_none_is_refused(pose: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pose_that_is_none_is_refused(pose, capsys):
     words = ['gap', 'truth', 'x.npz', '--scan', 'room.ply', '--out', 'out', f'--pose={pose}']
     assert main(words) == 2
     assert '--pose: must be' in capsys.readouterr().err
 
 
-def test_a_third_of_the_poses_that_are_tried_are_level() -> None:
+def test_a_third_of_the_poses_that_are_tried_are_level():
     """Assert it at every heading and pitch: most cameras on robots are not rolled."""
     up = np.array([0.0, 0.0, 1.0])
     across = _orientations(up)[:, :, 0] @ up

@@ -1,8 +1,6 @@
 """Rough poses for ground truth from a scan: motion capture, odometry and TF, with errors."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
@@ -14,7 +12,7 @@ from flexx2_sim_ros.truth.trajectory import (
     PoseSource,
     read_trajectory,
 )
-from made_bags import Entry, header, image, info, make, SECOND, usecase, write
+from made_bags import header, image, info, make, SECOND, usecase, write
 import numpy as np
 import pytest
 from scans import box, SMALL_K
@@ -30,13 +28,13 @@ MOUNT = Pose.from_numbers(np.array([0.08, -0.02, 0.05, 0.3, -0.5, 0.4, 0.7]))
 HEAD = 't,x,y,z,qx,qy,qz,qw'
 
 
-def text(numbers: Any) -> str:
+def text(numbers):
     """Return numbers of a pose as an option has them."""
     return ','.join(map(repr, map(float, numbers)))
 
 
 @pytest.fixture(scope='module')
-def walk(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ScannedCamera, np.ndarray]:
+def walk(tmp_path_factory):
     """Return a folder with `in/0.npz` and `room.ply`, the camera, and stamps in nanoseconds."""
     folder = tmp_path_factory.mktemp('walk')
     camera = ScannedCamera(2, {}, 1, FRAMES, WIDTH, HEIGHT, moving=True)
@@ -46,7 +44,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ScannedCamera,
     return folder, camera, open_recording(folder / 'in' / '0.npz').stamp_ns
 
 
-def bodies(camera: ScannedCamera, wrong: bool = True) -> list[Pose]:
+def bodies(camera, wrong=True):
     """Return where the body was in each frame, 5 cm and 3 degrees wrong."""
     poses = []
     for pose in camera.poses(0):
@@ -56,7 +54,7 @@ def bodies(camera: ScannedCamera, wrong: bool = True) -> list[Pose]:
     return poses
 
 
-def errors(campaign: Path, camera: ScannedCamera) -> np.ndarray:
+def errors(campaign, camera):
     """Return each frame's median error of clean depth, metres."""
     written = open_recording(campaign / '0.npz').load()
     assert written.clean_depth is not None
@@ -64,16 +62,14 @@ def errors(campaign: Path, camera: ScannedCamera) -> np.ndarray:
     return np.asarray(np.nanmedian(np.abs(written.clean_depth - told), axis=(1, 2)))
 
 
-def truth(folder: Path, recording: Path, out: Path, *options: str) -> dict[str, Any]:
+def truth(folder, recording, out, *options):
     scan = str(folder / 'room.ply')
     command = ['gap', 'truth', str(recording), '--scan', scan, '--out', str(out), '--jobs', '1']
     assert main([*command, *options]) == 0
     return dict(yaml.safe_load((out / 'truth.yaml').read_text()))
 
 
-def test_motion_capture_starts_a_walk_though_it_is_wrong(
-    tmp_path: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
-) -> None:
+def test_motion_capture_starts_a_walk_though_it_is_wrong(tmp_path, walk):
     """A marker 5 cm and 3 degrees off, and a clock that is 30 ms late besides."""
     folder, camera, stamps = walk
     lines = ['frame,qw,qx,qy,qz,x,y,z,time']
@@ -98,9 +94,7 @@ def test_motion_capture_starts_a_walk_though_it_is_wrong(
 
 
 @pytest.mark.parametrize(('off_by', 'moves'), [(0.0, 0.0), (0.0, 0.1), (0.45, 0.0)])
-def test_given_poses_tell_the_motion_and_are_never_left(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], off_by: float, moves: float
-) -> None:
+def test_given_poses_tell_the_motion_and_are_never_left(tmp_path, capsys, off_by, moves):
     pose, depth = box(tmp_path)
     x, *others = map(float, pose.split(','))
     seen = depth + np.random.default_rng(1).normal(0, 0.002, (8, *depth.shape))
@@ -129,9 +123,7 @@ def test_given_poses_tell_the_motion_and_are_never_left(
         (['--pose-accuracy', '0,0.2'], 'must be METRES,DEGREES'),
     ],
 )
-def test_poses_of_a_known_accuracy_are_used_as_they_are(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], words: str
-) -> None:
+def test_poses_of_a_known_accuracy_are_used_as_they_are(tmp_path, capsys, options, words):
     """Assert it for a camera that shows another pose, and a folder of trajectories."""
     pose, depth = box(tmp_path)
     x, *others = map(float, pose.split(','))
@@ -156,7 +148,7 @@ def test_poses_of_a_known_accuracy_are_used_as_they_are(
         assert np.abs(written.clean_depth[5] - depth).max() > 0.05
 
 
-def transform(parent: str, child: str, stamp: int, pose: Pose) -> Any:
+def transform(parent, child, stamp, pose):
     """Return one transform of TF."""
     x, y, z, *turn = pose.numbers()
     return make(
@@ -171,7 +163,7 @@ def transform(parent: str, child: str, stamp: int, pose: Pose) -> Any:
     )
 
 
-def odometry(stamp: int, pose: Pose) -> Entry:
+def odometry(stamp, pose):
     """Return odometry without its velocities and covariances."""
     x, y, z, *turn = pose.numbers()
     kind, zero = 'nav_msgs/msg/Odometry', make('geometry_msgs/msg/Vector3', 0.0, 0.0, 0.0)
@@ -194,7 +186,7 @@ def odometry(stamp: int, pose: Pose) -> Entry:
     return '/odom', kind, stamp, message
 
 
-def driver_messages(walk: tuple[Path, ScannedCamera, np.ndarray]) -> list[Entry]:
+def driver_messages(walk):
     """Return what the driver publishes during the walk."""
     folder, _, stamps = walk
     recording = open_recording(folder / 'in' / '0.npz').load()
@@ -209,9 +201,7 @@ def driver_messages(walk: tuple[Path, ScannedCamera, np.ndarray]) -> list[Entry]
 
 
 @pytest.fixture(scope='module')
-def bag(
-    tmp_path_factory: pytest.TempPathFactory, walk: tuple[Path, ScannedCamera, np.ndarray]
-) -> Path:
+def bag(tmp_path_factory, walk):
     """Return a bag of the walk with odometry and TF; odometry begins at its own origin."""
     _, camera, stamps = walk
     told = bodies(camera, wrong=False)
@@ -229,9 +219,7 @@ def bag(
     return write(tmp_path_factory.mktemp('bag') / '0', entries)
 
 
-def test_poses_come_from_odometry_and_from_transforms(
-    bag: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
-) -> None:
+def test_poses_come_from_odometry_and_from_transforms(bag, walk):
     _, camera, stamps = walk
     tf = camera_trajectory(PoseSource(frames=('map', 'optical')), bag).at(stamps)
     for numbers, pose in zip(tf, camera.poses(0), strict=True):
@@ -248,9 +236,7 @@ def test_poses_come_from_odometry_and_from_transforms(
     assert np.abs(between[:-1, :3] - tf[:-1, :3]).max() < 0.005
 
 
-def test_a_camera_whose_transforms_are_all_static_starts_there(
-    tmp_path: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
-) -> None:
+def test_a_camera_whose_transforms_are_all_static_starts_there(tmp_path, walk):
     """Assert that a tripod's pose on /tf_static is enough, although the camera moves a little."""
     folder, camera, stamps = walk
     rough = Pose(*off(camera.poses(0)[0], 0.05, 3.0, np.random.default_rng(4)))
@@ -263,9 +249,7 @@ def test_a_camera_whose_transforms_are_all_static_starts_there(
     assert errors(tmp_path / 'out', camera).max() < 0.01
 
 
-def test_odometry_of_its_own_frame_gives_the_motion(
-    tmp_path: Path, bag: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
-) -> None:
+def test_odometry_of_its_own_frame_gives_the_motion(tmp_path, bag, walk):
     folder, camera, _ = walk
     rough = Pose(*off(camera.poses(0)[0], 0.05, 3.0, np.random.default_rng(4)))
     options = ['--odometry', '/odom', '--relative', f'--camera-in-body={text(MOUNT.numbers())}']
@@ -284,20 +268,14 @@ def test_odometry_of_its_own_frame_gives_the_motion(
         (f'{HEAD}\n0,1,2,3,0,0,0,1e308\n1,1,2,3,0,0,0,1e308', 'must have quaternions'),
     ],
 )
-def test_a_trajectory_that_cannot_be_is_one_sentence(
-    tmp_path: Path, walk: tuple[Path, ScannedCamera, np.ndarray], content: str, words: str
-) -> None:
+def test_a_trajectory_that_cannot_be_is_one_sentence(tmp_path, walk, content, words):
     path = tmp_path / 'mocap.csv'
     path.write_text(content)
     with pytest.raises(InputError, match=words):
         camera_trajectory(PoseSource(file=path), walk[0] / 'in' / '0.npz')
 
 
-def test_poses_of_another_time_are_one_sentence(
-    tmp_path: Path,
-    walk: tuple[Path, ScannedCamera, np.ndarray],
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_poses_of_another_time_are_one_sentence(tmp_path, walk, capsys):
     path, out = tmp_path / 'mocap.csv', tmp_path / 'out'
     path.write_text(f'{HEAD}\n9,1,2,3,0,0,0,1\n9.1,1,2,3,0,0,0,1')
     command = ['gap', 'truth', str(walk[0] / 'in'), '--scan', str(walk[0] / 'room.ply')]
@@ -307,9 +285,7 @@ def test_poses_of_another_time_are_one_sentence(
     assert not out.exists()
 
 
-def test_a_recording_outside_the_trajectory_is_refused_and_the_others_go_on(
-    tmp_path: Path, walk: tuple[Path, ScannedCamera, np.ndarray]
-) -> None:
+def test_a_recording_outside_the_trajectory_is_refused_and_the_others_go_on(tmp_path, walk):
     folder, camera, stamps = walk
     source = folder / 'in' / '0.npz'
     with np.load(source) as archive:
@@ -340,14 +316,14 @@ SHIFT = 0.037  # seconds that the clock of motion capture is behind
 class Swaying(Walk):
     """A walk on which the camera turns to and fro without a period."""
 
-    def pose(self, time: float) -> tuple[np.ndarray, np.ndarray]:
+    def pose(self, time):
         """Return the pose at a time in seconds."""
         turn = 0.1 * np.sin(7 * time) + 0.06 * np.sin(17 * time + 1) + 0.05 * np.sin(11.3 * time)
         pose = Pose(*super().pose(time)).moved(np.array([0, 0, 0, 0.3 * turn, turn, 0]))
         return pose.R, pose.t
 
 
-def sway(camera: ScannedCamera) -> None:
+def sway(camera):
     """Let the camera sway on its walks."""
     scenes = camera.camera.scenes
     scenes.scenes = tuple(
@@ -355,7 +331,7 @@ def sway(camera: ScannedCamera) -> None:
     )
 
 
-def trajectory(path: Path, camera: ScannedCamera, seed: int, behind: float) -> None:
+def trajectory(path, camera, seed, behind):
     """Write poses at 100 Hz that are all wrong in the same way, by a clock that is behind."""
     lines, scenes = [], camera.camera.scenes
     for scene, start in zip(scenes.scenes, camera.camera.stamps, strict=True):
@@ -367,7 +343,7 @@ def trajectory(path: Path, camera: ScannedCamera, seed: int, behind: float) -> N
     path.write_text('\n'.join(lines))
 
 
-def stroll(folder: Path, effects: dict[str, float], swaying: bool) -> tuple[ScannedCamera, Path]:
+def stroll(folder, effects, swaying):
     """Record a walk of 1.3 s, and write its poses at 100 Hz, 5 cm and 3 degrees wrong."""
     camera = ScannedCamera(2, effects, 1, 40, WIDTH, HEIGHT, moving=True)
     if swaying:
@@ -379,11 +355,11 @@ def stroll(folder: Path, effects: dict[str, float], swaying: bool) -> tuple[Scan
     return camera, folder / 'mocap.txt'
 
 
-def open_effects(table: dict[str, Any]) -> list[str]:
+def open_effects(table):
     return [row['effect'] for row in table['cannot_decide']]
 
 
-def test_the_offset_of_clocks_is_found_from_the_motion(tmp_path: Path) -> None:
+def test_the_offset_of_clocks_is_found_from_the_motion(tmp_path):
     camera, poses = stroll(tmp_path, {}, swaying=True)
     table = truth(tmp_path, tmp_path / 'in', tmp_path / 'out', '--trajectory', str(poses))
     found = table['clock_offset']
@@ -395,7 +371,7 @@ def test_the_offset_of_clocks_is_found_from_the_motion(tmp_path: Path) -> None:
     assert errors(tmp_path / 'out', camera).max() < 0.01
 
 
-def test_a_latency_stays_where_the_offset_of_the_clocks_is_told(tmp_path: Path) -> None:
+def test_a_latency_stays_where_the_offset_of_the_clocks_is_told(tmp_path):
     """Assert that clean depth is that of the stamps, although the images are 50 ms older."""
     camera, poses = stroll(tmp_path, {'time_offset': 1.0}, swaying=True)
     options = '--trajectory', str(poses), '--clock-offset', str(SHIFT)
@@ -409,14 +385,14 @@ def test_a_latency_stays_where_the_offset_of_the_clocks_is_told(tmp_path: Path) 
     assert not seen[-1]  # Nothing shows where the camera was at its stamp.
 
 
-def test_an_even_motion_does_not_tell_the_offset(tmp_path: Path) -> None:
+def test_an_even_motion_does_not_tell_the_offset(tmp_path):
     _, poses = stroll(tmp_path, {}, swaying=False)
     table = truth(tmp_path, tmp_path / 'in', tmp_path / 'out', '--trajectory', str(poses))
     assert table['clock_offset']['verdict'] == 'not found'
     assert 'time_offset' in open_effects(table)
 
 
-def test_lines_of_tum_are_read(tmp_path: Path) -> None:
+def test_lines_of_tum_are_read(tmp_path):
     path = tmp_path / 'poses.txt'
     path.write_text(
         '# time x y z qx qy qz qw\n1795123456.123456789 1 2 3 0 0 0 1\n\n1e1 4 5 6 0 0 0 2'
@@ -437,14 +413,7 @@ def test_lines_of_tum_are_read(tmp_path: Path) -> None:
         (('--tf', 'map,optical', '--pose=0,0,0,0,0,0,1'), 'must be given with --relative'),
     ],
 )
-def test_a_bag_without_these_poses_is_one_sentence(
-    tmp_path: Path,
-    bag: Path,
-    walk: tuple[Path, ScannedCamera, np.ndarray],
-    options: tuple[str, ...],
-    words: str,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_bag_without_these_poses_is_one_sentence(tmp_path, bag, walk, options, words, capsys):
     out = tmp_path / 'out'
     scan = str(walk[0] / 'room.ply')
     command = ['gap', 'truth', str(bag), '--scan', scan, '--out', str(out), '--jobs', '1']

@@ -1,12 +1,10 @@
 """TF of one robot among several: by the namespaces of the topics, and on one topic."""
 
-from pathlib import Path
 import re
-from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.trajectory import camera_trajectory, PoseSource
-from made_bags import Entry, header, make, SECOND, write
+from made_bags import header, make, SECOND, write
 from made_driver_bags import ROS1
 import numpy as np
 import pytest
@@ -18,7 +16,7 @@ STAMPS = [SECOND + index * SECOND // 30 for index in range(30)]
 FRAMES = 'map', 'base'
 
 
-def transform(parent: str, child: str, stamp: int, x: float) -> Any:
+def transform(parent, child, stamp, x):
     return make(
         'geometry_msgs/msg/TransformStamped',
         header(stamp, parent),
@@ -31,7 +29,7 @@ def transform(parent: str, child: str, stamp: int, x: float) -> Any:
     )
 
 
-def moving(topic: str, start: float, parent: str = 'map', late: int = 0) -> list[Entry]:
+def moving(topic, start, parent='map', late=0):
     """Return a robot that walks 1 m/s along x."""
     return [
         (topic, KIND, stamp, make(KIND, [transform(parent, 'base', stamp + late, start + x)]))
@@ -39,11 +37,11 @@ def moving(topic: str, start: float, parent: str = 'map', late: int = 0) -> list
     ]
 
 
-def fixed(topic: str, parent: str, child: str, x: float) -> Entry:
+def fixed(topic, parent, child, x):
     return topic, KIND, STAMPS[0], make(KIND, [transform(parent, child, 0, x)])
 
 
-def place(bag: Path, camera: str = '', frames: tuple[str, str] = FRAMES) -> float:
+def place(bag, camera='', frames=FRAMES):
     source = PoseSource(frames=frames, clock_offset=0.0)
     return float(camera_trajectory(source, bag, camera).at(np.array([STAMPS[15]]))[0, 0])
 
@@ -51,23 +49,21 @@ def place(bag: Path, camera: str = '', frames: tuple[str, str] = FRAMES) -> floa
 @pytest.mark.parametrize(
     ('camera', 'x'), [('robot1/camera', 0.5), ('robot2/camera', 100.5), ('robot2', 100.5)]
 )
-def test_the_robot_of_the_camera_is_taken(camera: str, x: float, tmp_path: Path) -> None:
+def test_the_robot_of_the_camera_is_taken(camera, x, tmp_path):
     robots = [*moving('/robot1/tf', 0.0), *moving('/robot2/tf', 100.0)]
     bag = write(tmp_path / 'bag', sorted(robots, key=lambda entry: entry[2]))
     assert place(bag, camera) == pytest.approx(x)
 
 
 @pytest.mark.parametrize('camera', ['camera', 'robot11/camera', ''])
-def test_robots_that_the_camera_does_not_tell_apart_are_refused(
-    camera: str, tmp_path: Path
-) -> None:
+def test_robots_that_the_camera_does_not_tell_apart_are_refused(camera, tmp_path):
     bag = write(tmp_path / 'bag', [*moving('/robot1/tf', 0.0), *moving('/robot2/tf', 100.0)])
     said = "--tf: must be frames of one robot, got 'map','base', which '/robot1/tf, /robot2/tf'"
     with pytest.raises(InputError, match=re.escape(said)):
         place(bag, camera)
 
 
-def test_a_chain_does_not_go_through_another_robot(tmp_path: Path) -> None:
+def test_a_chain_does_not_go_through_another_robot(tmp_path):
     """Assert it of a camera whose robot did not publish where its odometry is."""
     bag = write(
         tmp_path / 'bag',
@@ -83,7 +79,7 @@ def test_a_chain_does_not_go_through_another_robot(tmp_path: Path) -> None:
         place(write(tmp_path / 'alone', alone), 'robot1/camera')
 
 
-def test_transforms_around_a_namespace_are_those_of_all_robots(tmp_path: Path) -> None:
+def test_transforms_around_a_namespace_are_those_of_all_robots(tmp_path):
     robots = [*moving('/robot1/tf', 0.0, 'odom'), *moving('/robot2/tf', 50.0, 'odom')]
     world = fixed('/tf_static', 'map', 'odom', 7.0)
     bag = write(tmp_path / 'bag', [world, *robots])
@@ -97,7 +93,7 @@ def test_transforms_around_a_namespace_are_those_of_all_robots(tmp_path: Path) -
 
 
 @pytest.mark.parametrize('late', [0, SECOND // 60, SECOND // 100])
-def test_two_robots_on_one_topic_are_refused(late: int, tmp_path: Path) -> None:
+def test_two_robots_on_one_topic_are_refused(late, tmp_path):
     both = [*moving('/tf', 0.0), *moving('/tf', 2.0, late=late)]
     with pytest.raises(InputError, match='tf of .base.: must be at one place at a time, got'):
         place(write(tmp_path / 'bag', sorted(both, key=lambda entry: entry[2])))
@@ -109,7 +105,7 @@ def test_two_robots_on_one_topic_are_refused(late: int, tmp_path: Path) -> None:
         place(write(tmp_path / 'static', static))
 
 
-def test_corrections_and_repeats_are_no_second_robot(tmp_path: Path) -> None:
+def test_corrections_and_repeats_are_no_second_robot(tmp_path):
     """Assert it of a loop closure, a slow topic, and static transforms that are sent again."""
     robot = moving('/tf', 0.0)
     for entry in robot[20:]:
@@ -131,7 +127,7 @@ def test_corrections_and_repeats_are_no_second_robot(tmp_path: Path) -> None:
     assert found.at(np.array([slow[1][2]]))[0, 0] == pytest.approx(2.0)
 
 
-def test_transforms_of_old_ros_1_are_read(tmp_path: Path) -> None:
+def test_transforms_of_old_ros_1_are_read(tmp_path):
     """Assert it of tf/tfMessage, which bags up to ROS Hydro have, as those of TUM RGB-D."""
     kind = 'tf/msg/tfMessage'
     if kind not in ROS1.types:

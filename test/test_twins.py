@@ -1,15 +1,10 @@
 """A second node of a name ends before it has started anything, and the first goes on."""
 
-from collections.abc import Iterator
-import subprocess
-import sys
-from typing import Any
-
+from programs import node_words, PATIENCE, starting
 import pytest
 from sensor_msgs.msg import CameraInfo
-from streams import Listener
+from streams import listening
 
-PATIENCE = 60.0
 SAID = (
     'error: node name: must be unique, got /twins/{}, which is running already. '
     'Choose another name or namespace, e.g. --ros-args -r __node:=another\n'
@@ -17,38 +12,14 @@ SAID = (
 
 
 @pytest.fixture
-def start(child_env: dict[str, str]) -> Iterator[Any]:
+def start(child_env):
     """Return a function that starts a node; those that still run are killed at the end."""
-    processes = []
-
-    def started(executable: str, *arguments: str) -> subprocess.Popen[str]:
-        processes.append(
-            subprocess.Popen(
-                [
-                    sys.executable,
-                    '-m',
-                    f'flexx2_sim_ros.nodes.{executable}',
-                    '--ros-args',
-                    '-r',
-                    '__ns:=/twins',
-                    *arguments,
-                ],
-                env=child_env,
-                stderr=subprocess.PIPE,
-                text=True,
-            )
-        )
-        return processes[-1]
-
-    yield started
-    for process in processes:
-        process.kill()
-        process.communicate()
+    with starting(env=child_env) as run:
+        yield lambda name, *words: run(node_words(name, '-r', '__ns:=/twins', *words))
 
 
-def first_line(process: subprocess.Popen[str], what: str) -> None:
+def first_line(process, what):
     """Wait until a node says that it runs."""
-    assert process.stderr is not None
     for line in process.stderr:
         assert not line.startswith('error')
         if what in line:
@@ -56,11 +27,10 @@ def first_line(process: subprocess.Popen[str], what: str) -> None:
     raise AssertionError('it ended')
 
 
-def test_the_second_robot_ends_and_the_first_goes_on(start: Any) -> None:
+def test_the_second_robot_ends_and_the_first_goes_on(start):
     options = ['-p', 'renderer:=ray', '-p', 'scene:=corner', '-p', 'rate:=20.0']
     first_line(start('go1_cameras', *options), 'rendered by')
-    user = Listener()
-    try:
+    with listening() as user:
         heard = user.listen('/twins/front_left/clean/camera_info', CameraInfo)
         # A scene that is not there would be the next thing to fail: it has not got that far.
         second = start('go1_cameras', '-p', 'scene:=moon')
@@ -69,11 +39,9 @@ def test_the_second_robot_ends_and_the_first_goes_on(start: Any) -> None:
         assert user.node.count_publishers('/twins/front_left/clean/camera_info') == 1
         so_far = len(heard)
         user.spin_until(lambda: len(heard) > so_far + 5, 'more of the first')
-    finally:
-        user.close()
 
 
-def test_the_second_camera_ends_and_the_name_is_free_again(start: Any) -> None:
+def test_the_second_camera_ends_and_the_name_is_free_again(start):
     first = start('flexx2_camera')
     first_line(first, 'waiting for')
     second = start('flexx2_camera')

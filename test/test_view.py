@@ -1,13 +1,11 @@
 """`flexx2 view` as a user has it: processes, real DDS, and a real browser."""
 
 import base64
-from collections.abc import Callable, Iterator
 from pathlib import Path
 import subprocess
 import time
-from typing import Any
 
-from browser import Browser, chromium
+from browser import chromium
 from flexx2_sim_ros.nodes.viewed_camera import ViewedCamera
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics
 from flexx2_sim_ros.view.packing import depth_table, difference_table, INVALID
@@ -17,7 +15,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from streams import Listener, Parameter
+from streams import Listener, listening, Parameter
 from views import PATIENCE, View
 
 CAMERAS = ('front_left', 'front_right')
@@ -28,7 +26,7 @@ MOST, AT_THE_BOARD = 3.0, 85
 class Scene:
     """A page that shows a running demo, and a user of its topics beside it."""
 
-    def __init__(self, view: View, page: Browser, user: Listener) -> None:
+    def __init__(self, view, page, user):
         """Take them."""
         self.view, self.page, self.user = view, page, user
         self.clients = {
@@ -36,20 +34,20 @@ class Scene:
             for camera in CAMERAS
         }
 
-    def usecase(self, camera: str) -> str:
+    def usecase(self, camera):
         """Return a camera's mode, as its node says."""
         client = self.clients[camera]
         self.user.spin_until(client.services_are_ready, 'parameter services')
         values = self.user.wait(client.get_parameters(['usecase'])).values
         return str(parameter_value_to_python(values[0]))
 
-    def listening(self, camera: str) -> int:
+    def listening(self, camera):
         """Return how many listen to a camera's clean depth."""
         return self.user.node.count_subscribers(f'/{camera}/clean/depth_image')
 
 
 @pytest.fixture(scope='module')
-def scene(ros: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
+def scene(ros, tmp_path_factory):
     """Start the demo before the board and open the page."""
     with chromium(tmp_path_factory.mktemp('browser')) as page:
         user = Listener()
@@ -79,12 +77,12 @@ def scene(ros: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene
                 view.process.kill()
 
 
-def part(camera: str, name: str) -> str:
+def part(camera, name):
     """Return the script of an element of a camera's column."""
     return f"document.querySelector('[data-camera={camera}] [data-part={name}]')"
 
 
-def pixels(page: Browser, camera: str, kind: str) -> np.ndarray:
+def pixels(page, camera, kind):
     """Return a canvas's pixels: (H, W, 3)."""
     values = page.evaluate(
         f'(() => {{ const canvas = {part(camera, kind)};'
@@ -96,7 +94,7 @@ def pixels(page: Browser, camera: str, kind: str) -> np.ndarray:
     return colours.reshape(values[0], values[1], 4)[..., :3]
 
 
-def images(page: Browser, camera: str) -> dict[str, np.ndarray]:
+def images(page, camera):
     """Return a camera's images of a frame whose clean depth a busy machine did not miss."""
     deadline = time.monotonic() + PATIENCE
     while True:
@@ -106,7 +104,7 @@ def images(page: Browser, camera: str) -> dict[str, np.ndarray]:
         assert time.monotonic() < deadline
 
 
-def index_of(colours: np.ndarray, table: np.ndarray) -> np.ndarray:
+def index_of(colours, table):
     """Return which colours of a table these are; -1 for others."""
     numbers, known = (np.asarray(values, int) @ (1, 256, 65536) for values in (colours, table))
     order = np.argsort(known)
@@ -114,14 +112,14 @@ def index_of(colours: np.ndarray, table: np.ndarray) -> np.ndarray:
     return np.where(known[at] == numbers, at, -1)
 
 
-def move_slider(page: Browser, name: str, value: float) -> None:
+def move_slider(page, name, value):
     page.evaluate(
         f'(() => {{ const slider = document.getElementById("{name}");'
         f'slider.value = {value}; slider.dispatchEvent(new Event("input")); }})()'
     )
 
 
-def test_images_have_the_colours_of_what_is_seen(scene: Scene) -> None:
+def test_images_have_the_colours_of_what_is_seen(scene):
     move_slider(scene.page, 'depth-range', MOST)
     move_slider(scene.page, 'difference-range', 50)
     scene.page.evaluate('new Promise(requestAnimationFrame)')
@@ -144,7 +142,7 @@ def test_images_have_the_colours_of_what_is_seen(scene: Scene) -> None:
     assert (index_of(seen['simulated'], known) >= 0).all()
 
 
-def test_the_page_shows_the_numbers_of_the_stream(scene: Scene) -> None:
+def test_the_page_shows_the_numbers_of_the_stream(scene):
     page = scene.page
     for camera in CAMERAS:
         for name in ('clean_hz', 'hz', 'latency', 'drawn'):
@@ -155,13 +153,13 @@ def test_the_page_shows_the_numbers_of_the_stream(scene: Scene) -> None:
         assert page.evaluate(f'{part(camera, "choice")}.options.length') == 9
 
 
-def test_pointing_at_a_pixel_reads_it_and_dragging_turns_the_cloud(scene: Scene) -> None:
+def test_pointing_at_a_pixel_reads_it_and_dragging_turns_the_cloud(scene):
     page = scene.page
 
-    def mouse(kind: str, x: float, y: float, **more: Any) -> None:
+    def mouse(kind, x, y, **more):
         page.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, **more)
 
-    def box(name: str) -> tuple[float, float, float, float]:
+    def box(name):
         left, top, width, height = page.evaluate(
             f'(() => {{ const box = {part("front_left", name)}.getBoundingClientRect();'
             'return [box.left, box.top, box.width, box.height]; })()'
@@ -183,10 +181,10 @@ def test_pointing_at_a_pixel_reads_it_and_dragging_turns_the_cloud(scene: Scene)
     assert (before != after).any(axis=-1).mean() > 0.05
 
 
-def test_choosing_a_mode_sets_it_on_the_node(scene: Scene) -> None:
+def test_choosing_a_mode_sets_it_on_the_node(scene):
     page = scene.page
 
-    def choose(usecase: str) -> None:
+    def choose(usecase):
         page.evaluate(
             f'(() => {{ const select = {part("front_left", "choice")};'
             f'select.value = "{usecase}"; select.dispatchEvent(new Event("change"));'
@@ -218,7 +216,7 @@ def test_choosing_a_mode_sets_it_on_the_node(scene: Scene) -> None:
     page.until(f'{part("front_right", "choice")}.value === "Mode_9_15fps"')
 
 
-def test_sliders_set_effects_on_the_node(scene: Scene) -> None:
+def test_sliders_set_effects_on_the_node(scene):
     page, client = scene.page, scene.clients['front_left']
     slider = "document.querySelector('[data-camera=front_left] [data-effect=offset]')"
     page.until(f'{slider} !== null')
@@ -239,10 +237,9 @@ def test_sliders_set_effects_on_the_node(scene: Scene) -> None:
     assert page.evaluate(f'{part("front_right", "effects-on")}.textContent') == 'all off'
 
 
-def test_a_node_without_some_effects_has_sliders_of_the_others(ros: None) -> None:
+def test_a_node_without_some_effects_has_sliders_of_the_others(ros):
     # For example a node of an older version, or beside an effect of another package.
-    user = Listener()
-    try:
+    with listening() as user:
         name = user.node.get_fully_qualified_name()
         user.node.declare_parameter('effect.offset.strength', 0.5)
         topics = CameraTopics('front', name, 'depth', 'info', 'cloud', 'gray', 'front')
@@ -251,11 +248,9 @@ def test_a_node_without_some_effects_has_sliders_of_the_others(ros: None) -> Non
         camera.ask()
         user.spin_until(lambda: bool(camera.strengths), 'strengths')
         assert camera.strengths == {'offset': 0.5}
-    finally:
-        user.close()
 
 
-def test_the_wipe_shows_clean_depth_to_the_left_of_its_line(scene: Scene) -> None:
+def test_the_wipe_shows_clean_depth_to_the_left_of_its_line(scene):
     move_slider(scene.page, 'depth-range', MOST)
     move_slider(scene.page, 'wipe', 50)
     scene.page.evaluate('new Promise(requestAnimationFrame)')
@@ -266,7 +261,7 @@ def test_the_wipe_shows_clean_depth_to_the_left_of_its_line(scene: Scene) -> Non
     assert (index_of(seen[83:89, 106:112], depth_table()) == AT_THE_BOARD).all()
 
 
-def test_the_page_fits_a_phone(scene: Scene) -> None:
+def test_the_page_fits_a_phone(scene):
     page = scene.page
     size = {'deviceScaleFactor': 1, 'mobile': False}
     page.call('Emulation.setDeviceMetricsOverride', width=390, height=844, **size)
@@ -275,20 +270,14 @@ def test_the_page_fits_a_phone(scene: Scene) -> None:
     assert widest <= 390
 
 
-def test_keys_drive_while_they_are_held(scene: Scene) -> None:
+def test_keys_drive_while_they_are_held(scene):
     page, user = scene.page, scene.user
     heard = user.listen('/cmd_vel', Twist)
     poses = user.listen('/odom', Odometry)
     user.spin_until(lambda: poses, 'odometry')
     start = poses[0].pose.pose.position.x
 
-    def hold(
-        code: str,
-        name: str,
-        said: Callable[[Twist], float],
-        least: float,
-        until: Callable[[], bool] = lambda: True,
-    ) -> None:
+    def hold(code, name, said, least, until=lambda: True):
         heard.clear()
         page.key('keyDown', code, name)
         user.spin_until(lambda: len(heard) >= 5 and until(), 'commands')
@@ -337,7 +326,7 @@ def test_keys_drive_while_they_are_held(scene: Scene) -> None:
     user.spin_until(lambda: [scene.listening(camera) for camera in CAMERAS] == [2, 2], 'frames')
 
 
-def test_the_page_requests_nothing_from_elsewhere_and_has_no_errors(scene: Scene) -> None:
+def test_the_page_requests_nothing_from_elsewhere_and_has_no_errors(scene):
     page = scene.page
     blocked = page.evaluate(
         'new Promise((done) => { document.addEventListener("securitypolicyviolation",'
@@ -360,7 +349,7 @@ def test_the_page_requests_nothing_from_elsewhere_and_has_no_errors(scene: Scene
     ] == []
 
 
-def test_ctrl_c_ends_everything(scene: Scene) -> None:
+def test_ctrl_c_ends_everything(scene):
     children = subprocess.run(
         ['pgrep', '-P', str(scene.view.process.pid)], capture_output=True, text=True, check=True
     ).stdout.split()
@@ -372,7 +361,7 @@ def test_ctrl_c_ends_everything(scene: Scene) -> None:
     scene.page.until('document.body.classList.contains("lost")')
 
 
-def test_a_node_that_cannot_start_ends_the_demo_with_its_reason(ros: None, tmp_path: Path) -> None:
+def test_a_node_that_cannot_start_ends_the_demo_with_its_reason(ros, tmp_path):
     view = View(tmp_path, '--demo', '--scene', 'moon')
     assert view.process.wait(PATIENCE) == 2
     assert view.errors.startswith('flexx2: error: go1_cameras ended with exit code 1')

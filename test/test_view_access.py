@@ -1,7 +1,5 @@
 """Who may open the page when it is served beyond this machine: a real process, a real browser."""
 
-from collections.abc import Iterator
-from pathlib import Path
 import socket
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
@@ -15,7 +13,7 @@ from views import connect, run, View
 
 
 @pytest.fixture(scope='module')
-def view(ros: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[View]:
+def view(ros, tmp_path_factory):
     """Serve to all."""
     made = View(
         tmp_path_factory.mktemp('view'), '--host', '0.0.0.0', '--cmd-vel', '/view_access/cmd_vel'
@@ -27,7 +25,7 @@ def view(ros: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[View]:
     )
 
 
-def code_of(url: str, **headers: str) -> int:
+def code_of(url, **headers):
     try:
         with urlopen(Request(url, headers=headers)) as answer:
             return int(answer.status)
@@ -35,9 +33,7 @@ def code_of(url: str, **headers: str) -> int:
         return error.code
 
 
-def test_the_printed_address_opens_the_page(
-    view: View, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_the_printed_address_opens_the_page(view, tmp_path_factory):
     with chromium(tmp_path_factory.mktemp('browser')) as page:
         page.open(view.url)
         page.until('document.getElementById("connection").textContent === "live"')
@@ -54,7 +50,7 @@ def test_the_printed_address_opens_the_page(
         )
 
 
-def test_nothing_is_served_without_the_token(view: View) -> None:
+def test_nothing_is_served_without_the_token(view):
     parts = urlsplit(view.url)
     cookie = f'flexx2_view_{parts.port}'
     token = parts.query.partition('=')[2]
@@ -68,7 +64,7 @@ def test_nothing_is_served_without_the_token(view: View) -> None:
     assert code_of(f'{bare}view.js?token={token}') == 200
     assert code_of(f'{bare}view.js', Cookie=f'{cookie}={token}') == 200
 
-    async def work() -> None:
+    async def work():
         for url, headers in (
             (bare, {}),
             (f'{bare}?token=x', {}),
@@ -83,7 +79,7 @@ def test_nothing_is_served_without_the_token(view: View) -> None:
     run(work())
 
 
-def has_ipv6() -> bool:
+def has_ipv6():
     try:
         socket.create_server(('::1', 0), family=socket.AF_INET6).close()
     except OSError:
@@ -92,7 +88,7 @@ def has_ipv6() -> bool:
 
 
 @pytest.mark.parametrize('host', ['0.0.0.0', '::'])
-def test_the_token_can_be_switched_off(ros: None, tmp_path: Path, host: str) -> None:
+def test_the_token_can_be_switched_off(ros, tmp_path, host):
     if host == '::' and not has_ipv6():
         pytest.skip('this machine has no IPv6')
     view = View(tmp_path, '--host', host, '--no-token', '--cmd-vel', '/view_no_token/cmd_vel')
@@ -104,7 +100,7 @@ def test_the_token_can_be_switched_off(ros: None, tmp_path: Path, host: str) -> 
     )
 
 
-def test_tokens() -> None:
+def test_tokens():
     token = new_token()
     assert token != new_token()
     assert len(token) >= 20

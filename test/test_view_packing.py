@@ -18,7 +18,7 @@ import pytest
 CAMERA = Intrinsics(4, 3, 3.0, 3.0, 1.5, 1.0)
 
 
-def test_packing_keeps_what_is_valid() -> None:
+def test_packing_keeps_what_is_valid():
     depth = np.array([[np.nan, 0.0, -1.0, np.inf], [1e-5, 1.5, 7.0, 40.0]], np.float32)
     packed = pack_depth(depth)
     assert packed.dtype == np.dtype('<u2')
@@ -30,7 +30,7 @@ def test_packing_keeps_what_is_valid() -> None:
 
 
 @pytest.mark.parametrize('with_clean', [True, False])
-def test_a_frame_as_bytes(with_clean: bool) -> None:
+def test_a_frame_as_bytes(with_clean):
     simulated, clean = (np.full((3, 4), value, np.float32) for value in (1.25, 1.5))
     message = pack(
         'left', ViewedFrame(1, 1_500_000_000, simulated, clean if with_clean else None, CAMERA)
@@ -58,7 +58,7 @@ def test_a_frame_as_bytes(with_clean: bool) -> None:
     np.testing.assert_allclose(images[1:] * UNIT, 1.5)
 
 
-def test_different_values_have_different_colours() -> None:
+def test_different_values_have_different_colours():
     weights = np.array([0.2126, 0.7152, 0.0722])
     depth, difference = (table().astype(float) for table in (depth_table, difference_table))
     assert depth.shape == difference.shape == (256, 3)

@@ -1,11 +1,10 @@
 """The page on recordings: a real process, a real browser."""
 
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 import re
 
-from browser import Browser, chromium
+from browser import chromium
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.truth.plane_file import PlaneHint, read_planes
 from made_bags import camera_entries, depths, SECOND, write
@@ -17,7 +16,7 @@ NUMBER = "document.querySelector('[data-part=number]').textContent"
 
 
 @pytest.fixture(scope='module')
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+def page(tmp_path_factory):
     """Open a folder with two recordings, and a bag whose second camera starts two frames later."""
     folder = tmp_path_factory.mktemp('view')
     (folder / 'campaign').mkdir()
@@ -34,7 +33,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 
 @contextmanager
-def shown(folder: Path, browsers: Path, *paths: Path) -> Iterator[Browser]:
+def shown(folder, browsers, *paths):
     """Open the page of paths; neither the page nor the server may complain."""
     with chromium(browsers) as browser:
         view = View(folder, *map(str, paths))
@@ -53,13 +52,13 @@ def shown(folder: Path, browsers: Path, *paths: Path) -> Iterator[Browser]:
                 view.process.kill()
 
 
-def press(page: Browser, code: str, key: str = '') -> None:
+def press(page, code, key=''):
     page.evaluate('document.activeElement.blur()')
     page.key('keyDown', code, key or code)
     page.key('keyUp', code, key or code)
 
 
-def test_keys_move_and_play_a_recording(page: Browser) -> None:
+def test_keys_move_and_play_a_recording(page):
     for code, number in (
         ('End', COUNT),
         ('ArrowLeft', COUNT - 1),
@@ -82,7 +81,7 @@ def test_keys_move_and_play_a_recording(page: Browser) -> None:
     assert page.evaluate('Number(document.getElementById("time-slider").value)') < COUNT - 1
 
 
-def test_every_control_is_reached_with_tab_and_shows_it(page: Browser) -> None:
+def test_every_control_is_reached_with_tab_and_shows_it(page):
     page.evaluate('document.activeElement.blur(); window.scrollTo(0, 0)')
     reached = []
     for _ in range(13):
@@ -105,13 +104,13 @@ def test_every_control_is_reached_with_tab_and_shows_it(page: Browser) -> None:
     assert reached[start : start + len(wanted)] == wanted
 
 
-def test_depth_is_compared_with_what_is_chosen(page: Browser) -> None:
+def test_depth_is_compared_with_what_is_chosen(page):
     choice = "document.querySelector('[data-part=choice]')"
     offset = "document.querySelector('[data-part=difference-numbers]').textContent"
     names = page.evaluate(f'[...{choice}.options].map((option) => option.value)')
     assert names == ['clean', 'simulated']
 
-    def choose(name: str) -> float:
+    def choose(name):
         page.evaluate(
             f'(() => {{ {choice}.value = "{name}"; {choice}.dispatchEvent(new Event("change"));'
             f'document.querySelector("[data-part=difference-numbers]").textContent = ""; }})()'
@@ -126,21 +125,19 @@ def test_depth_is_compared_with_what_is_chosen(page: Browser) -> None:
     assert abs(choose('simulated')) < 1.5
 
 
-def numbers(page: Browser, kind: str) -> list[float]:
+def numbers(page, kind):
     """Return the millimetres under a difference: median, mean size, from where the worst are."""
     text = page.evaluate(f"document.querySelector('[data-part={kind}-numbers]').textContent")
     return [float(one.replace('−', '-')) for one in re.findall(r'([+−]?[\d.]+)(?=,| mm)', text)]
 
 
-def colours(page: Browser, part: str) -> np.ndarray:
+def colours(page, part):
     """Return the (H, W, 3) colours of an image."""
     data = page.evaluate(f"[...document.querySelector('[data-part={part}]').surface.image.data]")
     return np.array(data, np.uint8).reshape(*SIZE, 4)[..., :3]
 
 
-def test_a_recording_is_played_beside_both_simulations(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
+def test_a_recording_is_played_beside_both_simulations(tmp_path_factory):
     folder = tmp_path_factory.mktemp('paired')
     (folder / 'campaign').mkdir()
     save_walk(folder / 'campaign' / 'a.npz')
@@ -210,9 +207,7 @@ recordings:
 """
 
 
-def test_outlines_are_drawn_with_pointer_and_keys(
-    tmp_path_factory: pytest.TempPathFactory,
-) -> None:
+def test_outlines_are_drawn_with_pointer_and_keys(tmp_path_factory):
     folder = tmp_path_factory.mktemp('drawn')
     save_walk(folder / 'a.npz')
     planes = folder / 'planes.yaml'
@@ -256,14 +251,14 @@ def test_outlines_are_drawn_with_pointer_and_keys(
         assert page.evaluate(state) == '4 corners: give the plane a name'
 
 
-def choose_recording(page: Browser, at: int) -> None:
+def choose_recording(page, at):
     page.evaluate(
         f'(() => {{ const choice = document.getElementById("recording"); choice.value = {at};'
         'choice.dispatchEvent(new Event("change")); })()'
     )
 
 
-def test_another_recording_starts_at_its_first_frame(page: Browser) -> None:
+def test_another_recording_starts_at_its_first_frame(page):
     press(page, 'End')
     page.until(f'{NUMBER} === "{COUNT} / {COUNT}"')
     choose_recording(page, 1)
@@ -273,7 +268,7 @@ def test_another_recording_starts_at_its_first_frame(page: Browser) -> None:
     ]
 
 
-def test_cameras_of_a_bag_are_shown_at_the_same_time(page: Browser) -> None:
+def test_cameras_of_a_bag_are_shown_at_the_same_time(page):
     choose_recording(page, 2)
     numbers = '[...document.querySelectorAll("[data-part=number]")].map((one) => one.textContent)'
     page.until(f'{numbers}.join() === "1 / 6,1 / 6"')
@@ -284,7 +279,7 @@ def test_cameras_of_a_bag_are_shown_at_the_same_time(page: Browser) -> None:
     page.until(f'{NUMBER} === "1 / {COUNT}"')
 
 
-def test_the_page_of_recordings_fits_a_phone(page: Browser) -> None:
+def test_the_page_of_recordings_fits_a_phone(page):
     size = {'deviceScaleFactor': 1, 'mobile': False}
     page.call('Emulation.setDeviceMetricsOverride', width=390, height=844, **size)
     widest, bottom = page.evaluate(

@@ -1,12 +1,10 @@
 """The page on live cameras without ROS: what browsers get, what they may send."""
 
 import asyncio
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import count
 import json
 import socket
-from typing import Any
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.view import server as server_module
@@ -23,33 +21,33 @@ from views import connect_to, run, serve_source, Source
 CAMERA = Intrinsics(4, 3, 3.0, 3.0, 1.5, 1.0)
 
 
-def shot(number: int, metres: float = 1.5) -> ViewedFrame:
+def shot(number, metres=1.5):
     depth = np.full((3, 4), metres, np.float32)
     return ViewedFrame(number, number * 10**9, depth, depth, CAMERA)
 
 
 @pytest.fixture
-def served() -> Iterator[tuple[Server, Source]]:
+def served():
     with serve_source() as pair:
         yield pair
 
 
-async def until(condition: Callable[[], Any]) -> None:
+async def until(condition):
     while not condition():
         await asyncio.sleep(0.005)
 
 
-async def frame(client: Any) -> dict[str, Any]:
+async def frame(client):
     """Return the head of the next frame."""
     while isinstance(message := await client.read_message(), str):
         pass
     return dict(json.loads(message[4 : 4 + int.from_bytes(message[:4], 'little')]))
 
 
-def test_a_slow_browser_gets_the_newest_frame_and_no_others(served: tuple[Server, Source]) -> None:
+def test_a_slow_browser_gets_the_newest_frame_and_no_others(served):
     server, source = served
 
-    async def work() -> None:
+    async def work():
         slow, fast = await connect_to(server), await connect_to(server)
         seen = []
         for number in range(1, 31):
@@ -83,18 +81,16 @@ def test_a_slow_browser_gets_the_newest_frame_and_no_others(served: tuple[Server
     assert source.asked.count('leave') == 2
 
 
-def test_pages_survive_a_camera_that_ends_while_a_frame_waits(
-    served: tuple[Server, Source],
-) -> None:
+def test_pages_survive_a_camera_that_ends_while_a_frame_waits(served):
     server, source = served
 
-    async def work() -> None:
+    async def work():
         client = await connect_to(server)
         assert await client.read_message() == '{}'
         frames = {'left': shot(1)}
         # Every third look finds the frames gone: the one that is to send them.
         looks = (frames if look % 3 else {} for look in count(1))
-        type(source).shots = property(lambda _: next(looks))  # type: ignore[assignment]
+        type(source).shots = property(lambda _: next(looks))
         try:
             server.wake()
             source.status = '{"cameras": []}'
@@ -107,10 +103,10 @@ def test_pages_survive_a_camera_that_ends_while_a_frame_waits(
     run(work())
 
 
-def test_pages_get_the_status_and_send_requests(served: tuple[Server, Source]) -> None:
+def test_pages_get_the_status_and_send_requests(served):
     server, source = served
 
-    async def work() -> None:
+    async def work():
         source.status = '{"cameras": []}'
         client = await connect_to(server)
         assert await client.read_message() == '{"cameras": []}'
@@ -152,12 +148,10 @@ def test_pages_get_the_status_and_send_requests(served: tuple[Server, Source]) -
         b'\xff\x00',
     ],
 )
-def test_invalid_messages_end_only_their_connection(
-    served: tuple[Server, Source], caplog: pytest.LogCaptureFixture, message: str | bytes
-) -> None:
+def test_invalid_messages_end_only_their_connection(served, caplog, message):
     server, source = served
 
-    async def work() -> None:
+    async def work():
         client = await connect_to(server)
         await client.write_message(message, binary=isinstance(message, bytes))
         while await client.read_message() is not None:
@@ -178,7 +172,7 @@ def test_invalid_messages_end_only_their_connection(
 
 
 @contextmanager
-def silent_page(server: Server) -> Iterator[socket.socket]:
+def silent_page(server):
     """Yield a socket that has opened a websocket; it answers nothing, pings included."""
     address = f'127.0.0.1:{server.port}'
     with socket.create_connection(('127.0.0.1', server.port), 60) as client:
@@ -192,9 +186,7 @@ def silent_page(server: Server) -> Iterator[socket.socket]:
 
 
 @pytest.mark.parametrize('part', [b'\xc3\x28', 5000 * b'x'], ids=['not UTF-8', 'too long'])
-def test_broken_frames_end_the_connection_quietly(
-    served: tuple[Server, Source], caplog: pytest.LogCaptureFixture, part: bytes
-) -> None:
+def test_broken_frames_end_the_connection_quietly(served, caplog, part):
     server, _ = served
     with silent_page(server) as client:
         size = (
@@ -210,7 +202,7 @@ def test_broken_frames_end_the_connection_quietly(
     assert caplog.text.count('Traceback') == 0
 
 
-def test_a_page_that_answers_no_ping_is_disconnected(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_that_answers_no_ping_is_disconnected(monkeypatch):
     """Assert it of a browser whose machine or network is lost; the robot is then stopped."""
     monkeypatch.setattr(web, '_PING_SECONDS', 0.1)
     source = Source()
@@ -225,14 +217,12 @@ def test_a_page_that_answers_no_ping_is_disconnected(monkeypatch: pytest.MonkeyP
         server.stop()
 
 
-def test_requests_of_a_page_do_not_fill_the_servers_memory(
-    served: tuple[Server, Source], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_requests_of_a_page_do_not_fill_the_servers_memory(served, monkeypatch):
     server, source = served
     monkeypatch.setattr(server_module, '_MOST_PAGES', 2)
     source.shots = {'left': shot(1)}
 
-    async def work() -> None:
+    async def work():
         client = await connect_to(server)
         for number in range(900):
             await client.write_message(json.dumps({'drawn': f'camera_{number}'}))
@@ -251,8 +241,8 @@ def test_requests_of_a_page_do_not_fill_the_servers_memory(
     run(work())
 
 
-def test_a_page_learns_whether_the_robot_obeys(served: tuple[Server, Source]) -> None:
-    async def work() -> None:
+def test_a_page_learns_whether_the_robot_obeys(served):
+    async def work():
         client = await connect_to(served[0])
         assert await client.read_message() == '{}'
         for forward in (1, -1, -1):

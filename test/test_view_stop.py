@@ -1,15 +1,12 @@
 """What stops a robot that is driven from the page: real processes, real DDS, real websockets."""
 
 import asyncio
-from collections.abc import Iterator
 from contextlib import suppress
 import json
 import os
-from pathlib import Path
 import signal
 import subprocess
 import threading
-from typing import Any
 
 from flexx2_sim_ros.view.driving import Driving, HEARTBEAT_TIMEOUT_SECONDS, STOP
 from geometry_msgs.msg import Twist
@@ -27,29 +24,29 @@ HEARTBEAT = 0.1
 class Robot:
     """Takes velocities; says when one has come."""
 
-    def __init__(self) -> None:
-        self.heard: list[Any] = []
+    def __init__(self):
+        self.heard = []
         self._came = threading.Condition()
         self.driving = Driving(self.hear)
 
-    def hear(self, velocity: tuple[float, float, float]) -> None:
+    def hear(self, velocity):
         with self._came:
             self.heard.append(velocity)
             self._came.notify()
 
-    def wait_for(self, count: int) -> None:
+    def wait_for(self, count):
         with self._came:
             assert self._came.wait_for(lambda: len(self.heard) >= count, PATIENCE)
 
 
 @pytest.fixture
-def robot() -> Iterator[Robot]:
+def robot():
     made = Robot()
     yield made
     made.driving.close()
 
 
-def test_a_page_that_misses_its_heartbeat_is_stopped(robot: Robot) -> None:
+def test_a_page_that_misses_its_heartbeat_is_stopped(robot):
     for count in (2, 4):
         assert robot.driving.drive('page', FORWARD)
         robot.wait_for(count)
@@ -57,7 +54,7 @@ def test_a_page_that_misses_its_heartbeat_is_stopped(robot: Robot) -> None:
     assert HEARTBEAT_TIMEOUT_SECONDS >= 3 * HEARTBEAT
 
 
-def test_any_page_stops_the_robot_until_the_driver_lets_go(robot: Robot) -> None:
+def test_any_page_stops_the_robot_until_the_driver_lets_go(robot):
     drive = robot.driving.drive
     assert drive('driver', FORWARD)
     assert drive('other', STOP)
@@ -68,7 +65,7 @@ def test_any_page_stops_the_robot_until_the_driver_lets_go(robot: Robot) -> None
     assert robot.heard == [FORWARD, STOP, STOP, BACK]
 
 
-def test_the_page_that_drives_last_replaces_the_one_before(robot: Robot) -> None:
+def test_the_page_that_drives_last_replaces_the_one_before(robot):
     drive = robot.driving.drive
     assert drive('first', FORWARD)
     assert drive('second', BACK)
@@ -81,7 +78,7 @@ def test_the_page_that_drives_last_replaces_the_one_before(robot: Robot) -> None
     assert not robot.driving._ignored
 
 
-def test_the_end_of_the_viewer_stops_the_robot(robot: Robot) -> None:
+def test_the_end_of_the_viewer_stops_the_robot(robot):
     robot.driving.drive('page', FORWARD)
     robot.driving.close()
     assert not robot.driving.drive('page', FORWARD)
@@ -91,12 +88,12 @@ def test_the_end_of_the_viewer_stops_the_robot(robot: Robot) -> None:
 class Page:
     """A page that holds a key, from a thread of its own."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url):
         self._url, self._held = url, threading.Event()
         self._thread = threading.Thread(target=lambda: run(self._hold()), daemon=True)
         self._thread.start()
 
-    async def _hold(self) -> None:
+    async def _hold(self):
         socket = await connect(self._url)
         # Until the server is gone, too.
         with suppress(WebSocketClosedError):
@@ -104,26 +101,24 @@ class Page:
                 await socket.write_message(json.dumps({'drive': TURN}))
                 await asyncio.sleep(HEARTBEAT)
 
-    def fall_silent(self) -> None:
+    def fall_silent(self):
         """Send no heartbeat any longer."""
         self._held.set()
         self._thread.join()
 
 
 @pytest.fixture(scope='module')
-def user(ros: None) -> Iterator[Listener]:
+def user(ros):
     made = Listener()
     yield made
     made.close()
 
 
-def test_invalid_messages_are_one_log_line_and_other_pages_drive_on(
-    user: Listener, tmp_path: Path
-) -> None:
+def test_invalid_messages_are_one_log_line_and_other_pages_drive_on(user, tmp_path):
     view = View(tmp_path, '--cmd-vel', '/view_nonsense/cmd_vel')
     heard = user.listen('/view_nonsense/cmd_vel', Twist)
 
-    async def send(message: str) -> None:
+    async def send(message):
         socket = await connect(view.url)
         await socket.write_message(message)
         while await socket.read_message() is not None:
@@ -139,7 +134,7 @@ def test_invalid_messages_are_one_log_line_and_other_pages_drive_on(
     assert 'message: must be JSON as the page sends it, got' in view.errors
 
 
-def test_a_page_that_floods_is_closed_and_its_robot_stops(user: Listener, tmp_path: Path) -> None:
+def test_a_page_that_floods_is_closed_and_its_robot_stops(user, tmp_path):
     view = View(tmp_path, '--cmd-vel', '/view_flood/cmd_vel')
     heard = user.listen('/view_flood/cmd_vel', Twist)
     # The flood is over in less than a second: both sides have to know each other before it.
@@ -148,7 +143,7 @@ def test_a_page_that_floods_is_closed_and_its_robot_stops(user: Listener, tmp_pa
     before.fall_silent()
     user.spin_until(lambda: not heard[-1].angular.z, 'the stop of the page before')
 
-    async def flood() -> None:
+    async def flood():
         socket = await connect(view.url)
         with suppress(WebSocketClosedError):
             for _ in range(20_000):
@@ -168,9 +163,7 @@ def test_a_page_that_floods_is_closed_and_its_robot_stops(user: Listener, tmp_pa
     assert 'messages: must be at most 1000 a second, got more' in view.errors
 
 
-def test_kill_9_of_the_viewer_leaves_the_robot_to_its_own_hold(
-    user: Listener, tmp_path: Path
-) -> None:
+def test_kill_9_of_the_viewer_leaves_the_robot_to_its_own_hold(user, tmp_path):
     words = [
         '-r',
         '__ns:=/view_killed',

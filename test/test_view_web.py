@@ -1,8 +1,5 @@
 """The web server of the page, without ROS: who may open it, and its files."""
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
@@ -10,15 +7,14 @@ from browser import chromium
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.view.packing import pack, ViewedFrame
-from flexx2_sim_ros.view.server import Server
 import numpy as np
 import pytest
 from tornado.httpclient import HTTPClientError
-from views import connect_to, run, serve_source, Source
+from views import connect_to, run, serve_source
 
 
 @pytest.fixture
-def served() -> Iterator[tuple[Server, Source]]:
+def served():
     with serve_source() as pair:
         yield pair
 
@@ -35,12 +31,10 @@ def served() -> Iterator[tuple[Server, Source]]:
         ('http://127.0.0.1.evil.example:{port}', '127.0.0.1.evil.example:{port}'),
     ],
 )
-def test_a_page_from_elsewhere_is_refused(
-    served: tuple[Server, Source], origin: str, host: str
-) -> None:
+def test_a_page_from_elsewhere_is_refused(served, origin, host):
     server, source = served
 
-    async def work() -> None:
+    async def work():
         with pytest.raises(HTTPClientError) as error:
             await connect_to(
                 server, origin.format(port=server.port), host.format(port=server.port)
@@ -61,19 +55,17 @@ def test_a_page_from_elsewhere_is_refused(
         '192.168.1.7:{port}',
     ],
 )
-def test_requests_to_the_machines_own_addresses_are_accepted(
-    served: tuple[Server, Source], host: str
-) -> None:
+def test_requests_to_the_machines_own_addresses_are_accepted(served, host):
     server, _ = served
     host = host.format(port=server.port)
 
-    async def work() -> None:
+    async def work():
         (await connect_to(server, f'http://{host}', host)).close()
 
     run(work())
 
 
-def status_of(port: int, path: str, **headers: str) -> tuple[int, Any]:
+def status_of(port, path, **headers):
     try:
         with urlopen(Request(f'http://127.0.0.1:{port}{path}', headers=headers)) as answer:
             return answer.status, answer.headers
@@ -81,7 +73,7 @@ def status_of(port: int, path: str, **headers: str) -> tuple[int, Any]:
         return error.code, error.headers
 
 
-def test_the_page_loads_nothing_from_elsewhere(served: tuple[Server, Source]) -> None:
+def test_the_page_loads_nothing_from_elsewhere(served):
     server, _ = served
     for path in (
         '/',
@@ -117,9 +109,7 @@ def test_the_page_loads_nothing_from_elsewhere(served: tuple[Server, Source]) ->
         (2.0, 1.3, 0.001, -0.002, 0.07, 2.4, 2.0, 0.37),
     ],
 )
-def test_the_point_cloud_is_undistorted(
-    served: tuple[Server, Source], tmp_path: Path, distortion: tuple[float, ...]
-) -> None:
+def test_the_point_cloud_is_undistorted(served, tmp_path, distortion):
     camera = Intrinsics(56, 43, 52.6, 53.2, 27.1, 21.4, distortion)
     message = pack('left', ViewedFrame(1, 0, np.ones((43, 56), np.float32), None, camera))
     head = message[4 : 4 + int.from_bytes(message[:4], 'little')].decode()

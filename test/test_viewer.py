@@ -1,6 +1,5 @@
 """The node of `flexx2 view` over real DDS: the frames that it pairs, and driving."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import time
 from typing import Any
@@ -26,7 +25,7 @@ class Watched:
     send: dict[str, Any]
     other: Any
 
-    def watch(self) -> None:
+    def watch(self):
         """Open a page, as far as the viewer can see."""
         self.viewer.watch(True)
         self.user.spin_until(
@@ -34,7 +33,7 @@ class Watched:
             'subscriptions',
         )
 
-    def show(self, stamp: int, clean: bool) -> Any:
+    def show(self, stamp, clean):
         """Publish a frame, return what the viewer makes of it."""
         if clean:
             wide = FLEXX2.from_field_of_view(80, 60, 100.0, 80.0)
@@ -55,7 +54,7 @@ class Watched:
         )
         return self.viewer.shots['view_parts/left']
 
-    def show_until(self, fits: Callable[[Any], bool], first: int) -> Any:
+    def show_until(self, fits, first):
         """Show frames with clean depth until the viewer has one that fits."""
         for stamp in range(first, first + 200):
             shot = self.show(stamp, clean=True)
@@ -65,7 +64,7 @@ class Watched:
 
 
 @pytest.fixture
-def watched(ros: None) -> Iterator[Watched]:
+def watched(ros):
     """Return a viewer that looks for the camera view_parts/left, not yet at it."""
     user, viewer = Listener(), Viewer(['left'], '/view_parts/cmd_vel')
     user.add(viewer)
@@ -90,7 +89,7 @@ def watched(ros: None) -> Iterator[Watched]:
         viewer.destroy_node()
 
 
-def test_frames_are_paired_and_looked_up_as_the_camera_does(watched: Watched) -> None:
+def test_frames_are_paired_and_looked_up_as_the_camera_does(watched):
     user, viewer, send = watched.user, watched.viewer, watched.send
     # Cameras that were not asked for are not shown. Without a page, nothing is subscribed.
     assert not any(publisher.get_subscription_count() for publisher in send.values())
@@ -107,14 +106,14 @@ def test_frames_are_paired_and_looked_up_as_the_camera_does(watched: Watched) ->
     user.spin_until(lambda: not viewer.shots, 'rest')
 
 
-def test_a_late_image_is_shown_with_the_clean_depth_of_its_stamp(watched: Watched) -> None:
+def test_a_late_image_is_shown_with_the_clean_depth_of_its_stamp(watched):
     watched.watch()
     watched.show_until(lambda shot: True, 1)
     waiting = watched.viewer._cameras['view_parts/left']._clean
     for stamp in range(1000, 1060):  # Two seconds of frames.
         message = image_message(np.full((60, 80), 1.5, np.float32), stamp)
 
-        def arrived(stamp: int = stamp, message: Image = message) -> bool:
+        def arrived(stamp=stamp, message=message):
             watched.send['clean/depth_image'].publish(message)
             return stamp in waiting
 
@@ -122,7 +121,7 @@ def test_a_late_image_is_shown_with_the_clean_depth_of_its_stamp(watched: Watche
     assert watched.show(1000, clean=False).clean is not None
 
 
-def test_a_camera_info_that_was_sent_once_is_known(watched: Watched) -> None:
+def test_a_camera_info_that_was_sent_once_is_known(watched):
     user, topic = watched.user, '/view_parts/left/clean/camera_info'
     user.node.destroy_publisher(watched.send['clean/camera_info'])
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -149,7 +148,7 @@ def test_a_camera_info_that_was_sent_once_is_known(watched: Watched) -> None:
     np.testing.assert_allclose(shot.clean, 1.5, rtol=1e-5)
 
 
-def test_clean_depth_follows_the_parameter_input_depth(watched: Watched) -> None:
+def test_clean_depth_follows_the_parameter_input_depth(watched):
     user = watched.user
     events = user.node.create_publisher(ParameterEvent, '/parameter_events', 10)
     user.spin_until(events.get_subscription_count, 'a subscription to parameter events')
@@ -164,7 +163,7 @@ def test_clean_depth_follows_the_parameter_input_depth(watched: Watched) -> None
         first += 1000
 
 
-def test_values_of_types_that_do_not_exist_are_ignored(watched: Watched) -> None:
+def test_values_of_types_that_do_not_exist_are_ignored(watched):
     user, camera = watched.user, watched.viewer._cameras['view_parts/left']
     events = user.node.create_publisher(ParameterEvent, '/parameter_events', 10)
     user.spin_until(events.get_subscription_count, 'a subscription to parameter events')
@@ -183,12 +182,12 @@ def test_values_of_types_that_do_not_exist_are_ignored(watched: Watched) -> None
     assert camera.strengths == {'wiggling': 0.5}
 
 
-def test_an_error_in_a_callback_does_not_end_the_page(ros: None) -> None:
+def test_an_error_in_a_callback_does_not_end_the_page(ros):
     user, node = Listener(), Node('view_with_an_error')
-    heard: list[Any] = []
-    done: list[bool] = []
+    heard = []
+    done = []
 
-    def take(message: Twist) -> None:
+    def take(message):
         heard.append(message)
         if len(heard) == 1:
             raise ValueError('not today')
@@ -200,7 +199,7 @@ def test_an_error_in_a_callback_does_not_end_the_page(ros: None) -> None:
         user.spin_until(send.get_subscription_count, 'the subscription')
         ends = time.monotonic() + 60.0
 
-        def publish_again() -> None:
+        def publish_again():
             send.publish(Twist())
             user.spin_for_a_message()
 
@@ -212,7 +211,7 @@ def test_an_error_in_a_callback_does_not_end_the_page(ros: None) -> None:
         node.destroy_node()
 
 
-def test_a_browser_that_falls_silent_stops_the_robot(ros: None) -> None:
+def test_a_browser_that_falls_silent_stops_the_robot(ros):
     user, viewer = Listener(), Viewer(['none'], '/view_silent/cmd_vel')
     user.add(viewer)
     try:

@@ -1,28 +1,24 @@
 """`flexx2 view` as a process, its server with a made-up source, and pages without a browser."""
 
 import asyncio
-from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager
 import os
 from pathlib import Path
 import select
 import signal
 import subprocess
-import sys
-from typing import Any
 from urllib.parse import urlsplit
 
 from campaigns import write_diagnosis
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.view.access import Access
-from flexx2_sim_ros.view.packing import ViewedFrame
 from flexx2_sim_ros.view.server import Server
 from flexx2_sim_ros.view.web import bind
 import numpy as np
+from programs import flexx2_words, PATIENCE
 from tornado.httpclient import HTTPRequest
 from tornado.websocket import websocket_connect
 
-PATIENCE = 60.0
 # Of the recording that `save_walk` writes.
 USECASE, COUNT, SIZE = 'Mode_5_30fps', 12, (43, 56)
 # Their parameters are sure to be seen: each frame takes most of the ones before it.
@@ -43,30 +39,20 @@ class View:
 
     """
 
-    def __init__(self, folder: Path, *options: str) -> None:
+    def __init__(self, folder, *options):
         """Start it and wait for its address."""
         paths = [str(Path(__file__).parents[1]), *filter(None, [os.environ.get('PYTHONPATH')])]
         env = {**os.environ, 'PYTHONPATH': os.pathsep.join(paths), 'TMPDIR': str(folder)}
         self.folder, self._errors = folder, folder / 'view.log'
         with self._errors.open('wb') as log:
             self.process = subprocess.Popen(
-                [
-                    sys.executable,
-                    '-m',
-                    'flexx2_sim_ros.cli.main',
-                    'view',
-                    '--no-browser',
-                    '--port',
-                    '0',
-                    *options,
-                ],
+                flexx2_words('view', '--no-browser', '--port', '0', *options),
                 env=env,
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=log,
                 text=True,
             )
-        assert self.process.stdout is not None
         try:
             assert select.select([self.process.stdout], [], [], PATIENCE)[0], self.errors
             line = self.process.stdout.readline()
@@ -77,17 +63,17 @@ class View:
         self.url = line.split()[0]
 
     @property
-    def errors(self) -> str:
+    def errors(self):
         """Return what it has written to stderr."""
         return self._errors.read_text()
 
-    def end(self) -> int:
+    def end(self):
         """Press Ctrl-C; return the exit code."""
         self.process.send_signal(signal.SIGINT)
         return self.process.wait(PATIENCE)
 
 
-def connect(url: str, **headers: str) -> Any:
+def connect(url, **headers):
     """Return a future of a websocket, as the page at this address opens it."""
     parts = urlsplit(url)
     return websocket_connect(
@@ -98,10 +84,10 @@ def connect(url: str, **headers: str) -> Any:
     )
 
 
-def run(work: Coroutine[Any, Any, None]) -> None:
+def run(work):
     """Run it; fail when it does not end."""
 
-    async def bounded() -> None:
+    async def bounded():
         await asyncio.wait_for(work, PATIENCE)
 
     asyncio.run(bounded())
@@ -110,34 +96,34 @@ def run(work: Coroutine[Any, Any, None]) -> None:
 class Source:
     """Something to show, which writes down what it is asked for."""
 
-    def __init__(self) -> None:
-        self.shots: dict[str, ViewedFrame] = {}
+    def __init__(self):
+        self.shots = {}
         self.status = '{}'
-        self.asked: list[Any] = []
-        self.complaints: list[str] = []
+        self.asked = []
+        self.complaints = []
 
-    def watch(self, watched: bool) -> None:
+    def watch(self, watched):
         self.asked.append(('watch', watched))
 
-    def drive(self, page: object, velocity: tuple[float, float, float]) -> bool:
+    def drive(self, page, velocity):
         self.asked.append(('drive', velocity))
         return velocity[0] >= 0
 
-    def leave(self, page: object) -> None:
+    def leave(self, page):
         self.asked.append('leave')
 
-    def choose(self, camera: str, usecase: str) -> None:
+    def choose(self, camera, usecase):
         self.asked.append((camera, usecase))
 
-    def adjust(self, camera: str, effect: str, strength: float) -> None:
+    def adjust(self, camera, effect, strength):
         self.asked.append((camera, effect, strength))
 
-    def complain(self, text: str) -> None:
+    def complain(self, text):
         self.complaints.append(text)
 
 
 @contextmanager
-def serve_source() -> Iterator[tuple[Server, Source]]:
+def serve_source():
     """Serve the page with a source."""
     source = Source()
     server = Server(bind('127.0.0.1', 0), Access('127.0.0.1'), source)
@@ -148,13 +134,13 @@ def serve_source() -> Iterator[tuple[Server, Source]]:
         server.stop()
 
 
-def connect_to(server: Server, origin: str = '', host: str = '') -> Any:
+def connect_to(server, origin='', host=''):
     """Return a future of a websocket, as a page from an origin opens it."""
     address = f'http://127.0.0.1:{server.port}'
     return connect(address, Origin=origin or address, Host=host or f'127.0.0.1:{server.port}')
 
 
-def save_walk(path: Path, **more: Any) -> dict[str, np.ndarray]:
+def save_walk(path, **more):
     """Write a recording of a camera that comes nearer to a wall, with ground truth."""
     stamp = 100 + np.arange(COUNT) / 30
     clean = np.broadcast_to(np.linspace(2, 1, COUNT)[:, None, None], (COUNT, *SIZE)).astype('f4')
@@ -165,6 +151,6 @@ def save_walk(path: Path, **more: Any) -> dict[str, np.ndarray]:
     return arrays
 
 
-def save_diagnosis(folder: Path, **more: Any) -> Path:
+def save_diagnosis(folder, **more):
     """Write what a diagnosis writes, as far as the page reads it."""
     return write_diagnosis(folder, EFFECTS, **{'verdict': 'none', 'gap': {}, **more})

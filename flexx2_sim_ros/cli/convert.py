@@ -102,7 +102,7 @@ def _keys(pairs: list[str]) -> dict[str, str]:
 def run(arguments: argparse.Namespace) -> int:
     """Convert with a progress bar, and print what was converted."""
     from flexx2_sim_ros.processing import Chain, load_chain
-    from flexx2_sim_ros.processing.recorded import ProcessedRecording
+    from flexx2_sim_ros.processing.processed_recording import ProcessedRecording
     from flexx2_sim_ros.profiles.files import find_profile
     from flexx2_sim_ros.recording.convert import convert, convert_views
     from flexx2_sim_ros.recording.corrections import Given

@@ -21,7 +21,7 @@ from signatures.tools import (
 )
 
 
-def harmonics(error: np.ndarray, distance: np.ndarray, frequency: float) -> np.ndarray:
+def harmonics(error, distance, frequency):
     """Return amplitudes of sine and cosine, orders 1 to 5, of an error over distance."""
     phase = wave_number(frequency) * distance
     design = np.stack([f(n * phase) for n in range(1, 6) for f in (np.sin, np.cos)], axis=1)
@@ -29,7 +29,7 @@ def harmonics(error: np.ndarray, distance: np.ndarray, frequency: float) -> np.n
 
 
 @signature
-def wiggling() -> None:
+def wiggling():
     clean = ramp(0.15, 2.35)
     given = {
         'a1': 0.006,
@@ -64,7 +64,7 @@ def wiggling() -> None:
 
 
 @signature
-def fixed_pattern() -> None:
+def fixed_pattern():
     one = shift('fixed_pattern', wall(0.6), usecase='Mode_9_30fps')
     other = shift('fixed_pattern', ramp(1.0, 4.0), 10**9, usecase='Mode_9_30fps', strength=2.0)
     close(one.std(), 0.0015)
@@ -80,7 +80,7 @@ def fixed_pattern() -> None:
 
 
 @signature
-def amplitude_bias() -> None:
+def amplitude_bias():
     levels = np.repeat([1.0, 0.5, 0.2, 0.1, 0.03, 0.01, 0.0], 32)
     amplitude = levels[None] / np.sqrt(1 + RAY_X**2 + RAY_Y**2) / 0.8**2
     seen = shift(
@@ -103,7 +103,7 @@ def amplitude_bias() -> None:
 
 
 @signature
-def offset() -> None:
+def offset():
     for bias, strength in ((0.005, 1.0), (-0.02, 2.5)):
         for distance in (0.5, 2.0):
             close(
@@ -114,7 +114,7 @@ def offset() -> None:
 
 
 @signature
-def depth_scale() -> None:
+def depth_scale():
     for fraction, strength in ((0.02, 1.0), (-0.01, 2.5)):
         clean = ramp(0.6, 2.0)
         seen = shift('depth_scale', clean, fraction=fraction, strength=strength)
@@ -122,7 +122,7 @@ def depth_scale() -> None:
 
 
 @signature
-def warm_up_drift() -> None:
+def warm_up_drift():
     seconds = np.array([0.0, 60.0, 900.0, 1800.0, 7200.0])
     small = np.ones((4, 4))
     for uptime in (0.0, 900.0):

@@ -1,30 +1,26 @@
 """Pixels without depth: too dark, too bright, too oblique."""
 
 import math
-from typing import Any
 
 from boards import board
-from flexx2_sim_ros.camera import Frame
 import numpy as np
 
 from signatures.tools import close, pair, RAY_X, RAY_Y, signature, U, wall
 
 
-def logistic(logit: Any, strength: float) -> np.ndarray:
+def logistic(logit, strength):
     """Return how often a chance is taken that is tried `strength` times."""
     return 1 - (1 - 1 / (1 + np.exp(-np.asarray(logit)))) ** strength
 
 
-def lost(frame: Frame, base: Frame, where: np.ndarray) -> float:
+def lost(frame, base, where):
     """Return the share of pixels that have depth without the effect and none with it."""
     valid = where & np.isfinite(base.depth)
     assert valid.sum() > 1000
     return float(np.isnan(frame.depth[valid]).mean())
 
 
-def check_amplitude(
-    name: str, sign: int, half: float, slope: float, strength: float, **parameters: float
-) -> None:
+def check_amplitude(name, sign, half, slope, strength, **parameters):
     """Assert a logistic in the logarithm of the amplitude, rising or falling with it."""
     logits = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
     off_axis = (np.hypot(RAY_X, RAY_Y) > math.tan(math.radians(14))) & (np.abs(U - 111) < 100)
@@ -51,7 +47,7 @@ def check_amplitude(
 
 
 @signature
-def low_signal_dropout() -> None:
+def low_signal_dropout():
     for half, slope, strength in ((0.012, 3.0, 1.0), (0.1, 2.0, 2.5)):
         check_amplitude('low_signal_dropout', -1, half, slope, strength)
     frame, _ = pair('low_signal_dropout', wall(1.0), 0, np.where(U < 112, 1.0, 0.0))
@@ -60,7 +56,7 @@ def low_signal_dropout() -> None:
 
 
 @signature
-def random_dropout() -> None:
+def random_dropout():
     # Of 300,000 pixels, a fraction is known to 0.1 %: 6 standard deviations are 0.6 %.
     for share, strength in ((0.05, 1.0), (0.3, 1.5)):
         shades = np.where(U < 112, 0.9, 0.1)
@@ -73,7 +69,7 @@ def random_dropout() -> None:
 
 
 @signature
-def saturation() -> None:
+def saturation():
     for half, slope, strength in ((3.5, 6.0, 1.0), (2.0, 4.0, 2.5)):
         check_amplitude('saturation', 1, half, slope, strength, gloss=0.5, lobe_deg=4.0)
     # Head-on, a glossy surface sends more: (1 + gloss) times as much.
@@ -102,7 +98,7 @@ def saturation() -> None:
 
 
 @signature
-def grazing_dropout() -> None:
+def grazing_dropout():
     for half_deg, width_deg, strength in ((60.0, 4.0, 1.0), (50.0, 6.0, 2.0)):
         for distance in (0.5, 1.5):
             shares, wanted = [], []

@@ -7,12 +7,12 @@ import numpy as np
 from signatures.tools import close, pair, QUIET, ramp, SHAPE, signature, spread, step, wall
 
 
-def neighbour_correlation(errors: np.ndarray) -> float:
+def neighbour_correlation(errors):
     return float(np.corrcoef(errors[:, :, 1:].ravel(), errors[:, :, :-1].ravel())[0, 1])
 
 
 @signature
-def spatial_filter() -> None:
+def spatial_filter():
     for mix, strength in ((0.9, 1.0), (0.3, 2.0)):
         smooth, plain = spread(
             'spatial_filter', wall(1.0), frames=8, mix=mix, strength=strength, gate=12.0
@@ -33,7 +33,7 @@ def spatial_filter() -> None:
 
 
 @signature
-def temporal_filter() -> None:
+def temporal_filter():
     for share, strength in ((0.4, 1.0), (0.2, 3.0)):
         smooth, plain = spread(
             'temporal_filter', wall(1.0), frames=80, share=share, strength=strength
@@ -48,7 +48,7 @@ def temporal_filter() -> None:
 
 
 @signature
-def quantisation() -> None:
+def quantisation():
     for size, strength in ((0.004, 1.0), (0.0117, 2.0)):
         frame, base = pair('quantisation', ramp(0.5, 2.0), step=size, strength=strength)
         q = size * strength

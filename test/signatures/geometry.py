@@ -6,7 +6,7 @@ import numpy as np
 from signatures.tools import close, pair, QUIET, RAY_X, RAY_Y, SHAPE, shift, signature, U, V, wall
 
 
-def rotation(degrees: np.ndarray) -> np.ndarray:
+def rotation(degrees):
     """Return the rotation by a rotation vector: the matrix exponential's series."""
     x, y, z = np.radians(degrees)
     generator = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -17,13 +17,13 @@ def rotation(degrees: np.ndarray) -> np.ndarray:
     return total
 
 
-def plane(normal: np.ndarray, rays: np.ndarray, position: np.ndarray) -> np.ndarray:
+def plane(normal, rays, position):
     """Return the depth of the plane normal . X = 1 along rays (3, H, W) from a position."""
     return (1 - normal @ position) / np.tensordot(normal, rays, 1)
 
 
 @signature
-def pose_error() -> None:
+def pose_error():
     rays = np.stack([RAY_X, RAY_Y, np.ones(SHAPE)])
     pose = {'x': 0.03, 'y': -0.02, 'z': 0.05, 'pitch_deg': 2.0, 'yaw_deg': -3.0, 'roll_deg': 4.0}
     for strength in (0.5, 2.0):
@@ -79,7 +79,7 @@ def pose_error() -> None:
 
 
 @signature
-def intrinsics_error() -> None:
+def intrinsics_error():
     given = {
         'focal': 0.01,
         'cx': 1.5,
@@ -100,7 +100,7 @@ def intrinsics_error() -> None:
             ]
         )
 
-        def bend(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        def bend(x, y):
             r2 = x * x + y * y
             radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3  # noqa: B023
             return np.stack(

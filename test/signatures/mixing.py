@@ -23,14 +23,14 @@ from signatures.tools import (
 )
 
 
-def mixtures(near: float, far: float, numbers: np.ndarray, shares: np.ndarray) -> np.ndarray:
+def mixtures(near, far, numbers, shares):
     """Return the light of the columns at a step, (frequencies, rows, 2), by what they see."""
     own, other = np.array([near, far]), np.array([far, near])
     lights = [np.exp(1j * numbers[:, None, None] * z) / z**2 for z in (own, other)]
     return (1 - shares) * lights[0] + shares * lights[1]
 
 
-def shares_at(step_to: np.ndarray, near: float, far: float) -> np.ndarray:
+def shares_at(step_to, near, far):
     """Return how much of the other side the two columns at a step see, from their depths."""
     k, grid = wave_number(), np.linspace(0, 0.5, 5001)
     mixed = mixtures(near, far, np.array([k]), np.repeat(grid[:, None], 2, 1))[0]
@@ -42,7 +42,7 @@ def shares_at(step_to: np.ndarray, near: float, far: float) -> np.ndarray:
 
 
 @signature
-def flying_pixels() -> None:
+def flying_pixels():
     near, far = 1.2, 2.0
     assert far - near < SPEED_OF_LIGHT / (4 * 60e6)
     clean = step(near, far)
@@ -90,7 +90,7 @@ def flying_pixels() -> None:
             close(frame.depth[:, 111:113], agreed(near, far, shares, length), rel=1e-3)
 
 
-def agreed(near: float, far: float, shares: np.ndarray, length: np.ndarray | float) -> np.ndarray:
+def agreed(near, far, shares, length):
     """Return the depths of the two columns at a step, as cameras of 80 and 60 MHz unwrap them."""
     numbers = 4e6 * math.pi * np.array([80.0, 60.0]) / SPEED_OF_LIGHT
     weights = np.array([16.0, 9.0]) / 25
@@ -106,12 +106,12 @@ def agreed(near: float, far: float, shares: np.ndarray, length: np.ndarray | flo
     return np.take_along_axis(mean, best, -1)[..., 0] / length
 
 
-def corner(apex: float) -> np.ndarray:
+def corner(apex):
     """Return two walls that meet at right angles on the optical axis."""
     return apex / (1 + np.abs(RAY_X))
 
 
-def bounce(clean: np.ndarray, reflectivity: float, columns: list[int], k: float) -> np.ndarray:
+def bounce(clean, reflectivity, columns, k):
     """Return the error of depth in row 86 of a corner, by the light of all pixels."""
     points = np.stack([RAY_X, RAY_Y, np.ones(SHAPE)], -1) * clean[..., None]
     normals = np.stack([-np.sign(RAY_X), 0 * U, -np.ones(SHAPE)], -1) / math.sqrt(2)
@@ -140,7 +140,7 @@ def bounce(clean: np.ndarray, reflectivity: float, columns: list[int], k: float)
 
 
 @signature
-def multipath() -> None:
+def multipath():
     columns = [8, 30, 60, 80, 95, 130, 150, 190, 215]
     for apex, reflectivity in ((1.0, 0.9), (2.0, 0.6)):
         clean = corner(apex)
@@ -164,14 +164,14 @@ def multipath() -> None:
 
 
 @signature
-def stray_light() -> None:
+def stray_light():
     clean, k = step(0.8, 2.0), wave_number()
     reflectivity = np.where(U < 112, 0.9, 0.05)
     cosine = 1 / np.hypot(1, np.hypot(RAY_X, RAY_Y))
     light = reflectivity * cosine / clean**2 * np.exp(1j * k * clean)
     width = 0.2 * SHAPE[1]
 
-    def kernel(y: np.ndarray, x: np.ndarray) -> np.ndarray:
+    def kernel(y, x):
         """Return a kernel that is half its peak at `width`."""
         return (1 + (2 ** (2 / 3) - 1) * (y**2 + x**2) / width**2) ** -1.5
 

@@ -6,7 +6,7 @@ import numpy as np
 from signatures.tools import close, pair, QUIET, SHAPE, shift, signature, STEP_5, U, wall
 
 
-def moving(speed: float, start: float = 1.5, frames: int = 4) -> tuple[np.ndarray, np.ndarray]:
+def moving(speed, start=1.5, frames=4):
     """Return a wall's distances in successive frames, and their stamps."""
     stamps = np.arange(frames) * STEP_5
     distances = start + speed * stamps * 1e-9
@@ -14,7 +14,7 @@ def moving(speed: float, start: float = 1.5, frames: int = 4) -> tuple[np.ndarra
 
 
 @signature
-def time_offset() -> None:
+def time_offset():
     for speed in (-1.2, 0.7):
         clean, stamps = moving(speed, frames=10)
         for latency, strength in ((0.02, 1.0), (0.02, 4.0), (-0.02, 1.0), (0.12, 1.5)):
@@ -28,7 +28,7 @@ def time_offset() -> None:
 
 
 @signature
-def motion_artefact() -> None:
+def motion_artefact():
     mode = flexx2().mode('Mode_5_30fps')
     duration = mode.raw_frames * (mode.exposure_us[1] + 600) * 1e-6
     for speed in (-1.0, 1.5):  # Towards the camera, what was seen before is farther away.

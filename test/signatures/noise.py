@@ -7,7 +7,7 @@ from signatures.tools import close, pair, RAY_X, RAY_Y, SHAPE, signature, spread
 
 
 @signature
-def excess_noise() -> None:
+def excess_noise():
     for factor, strength, wanted in ((1.3, 1.0, 1.3), (1.5, 2.0, 2.0), (0.5, 1.0, 0.5)):
         noisy, plain = spread(
             'excess_noise', wall(1.0), frames=4, factor=factor, strength=strength
@@ -16,7 +16,7 @@ def excess_noise() -> None:
 
 
 @signature
-def ambient_light() -> None:
+def ambient_light():
     levels = np.broadcast_to(np.repeat([1.0, 0.3, 0.1, 0.04], 56), SHAPE)
     for strength, reflected in ((1.0, 1.0), (2.0, 1.0), (1.0, 0.5), (2.0, 0.0)):
         settings = {'k': 0.0008, 'strength': strength, 'reflected': reflected}
@@ -32,7 +32,7 @@ def ambient_light() -> None:
 
 
 @signature
-def heavy_tails() -> None:
+def heavy_tails():
     for share, width, strength in ((0.02, 5.0, 1.0), (0.03, 4.0, 3.0)):
         wild, plain = spread(
             'heavy_tails', wall(1.0), frames=8, share=share, width=width, strength=strength
@@ -44,13 +44,13 @@ def heavy_tails() -> None:
 
 
 @signature
-def lateral_noise() -> None:
+def lateral_noise():
     target = board(1.0, 0, half_width=0.25, background=2.0)
     region = slice(140, 190)
     right = int(np.flatnonzero(np.isfinite(target.incidence[86]))[-1])
     assert region.start + 15 < right < region.stop - 15
 
-    def positions(**parameters: float) -> np.ndarray:
+    def positions(**parameters):
         """Return where the edge is: (T, H)."""
         frame, _ = pair('lateral_noise', target.depth, np.arange(80), **parameters)
         assert edge_sigma(frame.depth, region) > 0

@@ -8,7 +8,7 @@ from signatures.tools import close, pair, QUIET, signature, SPEED_OF_LIGHT, wall
 
 
 @signature
-def range_wrap() -> None:
+def range_wrap():
     half = SPEED_OF_LIGHT / (2 * 60e6)
     for distance in (2.9, 3.7, 6.0):
         frame, base = pair('range_wrap', wall(distance), profile=QUIET)
