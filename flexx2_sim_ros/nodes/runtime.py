@@ -180,11 +180,9 @@ class Throttle:
         return True
 
 
-PROFILE_VARIABLES = (
-    'FASTRTPS_DEFAULT_PROFILES_FILE',
-    'FASTDDS_DEFAULT_PROFILES_FILE',
-    'FASTDDS_BUILTIN_TRANSPORTS',
-)
+# Jazzy (Fast DDS 2) reads the first, ROS 2 after it (Fast DDS 3) the second.
+_OWN = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
+PROFILE_VARIABLES = (*_OWN, 'FASTDDS_BUILTIN_TRANSPORTS')
 
 
 def make_room_for_images() -> None:
@@ -195,4 +193,4 @@ def make_room_for_images() -> None:
     environment variables, has priority. Other middleware ignores it.
     """
     if not any(os.environ.get(name) for name in PROFILE_VARIABLES):
-        os.environ[PROFILE_VARIABLES[0]] = str(config_dir() / 'fastdds.xml')
+        os.environ.update(dict.fromkeys(_OWN, str(config_dir() / 'fastdds.xml')))
