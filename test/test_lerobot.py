@@ -186,6 +186,22 @@ def test_an_episode_of_images_becomes_a_recording(written, form, tmp_path):
         check(tmp_path / f'all/episode_{episode:06d}.npz', episode)
 
 
+def test_start_leads_from_a_data_set_to_its_recordings(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    v3(Path('set'), image(depth_unit='mm'), pictures(counts(0)), pictures(counts(1)))
+    words = ['gap', 'start', 'set', '--profile', 'kinect_v2', '--planes', 'planes.yaml']
+    monkeypatch.setattr('sys.stdin', io.StringIO('\n20 20 15.5 11.5\n'))
+    assert main(words) == 0
+    convert = 'flexx2 convert set gap/recordings --views --usecase depth_30fps'
+    assert f'$ {convert} {" ".join(LENS)} --profile kinect_v2' in capfd.readouterr().err
+    for episode in (0, 1):
+        check(Path(f'gap/recordings/episode_{episode:06d}.npz'), episode)
+    assert 'episode_000001' in Path('planes.yaml').read_text()
+    monkeypatch.setattr('sys.stdin', io.StringIO('\nmy lens.yaml\n'))
+    assert main(words) == 2
+    assert "--calibration 'my lens.yaml'" in capfd.readouterr().err
+
+
 @pytest.mark.parametrize('written', [v2, v3])
 def test_an_episode_of_numbers_becomes_a_recording(written, tmp_path):
     whole = {'dtype': 'uint16', 'shape': [*SIZE, 1]}

@@ -15,6 +15,7 @@ import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 ROSDISTRO = 'https://raw.githubusercontent.com/ros/rosdistro/master'
+PYTHON = f'{sys.version_info.major}.{sys.version_info.minor}'
 # The oldest system that has wheels of all of them: Jetson (JetPack 6) and Raspberry Pi OS 12 have
 # glibc 2.35 and 2.36.
 PLATFORMS = {
@@ -26,7 +27,7 @@ PLATFORMS = {
 def resolved(*requirements, platforms=()):
     """Return what pip says when it cannot resolve wheels for a platform; empty: it can."""
     pip = (sys.executable, '-m', 'pip', 'install', '--dry-run', '--quiet', '--ignore-installed')
-    options = ('--only-binary=:all:', '--python-version', '3.11', '--target', 'nowhere')
+    options = ('--only-binary=:all:', '--python-version', PYTHON, '--target', 'nowhere')
     for_platforms = [word for one in platforms for word in ('--platform', one)]
     done = subprocess.run(
         [*pip, *options, *for_platforms, '--retries', '0', *requirements],

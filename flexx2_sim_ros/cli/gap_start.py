@@ -25,7 +25,7 @@ Go from recordings to a diagnosis, for the first time. Asks for what no option s
 commands that it runs, and runs them. Without a terminal, answers are read line by line from
 standard input; an empty line takes the default.
 
-recordings RECORDINGS: folder of recordings or of PNG images
+recordings RECORDINGS: folder of recordings or of PNG images, or a LeRobot data set
 --options TEXT: more options of flexx2 gap truth, as "--trajectory poses.txt --clock-offset 0"
 --out
 --profile
@@ -48,6 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Ask, and run the commands until one fails."""
     from flexx2_sim_ros.profiles.files import find_profile, shipped
     from flexx2_sim_ros.recording.image_folders import views
+    from flexx2_sim_ros.recording.lerobot import is_dataset
 
     try:
         more = shlex.split(arguments.options)
@@ -62,11 +63,13 @@ def run(arguments: argparse.Namespace) -> int:
         name = _ask(f'Which camera ({", ".join(shipped())}, or a file)?', shipped()[0])
     profile = find_profile(name)
     camera = ['--profile', name] if name else []
-    if views(recordings):
+    dataset = is_dataset(recordings)
+    if dataset or views(recordings):
         mode = _ask(f'Which mode ({", ".join(profile.names)})?', profile.default_usecase)
         converted = out / 'recordings'
         words = ['convert', str(recordings), str(converted), '--views', '--usecase', mode]
-        if status := _run([*words, *camera]):
+        lens = _lens() if dataset else []
+        if status := _run([*words, *lens, *camera]):
             return status
         recordings = converted
     kind, file = _truth(arguments, recordings, out)
@@ -79,6 +82,11 @@ def run(arguments: argparse.Namespace) -> int:
         if status := _run([*words, *camera, *more]):
             return status
     return _run(['gap', 'diagnose', str(campaign), '--out', str(out / 'diagnosis'), *camera])
+
+
+def _lens() -> list[str]:
+    words = _ask('Which lens (FX FY CX CY in pixels, or a calibration file)?').split()
+    return ['--intrinsics', *words] if len(words) == 4 else ['--calibration', ' '.join(words)]
 
 
 def _truth(arguments: argparse.Namespace, recordings: Path, out: Path) -> tuple[str, Path]:

@@ -28,7 +28,6 @@ from flexx2_sim_ros.nodes.runtime import Throttle
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.subscriptions import Input
 from flexx2_sim_ros.nodes.tf_frames import FramePublisher, optical_transform
-from flexx2_sim_ros.nodes.twins import claim_name
 from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
 from flexx2_sim_ros.profiles.modes import Profile
@@ -66,7 +65,6 @@ class Flexx2Camera(SteadyNode):
     def __init__(self, **options: Any) -> None:
         """Declare parameters, compile the camera model, then open the topics."""
         super().__init__('flexx2_camera', **options)
-        self._claim = claim_name(self)
         self._said_once: set[str] = set()
         self._effects_said = ''
         self._throttle = Throttle()
@@ -389,9 +387,3 @@ class Flexx2Camera(SteadyNode):
         if (key or text) not in self._said_once:
             self._said_once.add(key or text)
             self.get_logger().warning(text)
-
-    def destroy_node(self) -> None:
-        """Close the node and release its name."""
-        super().destroy_node()
-        if self._claim is not None:
-            self._claim.close()

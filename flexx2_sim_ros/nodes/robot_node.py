@@ -12,7 +12,7 @@ from flexx2_sim_ros.nodes.robot_parameters import RobotParameters
 from flexx2_sim_ros.nodes.sim_clock import SimClock
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.tf_frames import camera_transforms, FramePublisher
-from flexx2_sim_ros.nodes.twins import claim_name, twin_text
+from flexx2_sim_ros.nodes.twins import twin_text
 from flexx2_sim_ros.physics.geometry import centred
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.rendering.materials import reflectivity_table
@@ -54,7 +54,6 @@ class RobotCameras(SteadyNode):
     def __init__(self, **options: Any) -> None:
         """Build the model, open the renderer, then open the topics."""
         super().__init__('go1_cameras', **options)
-        self._claim = claim_name(self)
         self.settings = settings = RobotParameters(self)
         self._intrinsics = centred(find_profile(settings.profile).intrinsics)
         self._model = build_model(
@@ -319,12 +318,10 @@ class RobotCameras(SteadyNode):
             self._sim_clock.watch()
 
     def destroy_node(self) -> None:
-        """Close the renderer and the node, and release its name."""
+        """Close the renderer, the node and the clock."""
         renderer = getattr(self, '_renderer', None)
         if renderer is not None:
             renderer.close()
         super().destroy_node()
         if (clock := getattr(self, '_sim_clock', None)) is not None:
             clock.close()
-        if (claim := getattr(self, '_claim', None)) is not None:
-            claim.close()

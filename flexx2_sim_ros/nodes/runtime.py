@@ -1,10 +1,12 @@
 """Start and end a node the way a process manager expects it; shared memory for its images."""
 
 from collections.abc import Callable
+from contextlib import suppress
 import gc
 import os
 import signal
 import sys
+from threading import Thread
 import time
 from traceback import format_exception
 from typing import Any
@@ -36,7 +38,7 @@ def run_node(make_node: Callable[..., Any], several: bool = False) -> int:
 
     """
     import rclpy
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.executors import ExternalShutdownException
     from rclpy.signals import install_signal_handlers, SignalHandlerOptions
 
     nodes: list[Any] = []
@@ -49,16 +51,13 @@ def run_node(make_node: Callable[..., Any], several: bool = False) -> int:
         status = _make(make_node, rclpy.utilities.remove_ros_args()[1:] if several else [], nodes)
         if not nodes:
             return status
-        executor = SingleThreadedExecutor()
-        for node in nodes:
-            executor.add_node(node)
         for number in SIGNALS:
             signal.signal(number, lambda number, _frame: told.append(number))
         # From here on a signal ends spin(), so that the node can leave the ROS graph. A signal
         # that came between these lines is in `told`.
         install_signal_handlers(SignalHandlerOptions.ALL)
         if not told:
-            _spin(executor, nodes[0])
+            _spin_all(nodes)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except Exception as error:
@@ -114,6 +113,29 @@ def _remap(space: str, made: set[str]) -> list[str]:
     return ['--ros-args', '-r', f'__ns:={whole}']
 
 
+def _spin_all(nodes: list[Any]) -> None:
+    """Run each node's callbacks in a thread: busy cores have more time for two than for one."""
+    import rclpy
+    from rclpy.executors import SingleThreadedExecutor
+
+    def alongside(executor: Any, node: Any) -> None:
+        with suppress(Exception):  # It was told to stop.
+            _spin(executor, node)
+
+    pairs = [(SingleThreadedExecutor(), node) for node in nodes]
+    for executor, node in pairs:
+        executor.add_node(node)
+    others = [Thread(target=alongside, args=pair) for pair in pairs[1:]]
+    try:
+        for one in others:
+            one.start()
+        _spin(*pairs[0])
+    finally:
+        rclpy.try_shutdown()
+        for one in others:
+            one.join()
+
+
 def _spin(executor: Any, node: Any) -> None:
     """Run a node's callbacks until it is told to stop; an error in one does not end the node."""
     throttle = Throttle()
@@ -158,11 +180,9 @@ class Throttle:
         return True
 
 
-PROFILE_VARIABLES = (
-    'FASTRTPS_DEFAULT_PROFILES_FILE',
-    'FASTDDS_DEFAULT_PROFILES_FILE',
-    'FASTDDS_BUILTIN_TRANSPORTS',
-)
+# Jazzy (Fast DDS 2) reads the first, ROS 2 after it (Fast DDS 3) the second.
+_OWN = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'
+PROFILE_VARIABLES = (*_OWN, 'FASTDDS_BUILTIN_TRANSPORTS')
 
 
 def make_room_for_images() -> None:
@@ -173,4 +193,4 @@ def make_room_for_images() -> None:
     environment variables, has priority. Other middleware ignores it.
     """
     if not any(os.environ.get(name) for name in PROFILE_VARIABLES):
-        os.environ[PROFILE_VARIABLES[0]] = str(config_dir() / 'fastdds.xml')
+        os.environ.update(dict.fromkeys(_OWN, str(config_dir() / 'fastdds.xml')))

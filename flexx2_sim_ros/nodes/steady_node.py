@@ -9,6 +9,7 @@ from weakref import ref
 from flexx2_sim_ros.errors import did_you_mean, InputError, shown, unquoted
 from flexx2_sim_ros.nodes.parameters import as_declared, as_loaded
 from flexx2_sim_ros.nodes.runtime import Throttle
+from flexx2_sim_ros.nodes.twins import claim_name
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
@@ -29,7 +30,8 @@ class SteadyNode(Node):
     An error in a service callback is logged, and the request is refused. Parameters of one
     request are set together with `set_parameters_atomically`; if that is refused, each is set
     alone. A read-only parameter may be set to its present value, so that a file of
-    ``ros2 param dump`` can be loaded. A time of ``/clock`` before zero is ignored.
+    ``ros2 param dump`` can be loaded. A time of ``/clock`` before zero is ignored. It has its name
+    alone on this machine (`claim_name`).
 
     Parameters
     ----------
@@ -51,6 +53,13 @@ class SteadyNode(Node):
         """Make the node with its parameter services."""
         self._service_errors = Throttle()
         super().__init__(name, **options)
+        self._claim = claim_name(self)
+
+    def destroy_node(self) -> None:
+        """Close the node and release its name."""
+        super().destroy_node()
+        if (claim := getattr(self, '_claim', None)) is not None:
+            claim.close()
 
     def create_service(
         self, srv_type: Any, srv_name: str, callback: _Answer, **options: Any

@@ -1,7 +1,6 @@
 """Frames of robots and cameras on ``/tf`` and ``/tf_static``, where tf2_msgs is installed."""
 
 from collections.abc import Iterable, Sequence
-import math
 from typing import Any, TYPE_CHECKING
 
 from flexx2_sim_ros.nodes.messages import transform
@@ -13,9 +12,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 if TYPE_CHECKING:  # a camera node needs no MuJoCo
     from flexx2_sim_ros.robots.robot import CameraMount
 
-# Rotation of the optical frame (x right, y down, z forward) in the camera's frame (x forward,
-# y left, z up).
+# Rotation (w, x, y, z) of the optical frame (x right, y down, z forward) in the camera's frame (x
+# forward, y left, z up).
 _OPTICAL = np.array([0.5, -0.5, 0.5, -0.5])
+_UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 def camera_transforms(
@@ -37,9 +37,8 @@ def camera_transforms(
     result = []
     for mount in mounts:
         link = f'{prefix}{mount.name}_link'
-        result.append(
-            transform(0, (base, link), np.array(mount.position), quaternion_of(mount.rpy))
-        )
+        turn = _turned(mount.rpy, _UNTURNED)
+        result.append(transform(0, (base, link), np.array(mount.position), turn))
         result.append(
             transform(0, (link, f'{prefix}{mount.name}_optical_frame'), np.zeros(3), _OPTICAL)
         )
@@ -62,41 +61,16 @@ def optical_transform(
         Roll, pitch, yaw in radians. Zero looks along the parent's x axis, upright.
 
     """
-    w, *v = quaternion_of(rpy)
-    optical_w, *optical_v = _OPTICAL
-    turn = [
-        w * optical_w - np.dot(v, optical_v),
-        *(w * np.array(optical_v) + optical_w * np.array(v) + np.cross(v, optical_v)),
-    ]
-    return transform(0, frames, np.array(position), np.array(turn))
+    return transform(0, frames, np.array(position), _turned(rpy, _OPTICAL))
 
 
-def quaternion_of(rpy: Sequence[float]) -> np.ndarray:
-    """
-    Return a rotation as a quaternion.
+def _turned(rpy: Sequence[float], inner: np.ndarray) -> np.ndarray:
+    # A rotation (w, x, y, z) in a frame that is turned about the fixed x, y and z axes.
+    # Imported here: it takes a third of a second, and few cameras publish frames.
+    from scipy.spatial.transform import Rotation
 
-    Parameters
-    ----------
-    rpy : sequence of float
-        Roll, pitch, yaw in radians: rotations about the fixed x, y and z axes in this order.
-
-    Returns
-    -------
-    numpy.ndarray
-        (4,) float64: w, x, y, z.
-
-    """
-    (cr, cp, cy), (sr, sp, sy) = (
-        [function(angle / 2) for angle in rpy] for function in (math.cos, math.sin)
-    )
-    return np.array(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ]
-    )
+    both = Rotation.from_euler('xyz', rpy) * Rotation.from_quat(np.roll(inner, -1))
+    return np.roll(both.as_quat(), 1)
 
 
 class FramePublisher:
