@@ -113,6 +113,19 @@ def test_a_diagnosis_has_the_form_of_the_camera(tmp_path):
     assert all(isinstance(one['wiggling']['curve'], Curve) for one in without.values())
 
 
+def test_a_wide_filter_hides_no_other_effect(tmp_path):
+    """Assert that lost pixels and a drift behind it are found: by how much depth a pixel spans."""
+    camera = {
+        'spatial_filter': {'mix': 1.0, 'width': 2.5, 'gate': 20.0},
+        'warm_up_drift': {'bias': 0.02},
+        'grazing_dropout': {'slant': {'knots': [1.0, 2.0], 'values': [0.0, 0.9]}},
+    }
+    write_campaign(tmp_path, seed=7, effects=camera, **SMALL)
+    table = diagnose(tmp_path)
+    assert {one['name'] for one in table['effects']} == set(camera)
+    assert table['gap']['shrink'] > 0.9
+
+
 def test_a_diagnosis_carries_a_map(campaign, tmp_path):
     """Assert it of the file beside effects.yaml, and of the table, which JSON can hold."""
     out = tmp_path / 'out'
