@@ -54,6 +54,7 @@ ELSEWHERE = {
     'flexx2 view out.npz': 'test_view_recording.py',
     'flexx2 view recordings': 'test_view_recording.py',
     'flexx2 view diagnosis recordings': 'test_view_recording.py',
+    'flexx2 view recordings --planes planes.yaml': 'test_view_playback.py',
     'flexx2 gap benchmark --quick --out benchmark': 'test_gap_benchmark.py',
     'flexx2 characterize capture campaign': 'test_characterize_capture.py',
     'flexx2 characterize fit campaign --out result': 'test_characterize_capture.py',

@@ -165,9 +165,11 @@ def _refined(target: Printed, gray: Gray, rough: GrayFit, scale_error: float) ->
 
 
 def _starts(starts: list[Pose], tags: dict[int, np.ndarray], turns: int) -> list[Pose]:
-    # Corners hardly determine the tilt of what is small: a tag, or a whole grid.
+    # Corners hardly determine the tilt of a board whose tags or squares are small.
     first, *others = starts
-    side = np.median([np.ptp(points, axis=0).max() for points in tags.values()])
+    side = np.median(
+        [np.linalg.norm(quad - np.roll(quad, 1, axis=0), axis=1) for quad in tags.values()]
+    )
     out = [first, *(o for o in others if np.abs(first.motion_to(o)[3:]).max() > _SAME)]
     if side < _SMALL_TAG:
         out += [_tilted(first, axis, angle) for axis in (0, 1) for angle in (-_TILT, _TILT)]
