@@ -15,7 +15,8 @@ from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
 
-_SPAN = 6.0  # logit per factor e of distance; about 70 degrees, that of the tangent is as large
+# Logit per factor e of distance: at 70 degrees, the tangent of the incidence counts as much.
+_SPAN = 6.0
 
 
 def survives_grazing(
