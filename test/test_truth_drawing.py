@@ -31,6 +31,7 @@ recordings:
         plane_form({'corner': {'left': 'a wall', 'floor': ''}, 'other': {'left': 'a door'}}),
         '{schema: 1, planes: [{name: left}], recordings: {corner: {left: {seed: [3, 4]}}}}',
         'schema: 1\nplanes:\n  - {name: left}\nrecordings: {}\n# end\n',
+        'schema: 1\nplanes:\n- name: left\nrecordings:\n  corner:\n    left:\n',
     ],
 )
 @pytest.mark.parametrize('plane', ['left', 'floor', 'the "new" one: #2'])

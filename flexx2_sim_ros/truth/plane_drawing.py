@@ -84,7 +84,8 @@ def _put(text: str, keys: Sequence[str], value: Mapping[str, Any]) -> str:
         node = below
     if isinstance(node, yaml.SequenceNode):
         return _added(text, node, _flow(value))
-    return text[: node.start_mark.index] + _flow(value) + text[_end(node) :]
+    before = text[: node.start_mark.index]
+    return before + ' ' * before.endswith(':') + _flow(value) + text[_end(node) :]
 
 
 def _added(text: str, node: Any, entry: str) -> str:
