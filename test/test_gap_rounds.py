@@ -111,6 +111,17 @@ def test_numbers_of_a_set_may_move_by_steps_within_their_bounds():
     assert all(value > 0 for value, _ in share.terms[0].nodes)
 
 
+def test_a_number_beyond_those_that_are_looked_for_moves_both_ways():
+    # A lens that bends more than the catalogue has.
+    (k1,) = (t for t in candidate('intrinsics_error', 'distortion').terms if t.name == 'k1')
+    beyond = table_of(parse_effects({'intrinsics_error': {'k1': 1.25 * k1.high}}))
+    _, (member,) = around(beyond, CANDIDATES)
+    moved = next(term for term in member.candidate.terms if term.name == 'k1')
+    ((less, _), *_) = moved.nodes
+    assert less < 0 == moved.high
+    assert moved.low < 0
+
+
 def test_what_explains_the_gap_is_added_and_nothing_else():
     bias, lost = candidate('offset'), candidate('random_dropout')
     other = candidate('heavy_tails')

@@ -270,7 +270,11 @@ def _around(
         value = float(settings.get(key, 1.0))
         low, high = limits.get(key) or (terms[key].low, terms[key].high)
         if key in terms:
-            low, high = max(low, terms[key].low), min(high, terms[key].high)
+            # A number may already lie beyond those that are looked for: of a lens it can.
+            low, high = (
+                max(low, min(terms[key].low, value)),
+                min(high, max(terms[key].high, value)),
+            )
         usual = abs(terms[key].nodes[-1][0] - terms[key].neutral) if key in terms else 1.0
         neutral = terms[key].neutral if key in terms else 0.0
         size = max(ROUNDS.step * abs(value - neutral), ROUNDS.least_step * usual)
