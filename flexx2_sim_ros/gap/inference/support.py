@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.gap.inference.selection import Choice, Selection, Trials
-from flexx2_sim_ros.gap.inference.uncertainty import advantage, improvements
+from flexx2_sim_ros.gap.inference.uncertainty import advantage
 import numpy as np
 
 
@@ -48,9 +48,6 @@ class Support:
         Of the chosen effects together, against the simulation without effects.
     scatter : float
         Spread of the recordings' poses, as a fraction of the usual spread.
-    improved : tuple of float
-        By how much the chosen effects reduce the loss of each left-out recording; their mean minus
-        the cost of the parameters is ``gain``.
     chosen : tuple of EffectSupport
         Each chosen effect against the others without it.
     considered : tuple of EffectSupport
@@ -68,17 +65,9 @@ class Support:
     gain: float
     t: float
     scatter: float
-    improved: tuple[float, ...]
     chosen: tuple[EffectSupport, ...]
     considered: tuple[EffectSupport, ...]
     rivals: tuple[EffectSupport, ...]
-
-    @property
-    def least_gain(self) -> float:
-        """Gain in the recordings without the one that gains most, per recording."""
-        cost = sum(self.improved) / len(self.improved) - self.gain
-        rest = sorted(self.improved)[:-1] or self.improved
-        return sum(rest) / len(rest) - cost
 
     def as_table(self) -> dict[str, Any]:
         """Return it as plain values, rounded to what can matter."""
@@ -93,7 +82,6 @@ class Support:
         return {
             'recordings': self.recordings,
             **{name: _rounded(getattr(self, name)) for name in numbers},
-            'improved': [_rounded(one) for one in self.improved],
             **rows,
         }
 
@@ -104,7 +92,7 @@ def support_from(table: Mapping[str, Any]) -> Support:
         name: tuple(EffectSupport(**one) for one in table[name])
         for name in ('chosen', 'considered', 'rivals')
     }
-    return Support(**{**table, **rows, 'improved': tuple(table['improved'])})
+    return Support(**{**table, **rows})
 
 
 def _rounded(value: float) -> float:
@@ -139,7 +127,6 @@ def support_of(
         chosen.gain / count,
         advantage(chosen.fit, trials.base),
         trials.model.pose_scatter(),
-        tuple(improvements(chosen.fit, trials.base).tolist()),
         tuple(
             EffectSupport(
                 part.effect, (chosen.gain - one.gain) / count, advantage(chosen.fit, one.fit)

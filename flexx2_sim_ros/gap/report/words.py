@@ -205,7 +205,16 @@ def sentences(table: dict[str, Any]) -> list[str]:
         out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
         out += correction(table)
+    if table['verdict'] != 'too_little':
+        out.append(_significance(gap['p_value']))
     return out + ground_truth(table) + not_decidable(table) + age_words(table['age'])
+
+
+def _significance(p_value: float) -> str:
+    return (
+        f'Of simulated campaigns without an effect, {short(100 * p_value)} % differ as much from '
+        'the simulation (p-value).'
+    )
 
 
 def _calibrated(table: dict[str, Any]) -> list[str]:
