@@ -20,6 +20,11 @@ def all_but(*kept):
     return [name for name in registry() if name not in kept]
 
 
+def among(*kept):
+    """Return the arguments of a diagnosis that knows these effects alone, in their usual forms."""
+    return {'without': all_but(*kept), 'forms': 'catalogue'}
+
+
 def leaving(*kept):
     """Return the options that leave out all other effects."""
     return [word for name in all_but(*kept) for word in ('--without', name)]
