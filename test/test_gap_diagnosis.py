@@ -337,7 +337,8 @@ def test_the_commands_of_the_readme(tmp_path, monkeypatch):
     program = re.search(r"```python\n([^`]*'scene.npz'.*?)```", page, re.DOTALL)
     example = re.search(r'```bash\n(mkdir recordings .*?)```', page, re.DOTALL)
     monkeypatch.chdir(tmp_path)
-    exec(program[1].replace('flexx2().intrinsics', 'flexx2().intrinsics.resized(112, 86)'), {})  # noqa: S102
+    small = program[1].replace('flexx2().intrinsics', 'flexx2().intrinsics.resized(112, 86)')
+    exec(small, {})  # noqa: S102
     Path('plan.yaml').write_text(TWO_WALLS)
     commands = example[1].splitlines()
     for name in commands.pop(0).split()[1:]:
