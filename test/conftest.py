@@ -45,8 +45,8 @@ _OF_EXTRAS = 'cv2', 'h5py', 'mcap', 'trimesh', 'warp'
 
 
 # Files of long tests. They go first, so that no process is left alone with one of them.
-_LONG = 'test_compile_command', 'test_gap_benchmark', 'test_gap_cost', 'test_gap_forms'
-_LONG += 'test_diagnose_your_flexx2', 'test_gap_next', 'test_gap_truth', 'test_own_camera'
+_LONG = 'test_compile_command', 'test_documentation', 'test_gap_benchmark', 'test_gap_cost'
+_LONG += 'test_diagnose_your_flexx2', 'test_gap_forms', 'test_gap_next', 'test_gap_truth'
 
 
 def pytest_collection_modifyitems(items):
