@@ -32,9 +32,10 @@ shell: $(STAMP)
 	@VIRTUAL_ENV='$(abspath .venv)' PATH='$(abspath $(BIN))':"$$PATH" $${SHELL:-/bin/sh}
 
 # Two at a time: much of it waits for messages. A file stays with one of them, so that what its
-# tests share is made once. A test that hangs for 15 minutes fails, and says where it hangs.
+# tests share is made once, and those of few long tests do not come last. A test that hangs for 15
+# minutes fails, and says where it hangs.
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 \
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --max-worker-restart 0 \
 		-o faulthandler_timeout=900 -o faulthandler_exit_on_timeout=true
 
 # Clean environments in build/matrix, also beside mjlab, mujoco_playground and torch; needs uv.

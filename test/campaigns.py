@@ -2,11 +2,57 @@
 
 import json
 
-from flexx2_sim_ros.effects import parse_effects, save_effects
+from flexx2_sim_ros.effects import parse_effects, registry, save_effects
 from flexx2_sim_ros.gap.data.campaign import read
 from flexx2_sim_ros.gap.work import find
 from flexx2_sim_ros.jobs import workers
 import numpy as np
+
+# Rooms at half of the resolution, and few of them: what a test can afford.
+SMALL = {'scale': 0.5, 'recordings': 4, 'frames': 8, 'moving': 1}
+# Effects that are taken for each other. A diagnosis of these alone takes half of the time.
+ALIKE = 'offset', 'wiggling', 'warm_up_drift', 'depth_scale', 'amplitude_bias', 'multipath'
+ALIKE += 'stray_light', 'intrinsics_error', 'pose_error'
+
+
+def all_but(*kept):
+    """Return the names of all other effects, as a diagnosis leaves them out."""
+    return [name for name in registry() if name not in kept]
+
+
+def among(*kept):
+    """Return the arguments of a diagnosis that knows these effects alone, in their usual forms."""
+    return {'without': all_but(*kept), 'forms': 'catalogue'}
+
+
+def leaving(*kept):
+    """Return the options that leave out all other effects."""
+    return [word for name in all_but(*kept) for word in ('--without', name)]
+
+
+# A short plan, and what makes documented commands short, for a camera with a temporal
+# filter. Two processes would take longer to start than they save.
+TWO_WALLS = """\
+schema: 1
+title: Two walls
+usecase: Mode_9_30fps
+simulation: {scale: 0.25, frames: 6}
+recordings:
+  - {name: near, title: Near, set_up: A wall., seconds: 5, for: [offset], walls: [[1.0, 0, 0.8]]}
+  - {name: far, title: Far, set_up: A wall., seconds: 5, for: [offset], walls: [[2.0, 40, 0.8]]}
+"""
+_SHORTER = {
+    'diagnose': leaving('temporal_filter', 'excess_noise', 'pose_error'),
+    'next': ['--plan', 'plan.yaml'],
+    'cost': ['--consumer', 'height_grid'],
+}
+
+
+def shorter(words):
+    """Return a documented command of `flexx2`, shortened; ``plan.yaml`` has to be `TWO_WALLS`."""
+    if words[0] != 'gap' or words[1] == 'plan':
+        return words
+    return [*words, '--jobs', '1', *_SHORTER.get(words[1], [])]
 
 
 def change(path, **changes):

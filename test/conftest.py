@@ -44,6 +44,16 @@ _REQUIRED = [_REASONS[name] for name in os.environ.get('FLEXX2_REQUIRE', '').spl
 _OF_EXTRAS = 'cv2', 'h5py', 'mcap', 'trimesh', 'warp'
 
 
+# Files of long tests. They go first, so that no process is left alone with one of them.
+_LONG = 'test_compile_command', 'test_documentation', 'test_gap_benchmark', 'test_gap_cost'
+_LONG += 'test_diagnose_your_flexx2', 'test_gap_forms', 'test_gap_next', 'test_gap_truth'
+
+
+def pytest_collection_modifyitems(items):
+    """Begin with what takes longest."""
+    items.sort(key=lambda item: item.path.stem not in _LONG)
+
+
 def _require(report):
     if report.skipped and isinstance(report.longrepr, tuple):
         reason = report.longrepr[2]

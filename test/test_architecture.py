@@ -1,6 +1,7 @@
 """The structure that ARCHITECTURE.md draws: imports go down from room to room, in no circle."""
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 import re
@@ -29,10 +30,17 @@ def module_name(path):
 MODULES = {module_name(path): path for path in PACKAGE.rglob('*.py')}
 
 
+@cache
+def nodes(path):
+    """Return the statements and expressions of a file."""
+    return list(ast.walk(ast.parse(path.read_text())))
+
+
+@cache
 def imports(path):
     """Return the modules of this package that a file imports, also inside its functions."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in nodes(path):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -78,7 +86,7 @@ def test_nothing_that_is_installed_imports_what_is_not():
     users = {
         module
         for module, path in MODULES.items()
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in nodes(path)
         if isinstance(node, ast.ImportFrom) and node.module
         if node.module.split('.')[0] in ('study', 'bench')
     }

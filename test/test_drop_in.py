@@ -1,6 +1,5 @@
 """What stands in for the vendor's driver: parameters, cloud, frame, and the launch files."""
 
-import os
 import re
 import shutil
 import signal
@@ -10,7 +9,7 @@ import sys
 from flexx2_sim_ros.nodes.tf_frames import optical_transform
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
-from programs import finish, node_words, PATIENCE, ROOT, run_flexx2, started
+from programs import finish, node_words, PATIENCE, ROOT, started
 import pytest
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import PointCloud2
@@ -257,38 +256,3 @@ def test_the_launch_files_are_documented():
         assert path.name in pages
         for argument in re.findall(r"^    '(\w+)': \(", path.read_text(), re.M):
             assert f'`{argument}`' in pages
-
-
-def logged(env, cache, until):
-    """Return what a camera node logs up to a text, with a cache of its own."""
-    words = node_words('flexx2_camera', '-r', '__ns:=/fresh')
-    with started(words, env={**env, 'NUMBA_CACHE_DIR': str(cache)}) as process:
-        said = ''
-        for line in process.stderr:
-            said += line
-            if until in line:
-                break
-    return said
-
-
-def test_the_first_start_says_that_it_compiles(child_env, tmp_path):
-    said = logged(child_env, tmp_path, until='compiling')
-    assert 'compiling the camera model' in said
-    assert 'waiting for' not in said
-
-
-def test_compiled_ahead_of_time_it_starts_at_once(child_env, tmp_path):
-    def compile_command():
-        return run_flexx2(
-            'compile',
-            '--no-effects',
-            env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path)},
-            check=True,
-            cwd=ROOT,
-        ).stdout
-
-    assert 'compiled in' in compile_command()
-    assert compile_command() == 'everything was compiled before\n'
-    said = logged(child_env, tmp_path, until='waiting for')
-    assert 'waiting for' in said
-    assert 'compiling' not in said

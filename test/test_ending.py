@@ -13,8 +13,6 @@ import numpy as np
 from programs import flexx2_words, PATIENCE, run_python, starting, until
 import pytest
 
-SIGNALS = [signal.SIGINT, signal.SIGTERM]
-
 
 @pytest.fixture
 def start(tmp_path):

@@ -3,10 +3,12 @@
 import json
 
 from flexx2_sim_ros.cli.main import main
-from study.benchmark import score
+from study.benchmark import make_design, score
 
 
-def test_the_quick_benchmark_reaches_its_floors(tmp_path, capsys):
+def test_the_quick_benchmark_reaches_its_floors(tmp_path, monkeypatch, capsys):
+    """Assert it of every second case: four single effects, a pair, a novel one and none."""
+    monkeypatch.setattr('study.benchmark.runner.make_design', lambda *how: make_design(*how)[::2])
     # In this process: two would each compile the blind camera and the diagnosis.
     assert main(['gap', 'benchmark', '--quick', '--out', str(tmp_path), '--jobs', '1']) == 0
     assert 'single effects, strength 1: correct' in capsys.readouterr().out
@@ -17,11 +19,11 @@ def test_the_quick_benchmark_reaches_its_floors(tmp_path, capsys):
     scores = score(tmp_path)
     # Floors, below what is found: all seeds are the same in every run, but not every machine's
     # arithmetic.
-    assert sum(answer.right for answer in scores.of('single')) >= 5
-    assert sum(answer.wrong for answer in scores.of('single')) <= 1
-    assert sum(answer.right for answer in scores.of('none')) >= 1
-    assert sum(answer.right for answer in scores.of('novel')) >= 1
+    assert len(scores.of('single')) == 4
+    assert sum(answer.right for answer in scores.of('single')) >= 3
+    assert scores.of('none')[0].right
+    assert scores.of('novel')[0].right
     assert scores.of('pair')[0].right
     realised = [a for a in scores.answers if a.realised == a.realised]
     assert all(abs(a.predicted - a.realised) < 0.3 for a in realised)
-    assert sum(a.overlap for a in scores.of('single')) / 7 > 0.35
+    assert sum(a.overlap for a in scores.of('single')) / 4 > 0.35

@@ -5,10 +5,9 @@ import json
 import math
 import shutil
 
-from campaigns import write_diagnosis
+from campaigns import all_but, write_diagnosis
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.planning.next_recording import suggest
@@ -39,6 +38,7 @@ recordings:
 ALONE = ['--jobs', '1']
 THICK = 0.05  # metres, half the thickness of a panel
 LENS = {'intrinsics_error': {'strength': 2.0}}
+KEPT = 'intrinsics_error', 'multipath', 'offset', 'amplitude_bias', 'pose_error'
 
 
 @pytest.fixture(scope='module')
@@ -64,7 +64,7 @@ def undecided(plan, tmp_path_factory):
     """Return a diagnosis that explains only a part of the gap, and its recordings."""
     folder = tmp_path_factory.mktemp('undecided')
     campaign = record(folder / 'campaign', plan, LENS, KINDS[0], ['frontal', 'corner'])
-    table = diagnose(campaign, out=folder / 'diagnosis')
+    table = diagnose(campaign, out=folder / 'diagnosis', without=all_but(*KEPT))
     assert table['verdict'] == 'partly'
     assert [row['name'] for row in table['effects']] == ['intrinsics_error', 'multipath']
     return folder / 'diagnosis', campaign
@@ -122,7 +122,7 @@ def test_the_suggestion_settles_what_was_open(plan, undecided, tmp_path, capsys)
     record(after, plan, LENS, KINDS[0], names)
     for path in campaign.glob('*.npz'):
         shutil.copy(path, after / f'before_{path.name}')
-    settled = diagnose(after)
+    settled = diagnose(after, without=all_but(*KEPT))
     assert settled['effects'][0]['name'] == 'intrinsics_error'
     assert not settled['alternatives']
 
@@ -133,8 +133,7 @@ def test_a_laser_decides_what_fitted_planes_leave_open(plan, tmp_path):
     campaign = record(tmp_path / 'campaign', plan, {}, planes, ['frontal'])
     # Few effects, so that the test is short. `gap next` leaves out what the diagnosis left out.
     kept = 'pose_error', 'offset', 'amplitude_bias'
-    without = [name for name in registry() if name not in kept]
-    table = diagnose(campaign, without=without, out=tmp_path / 'diagnosis')
+    table = diagnose(campaign, without=all_but(*kept), out=tmp_path / 'diagnosis')
     assert 'offset' in [row['name'] for row in table['not_decidable']]
     kinds = ['planes', 'laser']
     found = suggest(tmp_path / 'diagnosis', campaign, plan, kinds=kinds).table
@@ -176,7 +175,7 @@ def test_a_given_map_and_correction_are_part_of_smaller_images(plan, undecided, 
         'fixed_pattern': {'pattern': stripes.tolist()},
     }
     kept = 'pose_error', 'intrinsics_error', 'offset'
-    table['not_considered'] = [{'name': name} for name in registry() if name not in kept]
+    table['not_considered'] = [{'name': name} for name in all_but(*kept)]
     (folder / 'diagnosis.json').write_text(json.dumps(table))
     smaller = replace(plan, recordings=plan.recordings[:1], scale=0.125)
     own = tmp_path / 'own.npz'

@@ -2,7 +2,7 @@
 
 from bench.gap_campaigns import write_campaign
 from bench.planes import describe, record, VIEWS
-from flexx2_sim_ros.effects import registry
+from campaigns import ALIKE, among
 from flexx2_sim_ros.gap import diagnose, measure
 from flexx2_sim_ros.gap.inference.own_errors import common_motion
 from flexx2_sim_ros.gap.report.words import accuracy
@@ -49,7 +49,7 @@ def test_free_planes_make_no_gap_that_is_not_there(effect, tmp_path):
         depth, known = np.where(file['depth'] > 0, file['depth'], np.nan), file['known']
         off = np.abs(np.nanmean(depth[:, known], axis=0) - file['clean_depth'][known])
     kept = {effect, 'offset', 'warm_up_drift', 'amplitude_bias', 'multipath', 'intrinsics_error'}
-    found = diagnose(out, without=[one for one in registry() if one not in kept])
+    found = diagnose(out, **among(*kept))
     gap = found['gap']['wasserstein_mm']
     assert gap['after'] <= gap['before'] < 1000 * np.nanmean(off) + 1
     assert {row['name'] for row in found['effects']} <= {effect}
@@ -66,7 +66,9 @@ def test_poses_stay_as_near_as_is_stated(tmp_path):
     """Assert it of a bias that grows with the distance, which poses could take over."""
     camera = {'intrinsics_error': {'focal': 0.01}}
     write_campaign(tmp_path, seed=12, effects=camera, recordings=6, frames=6, scale=0.25, moving=0)
-    tables = [diagnose(tmp_path, pose_prior=prior) for prior in (None, (0.002, 0.125))]
+    tables = [
+        diagnose(tmp_path, pose_prior=prior, **among(*ALIKE)) for prior in (None, (0.002, 0.125))
+    ]
     free, held = (
         np.sqrt(np.mean([np.square(row['pose'][:3]) for row in table['recordings']]))
         for table in tables

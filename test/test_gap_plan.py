@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 import re
-import subprocess
 
 from flexx2_sim_ros.camera import flexx2, Intrinsics
 from flexx2_sim_ros.cli.main import main
@@ -18,7 +17,6 @@ from flexx2_sim_ros.gap.planning.table import compute, PowerRequest, read_table,
 from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
 from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
 from flexx2_sim_ros.jobs import workers
-from flexx2_sim_ros.paths import executable
 from flexx2_sim_ros.recording.truth import read_truth
 from flexx2_sim_ros.truth.absorbed import absorbed
 from flexx2_sim_ros.truth.plane_file import Measured, read_planes
@@ -47,13 +45,7 @@ def two(tmp_path):
 
 def test_command_writes_a_checklist_with_every_recording_and_effect(tmp_path):
     out = tmp_path / 'plan'
-    done = subprocess.run(
-        [executable('flexx2'), 'gap', 'plan', '--out', out],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    assert main(['gap', 'plan', '--out', str(out)]) == 0
     text, page = (out / 'checklist.md').read_text(), (out / 'plan.html').read_text()
     plan = read_plan(default_plan())
     for planned in plan.recordings:
@@ -87,21 +79,15 @@ def test_plan_has_a_form_for_what_is_measured(two, tmp_path):
     assert hint.distance == Measured(0.766, 0.003)
 
 
-def test_plan_of_another_camera_has_its_mode_and_its_name_in_the_commands(tmp_path):
-    command = [executable('flexx2'), 'gap', 'plan', '--profile', 'kinect_v2', '--out']
-    subprocess.run([*command, tmp_path], check=True)
+def test_plan_of_another_camera_has_its_mode_and_its_name_in_the_commands(tmp_path, capsys):
+    command = ['gap', 'plan', '--profile', 'kinect_v2', '--out', str(tmp_path)]
+    assert main(command) == 0
     text = (tmp_path / 'checklist.md').read_text()
     assert 'recordings, mode depth_30fps.' in text
     assert 'gap start recordings/ --scan room.ply --out gap/ --profile kinect_v2' in text
     assert 'ros2 param set' not in text
-    wrong = subprocess.run(
-        [*command, tmp_path, '--usecase', 'Mode_9_30fps'],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert wrong.returncode == 2
-    assert 'usecase: must be one of depth_30fps' in wrong.stderr
+    assert main([*command, '--usecase', 'Mode_9_30fps']) == 2
+    assert 'usecase: must be one of depth_30fps' in capsys.readouterr().err
 
 
 def test_no_image_is_made_smaller_than_the_smallest_camera():

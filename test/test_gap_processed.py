@@ -6,9 +6,8 @@ from pathlib import Path
 import re
 
 from bench.gap_campaigns import write_campaign
-from campaigns import read_all
+from campaigns import leaving, read_all
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.features.confirm import apart
 from flexx2_sim_ros.gap.features.processed import process_both
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
@@ -20,7 +19,6 @@ import pytest
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'recordings.md'
 TEXT = PAGE.read_text().split('## Your own processing')[1].split('\n## ')[0]
 EFFECTS = {'offset': {'bias': 0.02}, 'grazing_dropout': {}}
-OTHERS = [word for name in registry() if name not in EFFECTS for word in ('--without', name)]
 
 
 @pytest.fixture(scope='module')
@@ -53,7 +51,7 @@ def test_without_stages_it_is_the_gap_of_the_recordings(folder):
 def test_a_diagnosis_says_what_is_left_after_processing(folder, capsys):
     """Assert that filled pixels are no gap anymore, and the offset is, as large as it was."""
     (chain,) = re.findall(r'```yaml\n(.*?)```', TEXT, re.S)
-    table = diagnose(folder, chain, '--pose-prior', '0.002', '0.125', *OTHERS)
+    table = diagnose(folder, chain, '--pose-prior', '0.002', '0.125', *leaving(*EFFECTS))
     own = table['processed']
     stages = 'crop decimate median spatial smooth fill fill resize clip'
     assert own['stages'] == stages.split()
@@ -83,8 +81,7 @@ def test_recordings_that_are_processed_are_diagnosed_as_they_are(folder, tmp_pat
         target = tmp_path / 'recordings' / path.name
         words = [str(path), str(target), '--process', str(tmp_path / 'chain.yaml')]
         assert main(['convert', *words]) == 0
-    every = [word for name in registry() for word in ('--without', name)]
-    table = diagnose(tmp_path, stages, *every)
+    table = diagnose(tmp_path, stages, *leaving())
     assert table['processed'] == {
         'reason': 'the recordings are processed already, and diagnosed as they are'
     }
@@ -96,8 +93,7 @@ def test_recordings_that_are_processed_are_diagnosed_as_they_are(folder, tmp_pat
 
 def test_images_that_are_too_small_are_no_reason_to_fail(folder):
     stages = '{schema: 1, process: [{crop: {left: 500}}]}'
-    every = [word for name in registry() for word in ('--without', name)]
-    table = diagnose(folder, stages, *every)
+    table = diagnose(folder, stages, *leaving())
     assert 'crop: must leave pixels' in table['processed']['reason']
     (recording, *_) = read_all(folder / 'recordings')
     tiny = parse_chain([{'resize': {'width': 2, 'height': 2}}]).stages

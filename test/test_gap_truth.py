@@ -7,10 +7,9 @@ import shutil
 from bench import gap_truth
 from bench.gap_campaigns import write_campaign
 from bench.gap_truth import rewrite
-from campaigns import change, save
+from campaigns import ALIKE, among, change, leaving, save
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.inference.decidable import decidable_part
@@ -22,11 +21,7 @@ import yaml
 
 SMALL = {'scale': 0.5, 'recordings': 6, 'frames': 8, 'moving': 0}
 SEED = 101
-# Effects that no error of the ground truth looks like; without them a diagnosis is short.
-KEPT = 'offset', 'wiggling', 'warm_up_drift', 'depth_scale', 'amplitude_bias', 'multipath'
-KEPT += 'stray_light', 'intrinsics_error', 'pose_error'
-WITHOUT = [name for name in registry() if name not in KEPT]
-LEFT_OUT = [word for name in WITHOUT for word in ('--without', name)]
+USUAL = among(*ALIKE)
 MODE = 'Mode_9_30fps'
 
 
@@ -49,7 +44,7 @@ def with_truth(campaign, folder, truth):
 
 
 def test_no_effect_stays_none_where_part_is_unknown(campaigns, tmp_path):
-    table = diagnose(with_truth(campaigns['none'], tmp_path / 'masked', 'masked'), without=WITHOUT)
+    table = diagnose(with_truth(campaigns['none'], tmp_path / 'masked', 'masked'), **USUAL)
     assert table['verdict'] == 'none'
     assert table['not_decidable'] == []
     for row in table['recordings']:
@@ -62,7 +57,9 @@ def test_no_effect_stays_none_where_part_is_unknown(campaigns, tmp_path):
 )
 def test_an_effect_is_found_with_less_ground_truth(campaigns, tmp_path, effect, truth):
     """Assert the name that the exact truth gives."""
-    table = diagnose(with_truth(campaigns[effect], tmp_path / truth, truth), without=WITHOUT)
+    kept = 'offset', 'amplitude_bias', 'multipath', 'wiggling', 'pose_error'
+    folder = with_truth(campaigns[effect], tmp_path / truth, truth)
+    table = diagnose(folder, **among(*kept))
     # Others explain a bias nearly as well, so that it may be less probable than not.
     assert table['verdict'] in (['identified'] if effect == 'multipath' else EXPLAINED)
     assert [row['name'] for row in table['effects']] == [effect]
@@ -71,7 +68,9 @@ def test_an_effect_is_found_with_less_ground_truth(campaigns, tmp_path, effect, 
 
 def test_planes_fitted_to_the_frames_decide_nothing_that_moves_them(campaigns, tmp_path, capsys):
     folder, out = with_truth(campaigns['offset'], tmp_path / 'fitted', 'fitted'), tmp_path / 'out'
-    assert main(['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1', *LEFT_OUT]) == 0
+    command = ['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1']
+    command += ['--forms', 'catalogue']
+    assert main([*command, *leaving(*ALIKE)]) == 0
     table = json.loads((out / 'diagnosis.json').read_text())
     assert table['verdict'] == 'not_decidable'
     assert table['effects'] == []
@@ -94,7 +93,7 @@ def test_no_effect_is_named_where_one_that_the_truth_hides_explains_as_much(tmp_
     campaign = tmp_path / 'campaign'
     write_campaign(campaign, seed=SEED, effects={'warm_up_drift': {'strength': 1.0}}, **SMALL)
     folder, out = with_truth(campaign, tmp_path / 'planes', 'constrained'), tmp_path / 'out'
-    table = diagnose(folder, without=WITHOUT, out=out)
+    table = diagnose(folder, **USUAL, out=out)
     assert table['verdict'] == 'unknown'
     assert table['effects'] == []
     alternatives = {row['name'] for row in table['alternatives']}
@@ -140,10 +139,10 @@ def write_walls(folder, **truth):
 def test_an_error_within_the_accuracy_of_the_truth_is_no_gap(tmp_path):
     """Assert it where the pose is exact, so that nothing else can take the error."""
     exact = {'pose_covariance': np.zeros((6, 6))}
-    wrong = diagnose(write_walls(tmp_path / 'exact', **exact), without=WITHOUT)
+    wrong = diagnose(write_walls(tmp_path / 'exact', **exact), **USUAL)
     assert wrong['verdict'] != 'none'
     inexact = write_walls(tmp_path / 'inexact', clean_sigma=np.array(0.004), **exact)
-    table = diagnose(inexact, without=WITHOUT)
+    table = diagnose(inexact, **USUAL)
     assert table['verdict'] in ('none', 'not_decidable')
     assert table['effects'] == []
     assert table['recordings'][0]['truth']['sigma'] == pytest.approx(0.004)
@@ -160,7 +159,7 @@ def test_an_effect_below_the_accuracy_of_the_truth_is_open_and_a_strong_one_is_f
         change(file, clean_sigma=np.array(0.003))
     hidden = {'effect': 'stray_light', 'absorbed': 0.99, 'settled_by': 'motion capture'}
     (tmp_path / 'truth.yaml').write_text(yaml.safe_dump({'schema': 1, 'cannot_decide': [hidden]}))
-    table = diagnose(tmp_path, without=[*WITHOUT, 'pose_error'])
+    table = diagnose(tmp_path, **among(*ALIKE[:-1]))
     rows = {row['name']: row for row in table['not_decidable']}
     assert len(rows) == len(table['not_decidable'])
     assert rows['stray_light']['settled_by'] == 'motion capture'
@@ -174,11 +173,9 @@ def test_an_effect_below_the_accuracy_of_the_truth_is_open_and_a_strong_one_is_f
 
 def test_a_pose_stays_within_its_covariance(tmp_path):
     """Assert that errors of the walls are taken for the pose as far as that may be wrong."""
-    left_out = [*WITHOUT, 'pose_error']
+    usual = among(*ALIKE[:-1])
     tight, loose = (
-        diagnose(
-            write_walls(tmp_path / name, pose_covariance=variance * np.eye(6)), without=left_out
-        )
+        diagnose(write_walls(tmp_path / name, pose_covariance=variance * np.eye(6)), **usual)
         for name, variance in (('tight', 1e-8), ('loose', 1e-4))
     )
     held, free = (

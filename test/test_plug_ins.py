@@ -8,6 +8,7 @@ import re
 
 from bench.gap_campaigns import write_campaign
 from boards import K
+from campaigns import leaving, SMALL
 from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.effects_profiles import DRAW_PROFILE
@@ -117,17 +118,13 @@ def test_the_command_line_has_it_and_the_diagnosis_finds_it(site, tmp_path):
     assert 'row_banding' in shown.stdout, shown.stderr
     with on_path(site):
         write_campaign(
-            tmp_path / 'campaign',
-            seed=6,
-            effects={'row_banding': {'amplitude': 0.002}},
-            scale=0.5,
-            recordings=4,
-            frames=8,
-            moving=1,
+            tmp_path / 'campaign', seed=6, effects={'row_banding': {'amplitude': 0.002}}, **SMALL
         )
     out = tmp_path / 'out'
     done = command(
-        site, 'gap', 'diagnose', str(tmp_path / 'campaign'), '--out', str(out), '--jobs', '2'
+        site,
+        *('gap', 'diagnose', str(tmp_path / 'campaign'), '--out', str(out), '--jobs', '2'),
+        *leaving('fixed_pattern', 'excess_noise', 'heavy_tails', 'pose_error'),
     )
     assert done.returncode == 0, done.stderr
     table = json.loads((out / 'diagnosis.json').read_text())

@@ -8,6 +8,7 @@ from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.bag_writer import BagWriter
 from flexx2_sim_ros.recording.opening import recording_cameras
 import numpy as np
+from programs import call_flexx2
 import pytest
 from recorders import finish, flexx2
 from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener
@@ -84,37 +85,20 @@ def test_a_recording_has_the_ground_truth_and_no_second_camera(simulator, child_
     shown = recording.clean_depth[np.isfinite(recording.clean_depth).all(axis=(1, 2))]
     assert len(shown)
     np.testing.assert_allclose(shown, 1.5, rtol=1e-5)
-
-
-def test_a_bag_that_was_recorded_otherwise_takes_an_option(simulator, child_env, tmp_path):
-    bag = tmp_path / 'bag'
+    # As other recorders do, with the topics' own names: it takes an option.
     own = f'{SPACE}/flexx2_camera'
     topics = [*TOPICS.values(), f'{own}/depth_image_0', f'{own}/camera_info']
-    with flexx2(child_env, 'record', bag, '--seconds', 1) as process:
-        while process.poll() is None:
-            simulator.show()
-        finish(process)
-    # As other recorders do, with the topics' own names.
     names = {f'{SPACE}/{name}': topic for name, topic in TOPICS.items()}
     with BagWriter(tmp_path / 'other') as writer:
         for topic, kind, when, data in Bag(bag).messages(None):
             topic = names.get(topic, topic)
             if topic in topics:
                 writer.write(topic, kind, when, data)
-    with flexx2(
-        child_env,
-        'convert',
-        tmp_path / 'other',
-        tmp_path / 'one.npz',
-        '--usecase',
-        'Mode_9_30fps',
-        '--clean',
-        TOPICS['clean/depth_image'],
-    ) as process:
-        finish(process)
-    recording, wanted = load_recording(tmp_path / 'one.npz'), load_recording(bag)
-    np.testing.assert_array_equal(recording.clean_depth, wanted.clean_depth)
-    np.testing.assert_array_equal(recording.depth, wanted.depth)
+    given = f'--usecase Mode_9_30fps --clean {TOPICS["clean/depth_image"]}'
+    call_flexx2(f'convert {tmp_path}/other {tmp_path}/one.npz {given}')
+    other = load_recording(tmp_path / 'one.npz')
+    np.testing.assert_array_equal(other.clean_depth, recording.clean_depth)
+    np.testing.assert_array_equal(other.depth, recording.depth)
 
 
 def test_the_page_shows_clean_depth(simulator):

@@ -5,6 +5,7 @@ from pathlib import Path
 import re
 
 from bench.wall_campaigns import wall
+from campaigns import leaving
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.characterize.measurement import measure
 from flexx2_sim_ros.cli.main import main
@@ -67,6 +68,7 @@ def test_a_camera_of_64_pixels_is_measured_and_diagnosed(tmp_path):
     out = tmp_path / 'out'
     campaign = str(tmp_path / 'campaign')
     options = ['--profile', str(profile), '--out', str(out), '--jobs', '1']
+    options += leaving('offset', 'intrinsics_error', 'quantisation', 'pose_error')
     assert main(['gap', 'diagnose', campaign, *options]) == 0
     table = json.loads((out / 'diagnosis.json').read_text())
     effects = {row['name']: row['parameters'] for row in table['effects']}
@@ -141,6 +143,7 @@ def diagnosed(folder, latency):
         given = ['--usecase', 'vl53l5cx', '--partial-truth']
         assert main(['convert', str(folder / 'sdk.npz'), out, *given]) == 0
     words = [str(folder / 'flights'), '--profile', str(profile), '--jobs', '1']
+    words += leaving('time_offset', 'quantisation', 'temporal_filter', 'pose_error')
     assert main(['gap', 'diagnose', *words, '--out', str(folder / 'out')]) == 0
     return dict(json.loads((folder / 'out' / 'diagnosis.json').read_text()))
 
