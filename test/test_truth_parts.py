@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from flexx2_sim_ros.truth.alignment import AlignedPixels
+from flexx2_sim_ros.truth.alignment import AlignedPixels, PosedImage
 from flexx2_sim_ros.truth.columns import ErrorColumns
-from flexx2_sim_ros.truth.joint import PosedImage, Solution
+from flexx2_sim_ros.truth.joint import Solution
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.shared import _hidden_by_bounce
 import numpy as np

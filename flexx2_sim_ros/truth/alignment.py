@@ -1,22 +1,32 @@
 """Align a depth image to a room: Gauss-Newton on what each ray measures, with a robust loss."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+import math
+from pathlib import Path
 
+from flexx2_sim_ros.truth.columns import ErrorColumns
+from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Observation
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.robust import robust_sigma
-from flexx2_sim_ros.truth.rooms import Hits, Room
+from flexx2_sim_ros.truth.rooms import Hits
+from flexx2_sim_ros.truth.solver import (
+    damped_step,
+    information,
+    minimise,
+    robust_weights,
+    TRUNCATION,
+)
 import numpy as np
 
-# Larger residuals are truncated to this: metres.
-TRUNCATION = 0.1
 _NOISE = 2.0  # standard deviations of noise that do not count as a misfit
 _GRAZING = 0.25  # cosine of the incidence angle: 75 degrees
-_CAUCHY = 1.5  # in units of the scale
-_LEAST_SCALE = 0.0005  # metres: no mesh is better
+_FEWEST = 12  # pixels
 _LONGEST_STEP, _WIDEST_STEP = 0.15, 0.15  # metres, radians
 _CONVERGED = 2e-6
+_POSE_PRIOR = 1.0  # 1/m2: keeps the equations regular if the recording does not determine the pose
 _TILE = 8  # pixels
+NO_ERRORS = ErrorColumns(False, (), False)
 
 
 @dataclass(frozen=True)
@@ -62,11 +72,14 @@ class AlignedPose:
     pose : Pose
     cost : float
         Mean truncated residual, 0 to 1.
+    rival : float
+        Cost of the best pose elsewhere; infinite if there is none.
 
     """
 
     pose: Pose
     cost: float
+    rival: float = math.inf
 
 
 def choose(observation: Observation, most: int, seed: int = 0) -> AlignedPixels:
@@ -113,35 +126,171 @@ def jacobian(hits: Hits, rays: np.ndarray) -> np.ndarray:
         return -change / hits.slant(rays)[:, None]
 
 
-def facing(hits: Hits, target: AlignedPixels) -> np.ndarray:
-    """Return (N,) bool: hits that are not at a grazing angle."""
-    with np.errstate(invalid='ignore'):
-        return -hits.slant(target.rays) > _GRAZING * target.length
+@dataclass(frozen=True)
+class Linear:
+    """
+    The weighted linear equations of a view: y = J motion + A coefficients.
+
+    Attributes
+    ----------
+    J, A, y, weight : numpy.ndarray
+        (N, 6), (N, k), (N,), (N,).
+    tile : numpy.ndarray
+        (N,) see `AlignedPixels`.
+    bias : numpy.ndarray
+        (N,) depth error by a bias of 1 m along the ray.
+
+    """
+
+    J: np.ndarray
+    A: np.ndarray
+    y: np.ndarray
+    weight: np.ndarray
+    tile: np.ndarray
+    bias: np.ndarray
+
+    @property
+    def H(self) -> np.ndarray:  # noqa: N802
+        """Return the (6, 6) information of the pose alone."""
+        return information(self.J, self.weight) + _POSE_PRIOR * np.eye(6)
+
+    @property
+    def B(self) -> np.ndarray:  # noqa: N802
+        """Return (6, k), pose against coefficients."""
+        return (self.J * self.weight[:, None]).T @ self.A
+
+    @property
+    def g(self) -> np.ndarray:
+        """Return (6,), the right side of the pose."""
+        return self.J.T @ (self.weight * self.y)
+
+    def free(self, columns: np.ndarray) -> np.ndarray:
+        """Return (N, m) columns without the part that a motion of the camera explains."""
+        return columns - self.J @ np.linalg.solve(
+            self.H, (self.J * self.weight[:, None]).T @ columns
+        )
 
 
-def residuals(hits: Hits, target: AlignedPixels) -> np.ndarray:
-    """Return (N,) measured minus expected depth, without whole wraps; NaN without a hit."""
-    return unwrapped(target.depth - hits.depth, target.length, target.wraps)
+@dataclass(frozen=True)
+class PosedImage:
+    """
+    One image with its pose.
+
+    Attributes
+    ----------
+    recording : int
+        Number of its recording.
+    room : pathlib.Path
+        The room's file; see `load_room`.
+    target : AlignedPixels
+        Its pixels.
+    pose : Pose
+    bounce : numpy.ndarray
+        (N,) simulated depth error of each pixel by light that bounced once, metres.
+    uptime : float
+        Seconds since the camera was switched on; infinite if unknown.
+    columns : ErrorColumns
+        The errors that its camera has.
+    values : numpy.ndarray
+        (k,) coefficients of these.
+    reach : float
+        Metres: larger residuals are truncated to this.
+
+    """
+
+    recording: int
+    room: Path
+    target: AlignedPixels
+    pose: Pose
+    bounce: np.ndarray
+    uptime: float = math.inf
+    columns: ErrorColumns = NO_ERRORS
+    values: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    reach: float = TRUNCATION
+
+    @cached_property
+    def rays(self) -> np.ndarray:
+        """Return (N, 2) the rays along which its camera sees."""
+        return self.columns.true_rays(self.values, self.target.rays)
+
+    @cached_property
+    def hits(self) -> Hits:
+        """Return what these rays hit."""
+        return load_room(self.room).cast(self.pose, self.rays)
+
+    @cached_property
+    def residual(self) -> np.ndarray:
+        """Return (N,) measured minus expected depth, without whole wraps; NaN without a hit."""
+        target = self.target
+        return unwrapped(target.depth - self.hits.depth, target.length, target.wraps)
+
+    @cached_property
+    def A(self) -> np.ndarray:  # noqa: N802
+        """Return (N, k) the depth error per unit of each coefficient."""
+        return self.columns.design(self.hits, self.rays, self.bounce, self.uptime)
+
+    @cached_property
+    def error(self) -> np.ndarray:
+        """Return (N,) the residual without the errors of its camera."""
+        # The rays have the errors of the lens already.
+        return self.residual - self.A @ np.where(self.columns.of_lens, 0, self.values)
+
+    @cached_property
+    def cost(self) -> float:
+        """Return the mean of truncated errors, 0 to 1; a ray without a hit counts in full."""
+        limit = self.reach + _NOISE * self.target.sigma
+        with np.errstate(invalid='ignore'):
+            short = np.fmin(np.abs(self.error) / limit, 1)
+        return float(short.mean()) if len(short) else 1.0
+
+    @cached_property
+    def linear(self) -> Linear:
+        """Return its equations, with robust weights; without hits at a grazing angle."""
+        target, hits = self.target, self.hits
+        with np.errstate(invalid='ignore'):
+            use = -hits.slant(target.rays) > _GRAZING * target.length
+        use &= np.isfinite(self.residual)
+        A, error = self.A[use], self.error[use]
+        # The error of a mesh is perpendicular to its surface.
+        weight = robust_weights(error, target.sigma[use] ** 2, self.reach)
+        J = jacobian(hits.picked(use), self.rays[use])
+        y = error + A @ self.values
+        return Linear(J, A, y, weight, target.tile[use], 1 / target.length[use])
+
+    @property
+    def freedom(self) -> float:
+        """Return how far it can move along its least certain axis, by its pixels: metres."""
+        spread = np.linalg.inv(self.linear.H)
+        return float(np.sqrt(np.linalg.eigvalsh(spread[:3, :3])[-1]))
+
+    def step(self, damping: float) -> np.ndarray | None:
+        """Return the next step of its camera."""
+        one = self.linear
+        if len(one.y) < _FEWEST:
+            return None
+        return clamped(damped_step(one.J, one.weight, one.y - one.A @ self.values, damping))
+
+    def moved(self, step: np.ndarray) -> 'PosedImage':
+        """Return it after a motion of its camera."""
+        return replace(self, pose=self.pose.moved(step))
+
+    def loss(self, other: 'PosedImage') -> float:
+        """Return the cost of another one."""
+        return other.cost
+
+    def settled(self, steps: int) -> 'PosedImage':
+        """Return it aligned, in so many steps."""
+        return minimise(self, steps, _CONVERGED)
 
 
-def cost(residual: np.ndarray, sigma: np.ndarray, reach: float = TRUNCATION) -> float:
-    """Return the mean of truncated residuals, 0 to 1; a ray without a hit counts in full."""
-    limit = reach + _NOISE * sigma
-    with np.errstate(invalid='ignore'):
-        return float(np.fmin(np.abs(residual) / limit, 1).mean()) if len(residual) else 1.0
-
-
-def robust_weights(residual: np.ndarray, variance: np.ndarray, widest: float) -> np.ndarray:
-    """Return (N,) weights of a Cauchy loss, of a scale up to `widest`, metres; 0 for NaN."""
-    good = np.isfinite(residual)
-    if not good.any():
-        return np.zeros(len(residual))
-    scale2 = np.clip(_CAUCHY * robust_sigma(residual), _LEAST_SCALE, widest) ** 2 + variance
-    return np.where(good, 1 / (scale2 + np.nan_to_num(residual) ** 2), 0.0)
+def view_of(room: Path, image: Observation, most: int, pose: Pose) -> PosedImage:
+    """Return up to `most` pixels of an image from a pose, of a camera without errors."""
+    target = choose(image, most)
+    return PosedImage(0, room, target, pose, np.zeros(len(target.depth)))
 
 
 def align(
-    room: Room, target: AlignedPixels, start: Pose, steps: int = 20, reach: float = TRUNCATION
+    room: Path, target: AlignedPixels, start: Pose, steps: int, reach: float = TRUNCATION
 ) -> AlignedPose:
     """
     Align pixels to a room, in so many steps, from a pose within about 0.2 m and 10 degrees.
@@ -150,37 +299,9 @@ def align(
     small one is more robust.
 
     """
-    pose, damping = start, 1e-3
-    hits = room.cast(pose, target.rays)
-    residual = residuals(hits, target)
-    best = cost(residual, target.sigma, reach)
-    for _ in range(steps):
-        use = facing(hits, target) & np.isfinite(residual)
-        if use.sum() < 12:
-            break
-        J = jacobian(hits, target.rays)[use]
-        # The error of a mesh is perpendicular to its surface.
-        variance = target.sigma[use] ** 2
-        weight = robust_weights(residual[use], variance, reach)
-        H = (J * weight[:, None]).T @ J
-        step = np.linalg.solve(
-            H + damping * np.diag(np.diag(H) + 1e-9), J.T @ (weight * residual[use])
-        )
-        step = clamped(step)
-        trial = pose.moved(step)
-        hits_there = room.cast(trial, target.rays)
-        residual_there = residuals(hits_there, target)
-        cost_there = cost(residual_there, target.sigma, reach)
-        if cost_there <= best * (1 + 1e-6):
-            pose, hits, residual, best = trial, hits_there, residual_there, cost_there
-            damping = max(damping / 10, 1e-6)
-        else:
-            damping *= 10
-            if damping > 1e3:
-                break
-        if np.abs(step).max() < _CONVERGED:
-            break
-    return AlignedPose(pose, best)
+    none = np.zeros(len(target.depth))
+    found = PosedImage(0, room, target, start, none, reach=reach).settled(steps)
+    return AlignedPose(found.pose, found.cost)
 
 
 def clamped(step: np.ndarray) -> np.ndarray:

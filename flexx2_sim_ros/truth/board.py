@@ -1,6 +1,7 @@
 """Printed boards: which one it is, and where a gray image shows it."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -161,7 +162,8 @@ def _refined(target: Printed, gray: Gray, rough: GrayFit, scale_error: float) ->
         return 'too little of the board is in its gray image'
     if fit.cost > _WORST_COST:
         return 'its gray image shows a board, but not as its description has it'
-    return fit.with_scale_error(float(np.hypot(scale_error, target.scale_error)))
+    shift = fit.scale_shift * np.hypot(scale_error, target.scale_error)
+    return replace(fit, covariance=fit.covariance + np.outer(shift, shift))
 
 
 def _starts(starts: list[Pose], tags: dict[int, np.ndarray], turns: int) -> list[Pose]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import math
 
-from flexx2_sim_ros.truth.robust import robust_sigma
+from flexx2_sim_ros.truth.solver import robust_sigma
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,6 +1,6 @@
 """The errors that recordings share: what each does to measured depth."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 from flexx2_sim_ros.truth.rooms import Hits
@@ -88,54 +88,48 @@ class ErrorColumns:
             true = image / (1 + k1 * (true**2).sum(axis=-1, keepdims=True))
         return true
 
-    def errors(
-        self, values: np.ndarray, hits: Hits, rays: np.ndarray, bounce: np.ndarray, uptime: float
+    @property
+    def of_lens(self) -> np.ndarray:
+        """Return (k,) bool: the errors of the lens."""
+        return np.isin(self.names, tuple(LENS))
+
+    def design(
+        self, hits: Hits, rays: np.ndarray, bounce: np.ndarray, uptime: float
     ) -> np.ndarray:
-        """Return the (N,) depth errors but for those of the lens; arguments as `error_columns`."""
-        part = replace(self, lens=False)
-        own = [i for i, name in enumerate(self.names) if name not in LENS]
-        return np.asarray(error_columns(part, hits, rays, bounce, uptime) @ values[own])
+        """
+        Return the depth error per unit of each coefficient.
 
+        Parameters
+        ----------
+        hits : Hits
+            (N,) surfaces that the rays should hit.
+        rays : numpy.ndarray
+            (N, 2) x/z and y/z.
+        bounce : numpy.ndarray
+            (N,) simulated depth error by light that bounced once, metres.
+        uptime : float
+            Seconds since the camera was switched on; infinite if unknown.
 
-def error_columns(
-    columns: ErrorColumns, hits: Hits, rays: np.ndarray, bounce: np.ndarray, uptime: float
-) -> np.ndarray:
-    """
-    Return the depth error per unit of each coefficient.
+        Returns
+        -------
+        numpy.ndarray
+            (N, k) metres along the optical axis.
 
-    Parameters
-    ----------
-    columns : ErrorColumns
-        The errors.
-    hits : Hits
-        (N,) surfaces that the rays should hit.
-    rays : numpy.ndarray
-        (N, 2) x/z and y/z.
-    bounce : numpy.ndarray
-        (N,) simulated depth error by light that bounced once, metres.
-    uptime : float
-        Seconds since the camera was switched on; infinite if unknown.
-
-    Returns
-    -------
-    numpy.ndarray
-        (N, k) metres along the optical axis.
-
-    """
-    depth, length = hits.depth, np.sqrt(1 + (rays**2).sum(axis=-1))
-    parts = [1 / length] if columns.bias else []
-    for period in columns.periods:
-        turn = 2 * np.pi * depth * length / period
-        parts += [np.sin(turn) / length, np.cos(turn) / length]
-    if columns.scale:
-        parts.append(depth)
-    if columns.lens:
-        parts += _lens_columns(hits, rays)
-    if columns.drift:
-        parts.append(math.exp(-uptime / columns.drift) / length)
-    if columns.bounce:
-        parts.append(bounce)
-    return np.stack(parts, axis=-1) if parts else np.zeros((len(depth), 0))
+        """
+        depth, length = hits.depth, np.sqrt(1 + (rays**2).sum(axis=-1))
+        parts = [1 / length] if self.bias else []
+        for period in self.periods:
+            turn = 2 * np.pi * depth * length / period
+            parts += [np.sin(turn) / length, np.cos(turn) / length]
+        if self.scale:
+            parts.append(depth)
+        if self.lens:
+            parts += _lens_columns(hits, rays)
+        if self.drift:
+            parts.append(math.exp(-uptime / self.drift) / length)
+        if self.bounce:
+            parts.append(bounce)
+        return np.stack(parts, axis=-1) if parts else np.zeros((len(depth), 0))
 
 
 def _lens_columns(hits: Hits, rays: np.ndarray) -> list[np.ndarray]:

@@ -203,7 +203,5 @@ def has_truth(path: Path) -> bool:
 
 def write_results(out: Path, table: dict[str, Any], html: str) -> None:
     """Write ``truth.yaml`` and ``truth.html``, both or none."""
-    with atomic.whole_files(atomic.output_folder(out)) as part:
-        text = yaml.safe_dump(table, sort_keys=False, allow_unicode=True)
-        (part / FILES[0]).write_text(text, encoding='utf-8')
-        (part / FILES[1]).write_text(html, encoding='utf-8', errors='backslashreplace')
+    text = yaml.safe_dump(table, sort_keys=False, allow_unicode=True)
+    atomic.write_texts(out, dict(zip(FILES, (text, html), strict=True)))

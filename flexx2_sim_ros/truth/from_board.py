@@ -1,7 +1,7 @@
 """Ground truth from a printed board: find it in gray images, and render its plane."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -36,15 +36,6 @@ _ELSEWHERE = 0.5  # reflectivity where it is unknown
 
 
 @dataclass(frozen=True)
-class BoardJob:
-    """A recording, the settings of the run, and the board to find."""
-
-    request: BoardRequest
-    path: Path
-    target: Printed
-
-
-@dataclass(frozen=True)
 class BoardPoses:
     """
     The poses of the camera relative to the board in a recording.
@@ -64,64 +55,12 @@ class BoardPoses:
 
     """
 
-    moving: bool
-    poses: tuple[tuple[float, ...] | None, ...]
-    covariances: tuple[np.ndarray, ...]
-    blur: float
-    contrast: float
-    reason: str
-
-
-def place_board(job: BoardJob) -> BoardPoses:
-    """Find the board in a recording, or the reason why it is not found."""
-    try:
-        return _search(job)
-    except InputError as error:  # The others can be used.
-        return _placed(False, [reason_of(error, job.path)])
-
-
-def _search(job: BoardJob) -> BoardPoses:
-    footage = job.request.footage(job.path)
-    reader, moving, rays = footage.reader, footage.moving, footage.still.rays
-    if not has_gray(reader):
-        return _placed(moving, ['it has no gray image (amplitude)'])
-    if not has_gray(reader, moving):
-        return _placed(moving, ['it has one gray image for all frames, but moves'])
-    found: list[GrayFit | str] = []
-    before = None
-    for image in gray_images(reader, moving):
-        fit = find_board(job.target, Gray(image, rays), job.request.lens_error, before)
-        found.append(fit)
-        before = None if isinstance(fit, str) else fit
-    return _placed(moving, found)
-
-
-def _placed(moving: bool, found: Sequence[GrayFit | str]) -> BoardPoses:
-    fits = [fit for fit in found if isinstance(fit, GrayFit)]
-    reasons = [fit for fit in found if isinstance(fit, str)]
-    return BoardPoses(
-        moving,
-        tuple(None if isinstance(fit, str) else tuple(fit.pose.numbers()) for fit in found),
-        tuple(fit.covariance for fit in fits),
-        float(np.median([fit.blur for fit in fits])) if fits else 0.0,
-        float(np.median([fit.contrast for fit in fits])) if fits else 0.0,
-        '' if fits else max(set(reasons), key=reasons.count),
-    )
-
-
-def compare(job: BoardJob) -> tuple[float, ...]:
-    """Return how much a recording looks like each board that may be meant; 0 for not found."""
-    kinds = job.target.kinds
-    try:
-        footage = job.request.footage(job.path)
-        there = has_gray(footage.reader)
-        for image in gray_images(footage.reader, footage.moving) if there else ():
-            like = likeness(kinds, Gray(image, footage.still.rays))
-            if like:
-                return like
-    except InputError:  # It is reported where the board is placed.
-        pass
-    return (0.0,) * len(kinds)
+    moving: bool = False
+    poses: tuple[tuple[float, ...] | None, ...] = ()
+    covariances: tuple[np.ndarray, ...] = ()
+    blur: float = 0.0
+    contrast: float = 0.0
+    reason: str = ''
 
 
 @dataclass(frozen=True)
@@ -139,10 +78,12 @@ class _OnBoard:
 
 @dataclass(frozen=True)
 class BoardSurfaces:
-    """A board as a recording shows it; see `Surfaces`."""
+    """A board in a recording, with the settings of the run and what was found; see `Surfaces`."""
 
-    job: BoardJob
-    placed: BoardPoses
+    request: BoardRequest
+    path: Path
+    target: Printed
+    placed: BoardPoses = field(default_factory=BoardPoses)
 
     @property
     def moving(self) -> bool:
@@ -183,10 +124,10 @@ class BoardSurfaces:
         return GroundTruth(cleans, image, keys, number, gray, found)
 
     def _clean(self, image: Observation, pose: Pose) -> Clean:
-        target, inverse = self.job.target, pose.R[2] / -pose.t[2]
+        target, inverse = self.target, pose.R[2] / -pose.t[2]
         seen = inside(target, pose, image.rays)
-        clean = render_plane(image, inverse, target.flatness, self.job.request.wall | seen)
-        if self.job.request.wall:
+        clean = render_plane(image, inverse, target.flatness, self.request.wall | seen)
+        if self.request.wall:
             core = ~grow(~seen, _BORDER)
             seen = core | surface_around(image, inverse, core & image.smooth)
         part = np.where(grow(~seen, _BORDER), np.uint8(REFUSED), clean.part)
@@ -197,6 +138,58 @@ class BoardSurfaces:
         black = target.white * self.placed.contrast
         mixed = np.where(np.isfinite(white), black + (target.white - black) * white, _ELSEWHERE)
         return replace(clean, part=part, reflectivity=mixed.astype(np.float32))
+
+
+def place_board(job: BoardSurfaces) -> BoardPoses:
+    """Find the board in a recording, or the reason why it is not found."""
+    try:
+        return _search(job)
+    except InputError as error:  # The others can be used.
+        return _placed(False, [reason_of(error, job.path)])
+
+
+def _search(job: BoardSurfaces) -> BoardPoses:
+    footage = job.request.footage(job.path)
+    reader, moving, rays = footage.reader, footage.moving, footage.still.rays
+    if not has_gray(reader):
+        return _placed(moving, ['it has no gray image (amplitude)'])
+    if not has_gray(reader, moving):
+        return _placed(moving, ['it has one gray image for all frames, but moves'])
+    found: list[GrayFit | str] = []
+    before = None
+    for image in gray_images(reader, moving):
+        fit = find_board(job.target, Gray(image, rays), job.request.lens_error, before)
+        found.append(fit)
+        before = None if isinstance(fit, str) else fit
+    return _placed(moving, found)
+
+
+def _placed(moving: bool, found: Sequence[GrayFit | str]) -> BoardPoses:
+    fits = [fit for fit in found if isinstance(fit, GrayFit)]
+    reasons = [fit for fit in found if isinstance(fit, str)]
+    return BoardPoses(
+        moving,
+        tuple(None if isinstance(fit, str) else tuple(fit.pose.numbers()) for fit in found),
+        tuple(fit.covariance for fit in fits),
+        float(np.median([fit.blur for fit in fits])) if fits else 0.0,
+        float(np.median([fit.contrast for fit in fits])) if fits else 0.0,
+        '' if fits else max(set(reasons), key=reasons.count),
+    )
+
+
+def compare(job: BoardSurfaces) -> tuple[float, ...]:
+    """Return how much a recording looks like each board that may be meant; 0 for not found."""
+    kinds = job.target.kinds
+    try:
+        footage = job.request.footage(job.path)
+        there = has_gray(footage.reader)
+        for image in gray_images(footage.reader, footage.moving) if there else ():
+            like = likeness(kinds, Gray(image, footage.still.rays))
+            if like:
+                return like
+    except InputError:  # It is reported where the board is placed.
+        pass
+    return (0.0,) * len(kinds)
 
 
 def _judged(image: Observation, clean: Clean, pose: Pose, plane: np.ndarray) -> _OnBoard:
@@ -234,7 +227,7 @@ class BoardCampaign:
         text = 'finding the board'
         self.placed = run.each_once(text, (0.0, 0.7), place_board, jobs, inputs, (BoardPoses,))
         found = {
-            i: BoardSurfaces(job, one)
+            i: replace(job, placed=one)
             for i, (job, one) in enumerate(zip(jobs, self.placed, strict=True))
             if not one.reason
         }
@@ -253,8 +246,8 @@ class BoardCampaign:
 
     def _jobs(
         self, target: Printed, sources: Sequence[TruthSource]
-    ) -> tuple[list[BoardJob], list[list[Path]]]:
-        jobs = [BoardJob(self.request.settings(), one.path, target) for one in sources]
+    ) -> tuple[list[BoardSurfaces], list[list[Path]]]:
+        jobs = [BoardSurfaces(self.request.settings(), one.path, target) for one in sources]
         return jobs, [[one.path] for one in sources]
 
     def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:

@@ -1,7 +1,7 @@
 """Ground truth from planes of a room: find them in each recording, and move them to the tape."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ from flexx2_sim_ros.truth.plane_constraints import (
     PlacedPlanes,
     settle,
     turned,
-    turns,
 )
 from flexx2_sim_ros.truth.plane_file import PlaneFile, PlaneHint, read_planes
 from flexx2_sim_ros.truth.plane_finding import find_planes, ImagePlane
@@ -27,30 +26,6 @@ from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
 import numpy as np
 
 _FRONTAL = 20.0  # degrees between the normal and the optical axis
-
-
-@dataclass(frozen=True)
-class PlaneJob:
-    """
-    Planes to find in a recording.
-
-    Attributes
-    ----------
-    request : PlaneRequest
-        The settings of the run.
-    path : pathlib.Path
-        The recording.
-    hints : tuple of PlaneHint
-        The planes in it.
-    plan : PlaneFile
-        The file that they are from.
-
-    """
-
-    request: PlaneRequest
-    path: Path
-    hints: tuple[PlaneHint, ...]
-    plan: PlaneFile
 
 
 @dataclass(frozen=True)
@@ -116,7 +91,69 @@ def _off(surface: ImagePlane, placed: PlacedPlanes, k: int) -> float:
     return round((surface.distance - float(placed.distances[k])) * 1e3, 2)
 
 
-def place_planes(job: PlaneJob) -> Judged:
+@dataclass(frozen=True)
+class PlaneSurfaces:
+    """
+    Planes in a recording; see `Surfaces`.
+
+    Attributes
+    ----------
+    request : PlaneRequest
+        The settings of the run.
+    path : pathlib.Path
+        The recording.
+    hints : tuple of PlaneHint
+        The planes in it.
+    plan : PlaneFile
+        The file that they are from.
+    found : Judged or None
+        None before they are looked for.
+
+    """
+
+    request: PlaneRequest
+    path: Path
+    hints: tuple[PlaneHint, ...]
+    plan: PlaneFile
+    found: Judged | None = None
+    moving = False
+
+    def at(self, footage: Footage, number: int) -> Clean:
+        """Return the planes as the image shows them."""
+        return self._render(footage.still)[0]
+
+    def truth(self, footage: Footage) -> GroundTruth:
+        """Return the planes of the one image; its plane of each pixel, and their covariance."""
+        clean, plane = self._render(footage.still)
+        assert self.found is not None
+        assert self.found.covariance is not None
+        keys = {
+            'plane': plane,
+            'plane_covariance': self.found.covariance,
+            'plane_names': np.array([surface.name for surface in self.found.surfaces]),
+        }
+        return GroundTruth([clean], footage.still, keys)
+
+    def _render(self, image: Observation) -> tuple[Clean, np.ndarray]:
+        # Pixels outside the planes are unknown.
+        assert self.found is not None
+        placed = self.found.placed
+        assert placed is not None
+        out, plane = unknown(image), np.zeros(image.depth.shape, np.uint8)
+        flat = {hint.name: hint.flat for hint in self.hints}
+        for k, surface in enumerate(self.found.surfaces):
+            told, mask = flat[surface.name], surface.mask
+            error = self.request.room_error if told is None else told
+            one = render_plane(image, placed.normals[k] / placed.distances[k], error, mask)
+            for name in ('depth', 'incidence', 'sigma'):
+                getattr(out, name)[mask] = getattr(one, name)[mask]
+            plane[mask] = k + 1
+            new = (surface.part != OUTSIDE) & (out.part != KNOWN)
+            out.part[new] = surface.part[new]
+        return out, plane
+
+
+def place_planes(job: PlaneSurfaces) -> Judged:
     """Find the planes of a recording and move them to the measurements."""
     try:
         footage = job.request.footage(job.path)
@@ -133,7 +170,7 @@ def place_planes(job: PlaneJob) -> Judged:
     if not surfaces:
         return Judged('refused', ('no plane is found in it',))
     constraints = _constraints(job, names)
-    reason = turned(surfaces, constraints)
+    reason, notes = turned(surfaces, constraints)
     if reason:
         return Judged('refused', (reason,))
     placed, covariance = settle(_fitted(surfaces, footage.still), constraints)
@@ -141,7 +178,6 @@ def place_planes(job: PlaneJob) -> Judged:
     if reason:
         return Judged('refused', (reason,))
     doubts = doubts_of(surfaces, constraints)
-    notes = turns(surfaces, constraints)
     notes += [f'{hint.name}: not found' for hint in missing]
     notes += [note for surface in surfaces for note in surface.notes()]
     return Judged(
@@ -155,7 +191,7 @@ def place_planes(job: PlaneJob) -> Judged:
     )
 
 
-def _constraints(job: PlaneJob, names: list[str]) -> Constraints:
+def _constraints(job: PlaneSurfaces, names: list[str]) -> Constraints:
     told = {hint.name: hint.distance for hint in job.hints}
     angles = tuple(a for a in job.plan.angles if a.first in names and a.second in names)
     return Constraints(tuple(names), tuple(told[name] for name in names), angles, job.plan.origin)
@@ -173,47 +209,6 @@ def _fitted(surfaces: list[ImagePlane], image: Observation) -> PlacedPlanes:
     )
 
 
-@dataclass(frozen=True)
-class PlaneSurfaces:
-    """The planes of a recording; see `Surfaces`."""
-
-    job: PlaneJob
-    found: Judged
-    moving = False
-
-    def at(self, footage: Footage, number: int) -> Clean:
-        """Return the planes as the image shows them."""
-        return self._render(footage.still)[0]
-
-    def truth(self, footage: Footage) -> GroundTruth:
-        """Return the planes of the one image; its plane of each pixel, and their covariance."""
-        clean, plane = self._render(footage.still)
-        assert self.found.covariance is not None
-        keys = {
-            'plane': plane,
-            'plane_covariance': self.found.covariance,
-            'plane_names': np.array([surface.name for surface in self.found.surfaces]),
-        }
-        return GroundTruth([clean], footage.still, keys)
-
-    def _render(self, image: Observation) -> tuple[Clean, np.ndarray]:
-        # Pixels outside the planes are unknown.
-        placed = self.found.placed
-        assert placed is not None
-        out, plane = unknown(image), np.zeros(image.depth.shape, np.uint8)
-        flat = {hint.name: hint.flat for hint in self.job.hints}
-        for k, surface in enumerate(self.found.surfaces):
-            told, mask = flat[surface.name], surface.mask
-            error = self.job.request.room_error if told is None else told
-            one = render_plane(image, placed.normals[k] / placed.distances[k], error, mask)
-            for name in ('depth', 'incidence', 'sigma'):
-                getattr(out, name)[mask] = getattr(one, name)[mask]
-            plane[mask] = k + 1
-            new = (surface.part != OUTSIDE) & (out.part != KNOWN)
-            out.part[new] = surface.part[new]
-        return out, plane
-
-
 class PlaneCampaign:
     """Recordings of planes; see `Campaign`."""
 
@@ -228,7 +223,7 @@ class PlaneCampaign:
         """Find the planes in each recording."""
         self.sources, settings = sources, self.request.settings()
         jobs = [
-            PlaneJob(settings, one.path, self.plan.seen_in(one.target.stem), self.plan)
+            PlaneSurfaces(settings, one.path, self.plan.seen_in(one.target.stem), self.plan)
             for one in sources
         ]
         kinds = Judged, ImagePlane, PlacedPlanes
@@ -239,7 +234,7 @@ class PlaneCampaign:
         if not any(one.surfaces for one in self.found):
             raise InputError(f'{shown_path(sources[0].path)}: {self.found[0].reasons[0]}')
         return {
-            i: PlaneSurfaces(job, one)
+            i: replace(job, found=one)
             for i, (job, one) in enumerate(zip(jobs, self.found, strict=True))
             if one.surfaces
         }

@@ -8,18 +8,18 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_scan
+from flexx2_sim_ros.truth.alignment import NO_ERRORS, PosedImage
 from flexx2_sim_ros.truth.clock import ClockOffset, common_offset
-from flexx2_sim_ros.truth.columns import ErrorColumns
 from flexx2_sim_ros.truth.files import TruthSource
-from flexx2_sim_ros.truth.joint import PosedImage, solve
+from flexx2_sim_ros.truth.joint import solve
 from flexx2_sim_ros.truth.meshes import load_room
-from flexx2_sim_ros.truth.registration import Job, register, Registered, views_of
+from flexx2_sim_ros.truth.registration import ASSUMED, Job, register, Registered, views_of
 from flexx2_sim_ros.truth.requests import RoomRequest
 from flexx2_sim_ros.truth.room_writing import RoomSurfaces
 from flexx2_sim_ros.truth.run import Run
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import read_trajectory
-from flexx2_sim_ros.truth.verdict import as_given, ASSUMED, check_room, judge, RoomFit, strays
+from flexx2_sim_ros.truth.verdict import as_given, check_room, judge, RoomFit
 from flexx2_sim_ros.truth.writing import Surfaces, Written
 import numpy as np
 
@@ -60,11 +60,11 @@ class RoomCampaign:
         jobs = _jobs(request, sources)
         run.progress('loading the room', 0.0)
         self.size = np.ptp(load_room(request.room).bounds, axis=0)
-        placed = self._registered(run, jobs)
-        numbered = [(i, one.job, one.where) for i, one in enumerate(placed)]
+        self.placed = self._registered(run, jobs)
+        numbered = [(i, one.job, one.where) for i, one in enumerate(self.placed)]
         parts = run.each('simulating bounces', (0.55, 0.65), views_of, numbered)
         run.progress('fitting poses and shared errors', 0.65)
-        self.shared, self.placed, self.verdicts = _fit(parts, placed)
+        self.shared, self.verdicts = _fit(parts, self.placed)
         registered = [one.where for one in self.placed]
         check_room(request.room, bool(request.poses), registered, self.verdicts)
         offsets = [one.clock for one in registered if one.clock is not None]
@@ -187,52 +187,22 @@ def _register_one(job: Job) -> Registered | str:
 
 def _fit(
     parts: Sequence[Sequence[PosedImage]], placed: Sequence[_Placed]
-) -> tuple[Shared, list[_Placed], list[RoomFit]]:
+) -> tuple[Shared, list[RoomFit]]:
     # Recordings that do not fit would distort the shared errors, so they are left out first. So
     # are those whose poses are used as they were given.
     registered = [one.where for one in placed]
-    fitted = [
-        view
-        for part, one in zip(parts, registered, strict=True)
-        for view in part
-        if not one.believed
-    ]
-    alone = solve(fitted, ErrorColumns(False, (), False))
-    verdicts = judge(registered, alone)
-    out = [_as_given(*both) for both in zip(placed, verdicts, strict=True)]
-    registered = [one.where for one in out]
-    good = [
-        view
-        for view in alone.views
-        if verdicts[view.recording].state != 'refused' and not registered[view.recording].believed
-    ]
+    pairs = zip(parts, registered, strict=True)
+    alone = solve([view for part, one in pairs if not one.believed for view in part], NO_ERRORS)
+    first = judge(registered, alone)
+    good = [view for view in alone.views if first[view.recording].state != 'refused']
     shared = estimate(good) if good else Shared(alone, {})
-    final = judge(registered, shared.solution) if good else verdicts
-    for i, one in enumerate(out):
+    final = judge(registered, shared.solution) if good else first
+    for i, one in enumerate(placed):
         if one.where.believed:
-            views = parts[i] if placed[i].where.believed else views_of((i, one.job, one.where))
-            final[i] = as_given(views, one.accuracy, _why_given(placed[i], one))
-        elif verdicts[i].state == 'refused':
-            final[i] = verdicts[i]
-    return shared, out, final
-
-
-def _as_given(placed: _Placed, verdict: RoomFit) -> _Placed:
-    # What a camera of few pixels sees may not hold its pose, so that it strays from the given one.
-    where = placed.where
-    if where.given and strays(where) and not verdict.held:
-        return replace(placed, where=where.as_given())
-    return placed
-
-
-def _why_given(before: _Placed, after: _Placed) -> list[str]:
-    if before.where.believed:
-        return []
-    metres, degrees = after.accuracy
-    return [
-        'what it sees does not hold its pose, so that the given poses are used as they are, and '
-        f'taken to be right within {metres * 1e3:g} mm and {degrees:g} degrees (--pose-accuracy)'
-    ]
+            final[i] = as_given(one.where, parts[i], one.accuracy)
+        elif first[i].state == 'refused':
+            final[i] = first[i]
+    return shared, final
 
 
 def _row(

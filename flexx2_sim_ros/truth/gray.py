@@ -8,11 +8,12 @@ squares inwards, so that a pose from corners is too far; a fit with a free blur 
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import Printed
-from flexx2_sim_ros.truth.robust import robust_sigma
+from flexx2_sim_ros.truth.solver import damped_step, information, minimise, robust_sigma, tile_sums
 import numpy as np
 
 _FINER, _COARSER = 4, 2  # points per pixel and axis, for a small and for a large sheet
@@ -82,19 +83,6 @@ class GrayFit:
     contrast: float
     power: float
     cost: float
-
-    def with_scale_error(self, relative: float) -> 'GrayFit':
-        """Return it with an error of focal length or printed size in its covariance."""
-        shift = self.scale_shift * relative
-        return replace(self, covariance=self.covariance + np.outer(shift, shift))
-
-
-@dataclass(frozen=True)
-class _State:
-    pose: Pose
-    log_blur: float
-    contrast: float
-    light: np.ndarray  # (6,) of the logarithm of the light on white
 
 
 class _View:
@@ -236,45 +224,55 @@ def align_gray(
         return None
     level = view.image[use] ** (1 / power)
     level /= np.percentile(level, 90)
-    state = _State(start, float(np.log(blur)), _FIRST_CONTRAST, np.zeros(6))
-    model, J, larger = _model(view, state, use)
-    damping = 1e-3
-    for _ in range(steps):
-        residual = level - model
-        weight, limit = _weights(residual)
-        H = (J * weight[:, None]).T @ J
-        step = np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-9), J.T @ (weight * residual))
-        trial = _moved(state, step)
-        model_there, J_there, larger_there = _model(view, trial, use)
-        if _loss(level - model_there, limit) <= _loss(residual, limit):
-            state, model, J, larger = trial, model_there, J_there, larger_there
-            damping = max(damping / 10, 1e-7)
-        else:
-            damping *= 10
-        if np.abs(step[:6]).max() < _CONVERGED or damping > 1e4:
-            break
-    covariance, shift = _accuracy(use, J, larger, level - model)
-    found = float(np.exp(state.log_blur))
-    cost = _cost(level, model, power)
-    return GrayFit(state.pose, covariance, shift, found, state.contrast, power, cost)
+    first = _Lit(view, use, level, start, float(np.log(blur)), _FIRST_CONTRAST, np.zeros(6))
+    found = minimise(first, steps, _CONVERGED)
+    covariance, shift = _accuracy(found)
+    cost = _cost(level, found.model[0], power)
+    blur = float(np.exp(found.log_blur))
+    return GrayFit(found.pose, covariance, shift, blur, found.contrast, power, cost)
 
 
-def _moved(state: _State, step: np.ndarray) -> _State:
-    size = max(np.linalg.norm(step[:3]) / 0.05, np.linalg.norm(step[3:6]) / 0.1, 1.0)
-    step = step / size
-    return _State(
-        state.pose.moved(step[:6]),
-        float(np.clip(state.log_blur + np.clip(step[6], -0.5, 0.5), *_BLUR_RANGE)),
-        float(np.clip(state.contrast + step[7], 0.0, 0.95)),
-        state.light + np.clip(step[8:], -1, 1),
-    )
+@dataclass(frozen=True)
+class _Lit:
+    # A sheet in a light, as a camera at a pose sees it; a `State`.
+    view: _View
+    use: np.ndarray  # (h, w) bool: the pixels that are fitted
+    level: np.ndarray  # (N,) their light
+    pose: Pose
+    log_blur: float
+    contrast: float
+    light: np.ndarray  # (6,) of the logarithm of the light on white
+
+    @cached_property
+    def model(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return _model(self)
+
+    @property
+    def residual(self) -> np.ndarray:
+        return self.level - self.model[0]
+
+    def step(self, damping: float) -> np.ndarray:
+        weight, _ = _weights(self.residual)
+        step = damped_step(self.model[1], weight, self.residual, damping)
+        return step / max(np.linalg.norm(step[:3]) / 0.05, np.linalg.norm(step[3:6]) / 0.1, 1.0)
+
+    def moved(self, step: np.ndarray) -> '_Lit':
+        return replace(
+            self,
+            pose=self.pose.moved(step[:6]),
+            log_blur=float(np.clip(self.log_blur + np.clip(step[6], -0.5, 0.5), *_BLUR_RANGE)),
+            contrast=float(np.clip(self.contrast + step[7], 0.0, 0.95)),
+            light=self.light + np.clip(step[8:], -1, 1),
+        )
+
+    def loss(self, other: '_Lit') -> float:
+        return _loss(other.residual, _weights(self.residual)[1])
 
 
-def _model(
-    view: _View, state: _State, use: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _model(state: _Lit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     # Expected gray values, (N,), their derivatives by the fitted parameters, (N, 14), and by the
     # focal length, (N,): a longer one than assumed shows the sheet larger.
+    view, use = state.view, state.use
     fine = view.blurred(state.pose, state.log_blur)
     white = view.pixels(fine)[use]
     slopes = np.stack([view.pixels(np.gradient(fine, axis=axis))[use] for axis in (1, 0)], axis=1)
@@ -312,19 +310,16 @@ def _cost(level: np.ndarray, model: np.ndarray, power: float) -> float:
     return float(np.sqrt(_loss(residual, _COST_LIMIT)))
 
 
-def _accuracy(
-    use: np.ndarray, J: np.ndarray, larger: np.ndarray, residual: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _accuracy(found: _Lit) -> tuple[np.ndarray, np.ndarray]:
     # Covariance of the motion with errors that are correlated within tiles, and the motion that a
     # wrong focal length causes.
+    (_, J, larger), residual = found.model, found.residual
     weight, _ = _weights(residual)
-    inverse = np.linalg.pinv((J * weight[:, None]).T @ J, hermitian=True)
-    row, column = np.nonzero(use)
+    inverse = np.linalg.pinv(information(J, weight), hermitian=True)
+    row, column = np.nonzero(found.use)
     tile = np.unique((row // _TILE) * 10_000 + column // _TILE, return_inverse=True)[1]
-    count = int(tile.max()) + 1
-    score = np.zeros((count, _FITTED))
-    np.add.at(score, tile, J * (weight * residual)[:, None])
-    few = count / max(count - _FITTED, 1)
+    score = tile_sums(tile, J * (weight * residual)[:, None])
+    few = len(score) / max(len(score) - _FITTED, 1)
     covariance = inverse @ (score.T @ score) @ inverse * few
     shift = inverse @ (J.T @ (weight * larger))
     return covariance[:6, :6], -shift[:6]

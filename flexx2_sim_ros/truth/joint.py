@@ -7,101 +7,15 @@ same in all recordings, the poses are not. Four recordings or more therefore dis
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-import math
-from pathlib import Path
+from functools import cached_property
 
-from flexx2_sim_ros.truth.alignment import (
-    AlignedPixels,
-    clamped,
-    facing,
-    jacobian,
-    residuals,
-    robust_weights,
-    TRUNCATION,
-)
-from flexx2_sim_ros.truth.columns import error_columns, ErrorColumns, LENS, PRIOR
-from flexx2_sim_ros.truth.meshes import load_room
-from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.rooms import Hits
+from flexx2_sim_ros.truth.alignment import clamped, Linear, PosedImage
+from flexx2_sim_ros.truth.columns import ErrorColumns, PRIOR
+from flexx2_sim_ros.truth.solver import minimise, tile_sums
 import numpy as np
 
 _ROUNDS = 6  # Gauss-Newton steps, at most
 _CONVERGED = 1e-6
-_POSE_PRIOR = 1.0  # 1/m2: keeps the equations regular if the recording does not determine the pose
-
-
-@dataclass(frozen=True)
-class PosedImage:
-    """
-    One image with its pose.
-
-    Attributes
-    ----------
-    recording : int
-        Number of its recording.
-    room : pathlib.Path
-        The room's file; see `load_room`.
-    target : AlignedPixels
-        Its pixels.
-    pose : Pose
-    bounce : numpy.ndarray
-        (N,) simulated depth error of each pixel by light that bounced once, metres.
-    uptime : float
-        Seconds since the camera was switched on; infinite if unknown.
-
-    """
-
-    recording: int
-    room: Path
-    target: AlignedPixels
-    pose: Pose
-    bounce: np.ndarray
-    uptime: float = math.inf
-
-
-@dataclass(frozen=True)
-class Linear:
-    """
-    The weighted linear equations of a view: y = J motion + A coefficients.
-
-    Attributes
-    ----------
-    J, A, y, weight : numpy.ndarray
-        (N, 6), (N, k), (N,), (N,).
-    tile : numpy.ndarray
-        (N,) see `AlignedPixels`.
-    bias : numpy.ndarray
-        (N,) depth error by a bias of 1 m along the ray.
-
-    """
-
-    J: np.ndarray
-    A: np.ndarray
-    y: np.ndarray
-    weight: np.ndarray
-    tile: np.ndarray
-    bias: np.ndarray
-
-    @property
-    def H(self) -> np.ndarray:  # noqa: N802
-        """Return the (6, 6) information of the pose alone."""
-        return (self.J * self.weight[:, None]).T @ self.J + _POSE_PRIOR * np.eye(6)
-
-    @property
-    def B(self) -> np.ndarray:  # noqa: N802
-        """Return (6, k), pose against coefficients."""
-        return (self.J * self.weight[:, None]).T @ self.A
-
-    @property
-    def g(self) -> np.ndarray:
-        """Return (6,), the right side of the pose."""
-        return self.J.T @ (self.weight * self.y)
-
-    def free(self, columns: np.ndarray) -> np.ndarray:
-        """Return (N, m) columns without the part that a motion of the camera explains."""
-        return columns - self.J @ np.linalg.solve(
-            self.H, (self.J * self.weight[:, None]).T @ columns
-        )
 
 
 @dataclass(frozen=True)
@@ -128,8 +42,6 @@ class Solution:
         not estimated.
     recordings : int
         How many of them the views are of.
-    free : tuple of float
-        Metres: how far each view can move along its least certain axis, by its pixels alone.
 
     """
 
@@ -141,7 +53,6 @@ class Solution:
     covariances: tuple[np.ndarray, ...]
     drags: tuple[np.ndarray, ...]
     recordings: int
-    free: tuple[float, ...] = ()
 
     def full_covariance(self, view: int) -> np.ndarray:
         """Return the (6, 6) covariance of a pose, including a bias that is not estimated."""
@@ -149,39 +60,44 @@ class Solution:
         return self.covariances[view] + np.outer(drag, drag)
 
 
-def linearise(view: PosedImage, columns: ErrorColumns, values: np.ndarray) -> Linear:
-    """Return a view's equations at its pose and these coefficients, with robust weights."""
-    rays = columns.true_rays(values, view.target.rays)
-    hits = load_room(view.room).cast(view.pose, rays)
-    y = residuals(hits, view.target)
-    use = facing(hits, view.target) & np.isfinite(y)
-    chosen = view.target.picked(use)
-    rays, y = rays[use], y[use]
-    kept = Hits(hits.depth[use], hits.normal[use], None, hits.border[use])
-    A = error_columns(columns, kept, rays, view.bounce[use], view.uptime)
-    # The rays have the errors of the lens already.
-    y += A @ np.where(np.isin(columns.names, tuple(LENS)), values, 0)
-    weight = robust_weights(y - A @ values, chosen.sigma**2, TRUNCATION)
-    J = jacobian(kept, rays)
-    return Linear(J, A, y, weight, chosen.tile, 1 / chosen.length)
+@dataclass(frozen=True)
+class _Joint:
+    # All views and their coefficients, which are those of each view, too; a `State`.
+    views: tuple[PosedImage, ...]
+    columns: ErrorColumns
+    values: np.ndarray
+
+    @cached_property
+    def equations(self) -> list[Linear]:
+        return [view.linear for view in self.views]
+
+    def step(self, damping: float) -> np.ndarray:
+        # Each pose depends on the coefficients only: they come first.
+        values = np.linalg.solve(*reduced(self.equations, self.columns))
+        motions = [
+            clamped(np.linalg.solve(one.H, one.g - one.B @ values)) for one in self.equations
+        ]
+        return np.concatenate([values - self.values, *motions])
+
+    def moved(self, step: np.ndarray) -> '_Joint':
+        k = len(self.values)
+        values = self.values + step[:k]
+        views = (
+            replace(view.moved(motion), values=values)
+            for view, motion in zip(self.views, step[k:].reshape(-1, 6), strict=True)
+        )
+        return replace(self, views=tuple(views), values=values)
+
+    def loss(self, other: '_Joint') -> float:
+        return 0.0  # Whatever a step does to the weights, it counts.
 
 
 def solve(views: Sequence[PosedImage], columns: ErrorColumns) -> Solution:
     """Estimate poses and shared coefficients together, from approximately correct poses."""
     values = np.zeros(len(columns.names))
-    current = list(views)
-    for _ in range(_ROUNDS):
-        equations = [linearise(view, columns, values) for view in current]
-        S, s = reduced(equations, columns)
-        values = np.linalg.solve(S, s)
-        longest = 0.0
-        for i, one in enumerate(equations):
-            step = clamped(np.linalg.solve(one.H, one.g - one.B @ values))
-            current[i] = replace(current[i], pose=current[i].pose.moved(step))
-            longest = max(longest, float(np.abs(step).max()))
-        if longest < _CONVERGED:
-            break
-    return _finish(current, columns, values)
+    seen = tuple(replace(view, columns=columns, values=values) for view in views)
+    start = _Joint(seen, columns, values)
+    return _finish(minimise(start, _ROUNDS, _CONVERGED, 0.0))
 
 
 def reduced(equations: Sequence[Linear], columns: ErrorColumns) -> tuple[np.ndarray, np.ndarray]:
@@ -198,8 +114,8 @@ def _share(one: Linear) -> tuple[np.ndarray, np.ndarray]:
     return (free * one.weight[:, None]).T @ one.A, free.T @ (one.weight * one.y)
 
 
-def _finish(views: list[PosedImage], columns: ErrorColumns, values: np.ndarray) -> Solution:
-    equations = [linearise(view, columns, values) for view in views]
+def _finish(found: _Joint) -> Solution:
+    views, columns, values, equations = found.views, found.columns, found.values, found.equations
     shares = [_share(one) for one in equations]
     k = len(values)
     prior = np.diag(columns.precision)
@@ -219,14 +135,13 @@ def _finish(views: list[PosedImage], columns: ErrorColumns, values: np.ndarray) 
     scores = [_tile_scores(one, values) for one in equations]
     meat = prior + sum((own.T @ own for _, own in scores), np.zeros((k, k)))
     spread = inverse @ meat @ inverse
-    poses, drags, free = [], [], []
+    poses, drags = [], []
     for one, (g, own) in zip(equations, scores, strict=True):
         H_inverse = np.linalg.inv(one.H)
         pull = H_inverse @ one.B
         here = g @ H_inverse - own @ inverse @ pull.T
         others = spread - inverse @ (own.T @ own) @ inverse
         poses.append(here.T @ here + pull @ others @ pull.T)
-        free.append(float(np.sqrt(np.linalg.eigvalsh(H_inverse[:3, :3])[-1])))
         drags.append(PRIOR * H_inverse @ (one.J.T @ (one.weight * one.bias)))
     data = S - prior
     scale = np.sqrt(np.maximum(np.diag(data), 1e-30))
@@ -236,11 +151,10 @@ def _finish(views: list[PosedImage], columns: ErrorColumns, values: np.ndarray) 
         values,
         np.maximum(jackknife, np.sqrt(np.diag(spread))),
         condition,
-        tuple(views),
+        views,
         tuple(poses),
         tuple(drags),
         len(apart),
-        tuple(free),
     )
 
 
@@ -248,8 +162,5 @@ def _tile_scores(one: Linear, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
     # Sums over each tile: (tiles, 6) for the pose, (tiles, k) for the coefficients.
     motion = np.linalg.solve(one.H, one.g - one.B @ values)
     left = one.weight * (one.y - one.A @ values - one.J @ motion)
-    tiles = int(one.tile.max(initial=-1)) + 1
-    g, own = np.zeros((tiles, 6)), np.zeros((tiles, len(values)))
-    np.add.at(g, one.tile, one.J * left[:, None])
-    np.add.at(own, one.tile, one.free(one.A) * left[:, None])
-    return g, own
+    g, own = one.J * left[:, None], one.free(one.A) * left[:, None]
+    return tile_sums(one.tile, g), tile_sums(one.tile, own)

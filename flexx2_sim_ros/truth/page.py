@@ -1,24 +1,26 @@
 """The page of a campaign: the pose of each recording, and how well it fits."""
 
-from collections.abc import Callable, Mapping, Sequence
-from html import escape
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from flexx2_sim_ros.html_drawing import data_url, depth_picture, picture
 from flexx2_sim_ros.html_page import html_page
+from flexx2_sim_ros.html_parts import (
+    beside,
+    element,
+    figure,
+    heading,
+    Html,
+    join,
+    note,
+    table,
+    tag,
+)
 from flexx2_sim_ros.truth.clean import PARTS
 from flexx2_sim_ros.truth.writing import Written
 import numpy as np
 
-_STYLE = """
-td, th { padding: .18rem .9rem .18rem 0; text-align: left; vertical-align: top; }
-th, small, figcaption { color: var(--dim); } figcaption { font-size: .85rem; }
-.tag { display: inline-block; padding: 0 .6rem; border-radius: 1rem; color: #fff; }
-.used { background: #2e7d4f; } .doubtful { background: #b7791f; } .refused { background: #a8324a; }
-.row { display: flex; flex-wrap: wrap; gap: 1.2rem; }
-.row figure { max-width: 26.25rem; }
-td.words { min-width: 12rem; }
-"""
+_STYLE = 'td.words { min-width: 12rem; }'
 # Colours of `PARTS` on the map; told apart with any colour vision.
 _COLOURS = {
     'outside': (120, 120, 120),
@@ -28,9 +30,8 @@ _COLOURS = {
 }
 _SHADES = 50  # of the image under the map
 _LIMIT = 0.03  # metres, end of the colour scale of the residual map
-
-
-_STATES = 'used', 'doubtful', 'refused'
+_WIDTH = 420  # pixels, of a picture
+_STATES = {'used': 'good', 'doubtful': 'doubtful', 'refused': 'bad'}  # the kinds of their tags
 # By the kind of ground truth: what the edges on the first figure are.
 _CAPTIONS = {
     'scan': 'measured depth (dark is near), edges of the room in orange',
@@ -39,75 +40,69 @@ _CAPTIONS = {
 }
 
 
-def page(table: Mapping[str, Any], written: Mapping[int, Written]) -> str:
+def page(results: Mapping[str, Any], written: Mapping[int, Written]) -> str:
     """
     Return the page as HTML, all text escaped and all pictures inside.
 
     Parameters
     ----------
-    table : dict
+    results : dict
         The content of ``truth.yaml``.
     written : mapping of int to Written
         The recordings that are not refused, by number.
 
     """
-    rows = table['recordings']
-    count = {state: sum(r['verdict'] == state for r in rows) for state in _STATES}
+    rows = results['recordings']
+    count = {state: sum(row['verdict'] == state for row in rows) for state in _STATES}
     words = ', '.join(f'{number} {state}' for state, number in count.items() if number)
-    caption = _CAPTIONS[table['kind']]
-    body = [
-        f'<h1>Ground truth of {len(rows)} recordings: {escape(words)}</h1>',
-        f'<p>{_about(table)}</p>',
-        *([_shared(table)] if 'shared' in table else []),
-        _undecided(table['cannot_decide']),
-        _recordings(table['kind'], rows),
-        *(_figures(rows[i]['name'], one, caption) for i, one in written.items()),
-        f'<p><small>{escape(table["command"])}</small></p>',
-    ]
-    return html_page('Ground truth', _STYLE, '\n'.join(body))
+    caption = _CAPTIONS[results['kind']]
+    body = join(
+        heading(f'Ground truth of {len(rows)} recordings: {words}', 1),
+        element('p', *_about(results)),
+        *([_shared(results['shared'])] if 'shared' in results else []),
+        heading('What this ground truth cannot decide'),
+        table((), ((row['effect'], row['reason']) for row in results['cannot_decide'])),
+        *_recordings(results),
+        *(part for i, one in written.items() for part in _figures(rows[i]['name'], one, caption)),
+        note(results['command']),
+    )
+    return html_page('Ground truth', _STYLE, body)
 
 
-def _about(table: Mapping[str, Any]) -> str:
-    if table['kind'] == 'planes':
-        return f'Planes: <code>{escape(table["planes"])}</code>.'
-    if table['kind'] == 'board':
-        size = ' x '.join(f'{value * 1e3:g}' for value in table['board_size_m'])
-        return (
-            f'Board: <code>{escape(table["board"])}</code>, {size} mm; focal length within '
-            f'{table["lens_error"]:.1%} (given).'
-        )
-    size = ' x '.join(f'{value:g}' for value in table['room_size_m'])
-    return (
-        f'Room: <code>{escape(table["room"])}</code>, {size} m, accuracy '
-        f'{table["room_error_mm"]:g} mm (given).'
+def _about(results: Mapping[str, Any]) -> tuple[str, ...]:
+    if results['kind'] == 'planes':
+        return 'Planes: ', element('code', results['planes']), '.'
+    if results['kind'] == 'board':
+        size = ' x '.join(f'{value * 1e3:g}' for value in results['board_size_m'])
+        more = f', {size} mm; focal length within {results["lens_error"]:.1%} (given).'
+        return 'Board: ', element('code', results['board']), more
+    size = ' x '.join(f'{value:g}' for value in results['room_size_m'])
+    more = f', {size} m, accuracy {results["room_error_mm"]:g} mm (given).'
+    return 'Room: ', element('code', results['room']), more
+
+
+def _shared(found: Mapping[str, Mapping[str, Any]]) -> Html:
+    return join(
+        heading('Errors that the recordings share'),
+        element(
+            'p',
+            'Fitted together with the poses, so that the poses do not hide them. They are not '
+            'part of clean_depth.',
+        ),
+        table(
+            ('effect', 'verdict', 'size', ''),
+            (
+                _row(effect, one['verdict'], words=(_sizes(one), one.get('reason', '')))
+                for effect, one in found.items()
+            ),
+        ),
     )
 
 
-def _shared(table: Mapping[str, Any]) -> str:
-    lines = []
-    for effect, found in table['shared'].items():
-        lines.append(
-            f'<tr><td>{escape(effect)}</td><td>{escape(str(found["verdict"]))}</td>'
-            f'<td class="words">{escape(_sizes(found))}</td>'
-            f'<td class="words">{escape(str(found.get("reason", "")))}</td></tr>'
-        )
-    return (
-        '<h2>Errors that the recordings share</h2><p>Fitted together with the poses, so that the '
-        'poses do not hide them. They are not part of clean_depth.</p>'
-        '<div class="scroll"><table><tr><th>effect</th><th>verdict</th><th>size</th><th></th></tr>'
-        f'{"".join(lines)}</table></div>'
-    )
-
-
-def _undecided(rows: Sequence[Mapping[str, Any]]) -> str:
-    lines = ''.join(
-        f'<tr><td>{escape(row["effect"])}</td><td class="words">{escape(row["reason"])}</td></tr>'
-        for row in rows
-    )
-    return (
-        '<h2>What this ground truth cannot decide</h2><div class="scroll"><table>'
-        f'{lines}</table></div>'
-    )
+def _row(*cells: str, words: tuple[str, ...]) -> Html:
+    # Cells, then those that are wide.
+    wide = (element('td', one, kind='words') for one in words)
+    return element('tr', *(element('td', one) for one in cells), *wide)
 
 
 def _sizes(found: Mapping[str, Any]) -> str:
@@ -131,8 +126,9 @@ def _sizes(found: Mapping[str, Any]) -> str:
     return f'gain {found["gain"]:.2f}, standard deviation {deviation:.2f}'
 
 
-# The columns of the table of recordings: the head, and the cell of a row as HTML.
-_POSED: dict[str, Callable[[Mapping[str, Any]], str]] = {
+# The columns of the table of recordings: the head, and the cell of a row.
+_Cell = Callable[[Mapping[str, Any]], str]
+_POSED: dict[str, _Cell] = {
     'camera': lambda row: row['motion'],
     'pixels that fit': lambda row: f'{row["fitting"]:.0%}',
     'pose, standard deviation': lambda row: (
@@ -141,29 +137,26 @@ _POSED: dict[str, Callable[[Mapping[str, Any]], str]] = {
     'median residual': lambda row: _residual(row) if 'pose' in row else '',
     'known': lambda row: _known(row),
 }
-_PLANES: dict[str, Callable[[Mapping[str, Any]], str]] = {
+_PLANES: dict[str, _Cell] = {
     'known': lambda row: _known(row),
-    'planes: distance, and how much farther the recording shows them': lambda row: '<br>'.join(
-        map(_plane, row.get('planes', ()))
+    'planes: distance, and how much farther the recording shows them': lambda row: join(
+        *(part for plane in row.get('planes', ()) for part in (_plane(plane), element('br')))
     ),
 }
 
 
-def _recordings(kind: str, rows: Sequence[Mapping[str, Any]]) -> str:
-    columns = _PLANES if kind == 'planes' else _POSED
-    heads = ''.join(f'<th>{one}</th>' for one in ('file', 'verdict', *columns, ''))
-    lines = []
-    for row in rows:
-        own = ''.join(f'<td>{cell(row)}</td>' for cell in columns.values())
-        lines.append(
-            f'<tr><td>{escape(row["name"])}</td><td><span class="tag {row["verdict"]}">'
-            f'{row["verdict"]}</span></td>{own}'
-            f'<td class="words"><small>{escape("; ".join(row["reasons"]))}</small></td></tr>'
+def _recordings(results: Mapping[str, Any]) -> tuple[Html, Html]:
+    columns = _PLANES if results['kind'] == 'planes' else _POSED
+    lines = (
+        _row(
+            row['name'],
+            tag(row['verdict'], _STATES[row['verdict']]),
+            *(cell(row) for cell in columns.values()),
+            words=(element('small', '; '.join(row['reasons'])),),
         )
-    return (
-        f'<h2>Recordings</h2><div class="scroll"><table><tr>{heads}</tr>{"".join(lines)}</table>'
-        '</div>'
+        for row in results['recordings']
     )
+    return heading('Recordings'), table(('file', 'verdict', *columns, ''), lines)
 
 
 def _known(row: Mapping[str, Any]) -> str:
@@ -171,7 +164,7 @@ def _known(row: Mapping[str, Any]) -> str:
     if 'known' not in row:
         return ''
     why = ', '.join(f'{name} {part:.0%}' for name, part in row['unknown'].items() if part)
-    return f'{row["known"]:.0%}' + (f' <small>({why})</small>' if why else '')
+    return join(f'{row["known"]:.0%}', *((' ', element('small', f'({why})')) if why else ()))
 
 
 def _residual(row: Mapping[str, Any]) -> str:
@@ -180,31 +173,28 @@ def _residual(row: Mapping[str, Any]) -> str:
 
 def _plane(row: Mapping[str, Any]) -> str:
     off = row['residual_mm']
-    measured = (
-        'not measured' if off is None else f'&plusmn; {row["sigma_mm"]:.1f} mm, {off:+.1f} mm'
+    measured = 'not measured' if off is None else f'± {row["sigma_mm"]:.1f} mm, {off:+.1f} mm'
+    return f'{row["name"]}: {row["distance_m"]:.3f} m, {measured}'
+
+
+def _figures(name: str, shown: Written, caption: str) -> tuple[Html, Html]:
+    residual = (
+        f'measured minus clean depth, blue {-_LIMIT * 1e3:.0f} to red {_LIMIT * 1e3:+.0f} mm, '
+        'gray unknown or invalid'
     )
-    return f'{escape(row["name"])}: {row["distance_m"]:.3f} m, {measured}'
-
-
-def _figures(name: str, shown: Written, caption: str) -> str:
-    name = escape(name)
-    return (
-        f'<h2>{name}</h2><div class="row">'
-        f'<figure><img alt="edges of {name}" width="420" src="{_overlay(shown)}"><figcaption>'
-        f'{escape(caption)}</figcaption></figure>'
-        f'<figure><img alt="residual of {name}" width="420" '
-        f'src="{picture(shown.residual, _LIMIT)}"><figcaption>measured minus clean depth, blue '
-        f'{-_LIMIT * 1e3:.0f} to red {_LIMIT * 1e3:+.0f} mm, gray unknown or invalid</figcaption>'
-        f'</figure><figure><img alt="map of {name}" width="420" src="{_map(shown)}"><figcaption>'
-        f'{_legend(shown)}</figcaption></figure></div>'
+    return heading(name), beside(
+        figure(_overlay(shown), caption, f'edges of {name}', _WIDTH),
+        figure(picture(shown.residual, _LIMIT), residual, f'residual of {name}', _WIDTH),
+        figure(_map(shown), _legend(shown), f'map of {name}', _WIDTH),
     )
 
 
-def _legend(shown: Written) -> str:
-    return ', '.join(
-        f'<span style="color:rgb{_COLOURS[name]}">&#9632;</span> {name} {part:.0%}'
+def _legend(shown: Written) -> Html:
+    parts = [
+        join(element('span', '■', style=f'color:rgb{_COLOURS[name]}'), f' {name} {part:.0%}')
         for name, part in shown.shares.items()
-    )
+    ]
+    return Html(', '.join(parts))
 
 
 def _map(shown: Written) -> str:

@@ -1,11 +1,12 @@
 """Move planes to measured distances and angles, with the covariance of the measurements."""
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.plane_file import Angle, Measured
 from flexx2_sim_ros.truth.plane_finding import ImagePlane
+from flexx2_sim_ros.truth.solver import damped_step
 import numpy as np
 
 # Standard deviations of a plane without measurements: metres, radians. They are large, because a
@@ -78,13 +79,8 @@ class PlacedPlanes:
             changes its distance.
 
         """
-        out = np.empty(len(self.distances))
-        for k, (normal, pivot) in enumerate(zip(self.normals, self.pivots, strict=True)):
-            tilts = [np.cross(axis, normal) @ pivot for axis in plane_axes(normal)]
-            change = np.array([1.0, *tilts])
-            own = slice(3 * k, 3 * k + 3)
-            out[k] = np.sqrt(change @ covariance[own, own] @ change)
-        return out
+        slope = _slope(lambda change: self.moved(change).distances, np.zeros(len(covariance)))
+        return np.asarray(np.sqrt(np.einsum('pi,ij,pj->p', slope, covariance, slope)))
 
 
 @dataclass(frozen=True)
@@ -179,62 +175,57 @@ def settle(placed: PlacedPlanes, constraints: Constraints) -> tuple[PlacedPlanes
         `FREE_TILT`.
 
     """
+
+    def errors(planes: PlacedPlanes) -> Callable[[np.ndarray], np.ndarray]:
+        return lambda change: constraints.errors(planes.moved(change))[0]
+
     count = len(placed.distances)
     stiff = _GIVES_WAY * np.tile([FREE_OFFSET, _FITTED_TILT, _FITTED_TILT], count) ** -2.0
     change = np.zeros(len(stiff))
     for _ in range(_ITERATIONS):
-        slope, errors = _slope(placed, change, constraints), _errors(placed, change, constraints)
-        normal = np.diag(stiff) + slope.T @ slope
-        change = change - np.linalg.solve(normal, stiff * change + slope.T @ errors)
+        J = np.vstack([-_slope(errors(placed), change), -np.eye(len(stiff))])
+        left = np.concatenate([errors(placed)(change), change])
+        weight = np.concatenate([np.ones(len(left) - len(stiff)), stiff])
+        change = change + damped_step(J, weight, left, 0.0)
     moved = placed.moved(change)
     free = np.tile([FREE_OFFSET, FREE_TILT, FREE_TILT], count) ** -2.0
     # The parameters are relative to the present planes.
-    slope = _slope(moved, np.zeros(len(stiff)), constraints)
+    slope = _slope(errors(moved), np.zeros(len(stiff)))
     covariance = np.linalg.inv(np.diag(free) + slope.T @ slope)
     return moved, (covariance + covariance.T) / 2
 
 
-def _errors(placed: PlacedPlanes, change: np.ndarray, constraints: Constraints) -> np.ndarray:
-    return constraints.errors(placed.moved(change))[0]
-
-
-def _slope(placed: PlacedPlanes, change: np.ndarray, constraints: Constraints) -> np.ndarray:
-    columns = [
-        _errors(placed, change + step, constraints) - _errors(placed, change - step, constraints)
-        for step in _STEP * np.eye(len(change))
-    ]
+def _slope(values: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.ndarray:
+    columns = [values(at + step) - values(at - step) for step in _STEP * np.eye(len(at))]
     return np.stack(columns, axis=1) / (2 * _STEP)
 
 
-def _angles(
-    surfaces: list[ImagePlane], constraints: Constraints
-) -> Iterator[tuple[Angle, float, float]]:
-    # Each measured angle, what the recording shows, and how far that is off: degrees.
+def turned(surfaces: list[ImagePlane], constraints: Constraints) -> tuple[str, list[str]]:
+    """
+    Return where a recording shows other angles than were measured.
+
+    The first is an angle that says that it shows other planes than the file means, or nothing; the
+    others are a finding.
+
+    """
     normals = {surface.name: surface.normal for surface in surfaces}
+    notes = []
     for angle in constraints.angles:
+        told = angle.degrees
         seen = float(np.degrees(_seen_angle(normals[angle.first], normals[angle.second])))
-        yield angle, seen, abs(seen - angle.degrees.value)
-
-
-def turned(surfaces: list[ImagePlane], constraints: Constraints) -> str:
-    """Return why a recording shows other planes than the file means, or nothing."""
-    for angle, seen, off in _angles(surfaces, constraints):
-        if off > 2 * _MOST_TURN + _CONTRADICTION * angle.degrees.deviation:
-            return (
+        off, least = abs(seen - told.value), _CONTRADICTION * told.deviation
+        if off > 2 * _MOST_TURN + least:
+            reason = (
                 f'the angle between {angle.first} and {angle.second} must be that of the planes '
-                f'found, {seen:.0f} degrees, got {angle.degrees.value:g}'
+                f'found, {seen:.0f} degrees, got {told.value:g}'
             )
-    return ''
-
-
-def turns(surfaces: list[ImagePlane], constraints: Constraints) -> list[str]:
-    """Return where the recording shows another angle than was measured: a finding."""
-    return [
-        f'{angle.first} and {angle.second}: the recording shows {seen:.1f} degrees between them, '
-        f'{angle.degrees.value:g} +- {angle.degrees.deviation:g} were measured and count'
-        for angle, seen, off in _angles(surfaces, constraints)
-        if off > _CONTRADICTION * angle.degrees.deviation
-    ]
+            return reason, []
+        if off > least:
+            notes.append(
+                f'{angle.first} and {angle.second}: the recording shows {seen:.1f} degrees '
+                f'between them, {told.value:g} +- {told.deviation:g} were measured and count'
+            )
+    return '', notes
 
 
 def contradiction(placed: PlacedPlanes, constraints: Constraints) -> str:

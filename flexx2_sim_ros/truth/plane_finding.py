@@ -7,7 +7,7 @@ from functools import cached_property
 from flexx2_sim_ros.truth.clean import HIDDEN, KNOWN, OUTSIDE, REFUSED
 from flexx2_sim_ros.truth.observation import grow, Observation
 from flexx2_sim_ros.truth.plane_file import PlaneHint
-from flexx2_sim_ros.truth.robust import robust_sigma
+from flexx2_sim_ros.truth.solver import damped_step, robust_weights, TRUNCATION
 from matplotlib.path import Path
 import numpy as np
 from scipy import ndimage
@@ -15,6 +15,7 @@ from scipy import ndimage
 # A pixel is near enough to a plane to be fitted within so many metres and standard deviations of
 # depth. Multipath and wiggling bend planes by some centimetres.
 _TOLERANCE, _NOISE = 0.02, 3.0
+_CAUCHY = 2.0  # standard deviations: a plane with a dark card on it bends more than a mesh
 _LEAST = 0.015  # least fraction of the image that a plane covers
 _GRAZING = 0.17  # cosine of incidence; 80 degrees
 # Random triples, of pixels at most so far apart, judged on so many pixels.
@@ -298,14 +299,8 @@ class _Search:
             return None
         for _ in range(3):
             clean = 1 / np.maximum(rays @ inverse, 1e-3)
-            error = depth - clean
-            scale = max(float(robust_sigma(error)), 1e-4)
-            weight = 1 / (1 + (error / (2 * scale)) ** 2)
-            design = -rays * clean[:, None] ** 2
-            step = np.linalg.lstsq(
-                (design * weight[:, None]).T @ design, (design * weight[:, None]).T @ error, None
-            )[0]
-            inverse = inverse + step
+            weight = robust_weights(depth - clean, 0.0, TRUNCATION, _CAUCHY)
+            inverse = inverse + damped_step(-rays * clean[:, None] ** 2, weight, depth - clean, 0)
         return inverse
 
 

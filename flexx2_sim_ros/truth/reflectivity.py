@@ -13,7 +13,7 @@ from typing import Any
 from flexx2_sim_ros.physics.nearest import nearest_pixels
 from flexx2_sim_ros.physics.reflectance import falloff
 from flexx2_sim_ros.truth.clean import Clean
-from flexx2_sim_ros.truth.robust import PER_MEDIAN
+from flexx2_sim_ros.truth.solver import PER_MEDIAN
 import numpy as np
 from scipy import ndimage
 

@@ -7,19 +7,17 @@ import math
 from pathlib import Path
 import time
 
-from flexx2_sim_ros.camera import Camera, Mode, Profile
+from flexx2_sim_ros.camera import Camera, Profile
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose
+from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose, PosedImage, view_of
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.clock import ClockOffset, find_offset
-from flexx2_sim_ros.truth.joint import PosedImage
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.requests import RoomRequest
-from flexx2_sim_ros.truth.rooms import Room
-from flexx2_sim_ros.truth.search import find, FoundPose, look_around, Panoramas
+from flexx2_sim_ros.truth.search import find, look_around, Panoramas
 from flexx2_sim_ros.truth.trajectory import camera_trajectory, CameraTrajectory, Trajectory
 import numpy as np
 
@@ -33,6 +31,14 @@ _SUSPECT = 0.12
 _STANDS = 0.03, math.radians(1.5)  # metres, radians: noise of the poses of a camera that stands
 _NOWHERE = (math.nan,) * 7
 _PLAIN = 0.5  # reflectivity where it is unknown
+_MOST_BOUNCE = 0.3  # metres: more is another surface, behind an edge
+MOST_METRES = 0.01  # standard deviation of a pose that is held by what its camera sees
+TOLD = 0.3, 20.0  # metres and degrees that a rough pose may be wrong by
+ASSUMED = 0.01, 0.5  # metres and degrees: standard deviations of given poses that are not told
+_NOT_HELD = (
+    'what it sees does not hold its pose, so that the given poses are used as they are, and taken '
+    f'to be right within {ASSUMED[0] * 1e3:g} mm and {ASSUMED[1]:g} degrees (--pose-accuracy)'
+)
 
 
 @dataclass(frozen=True)
@@ -81,11 +87,10 @@ class Registered:
         in the room's frame.
     clock : ClockOffset or None
         Offset to the clock of the given poses; None without such poses, and for a still recording.
-    given : tuple of tuple of float
-        The given poses at the stamps, NaN where there is none; empty where they cannot be used as
-        they are: without a common frame or clock.
     believed : bool
-        Whether `poses` are those.
+        Whether `poses` are those that were given.
+    why : str
+        Why they are, if nobody has asked for it.
 
     """
 
@@ -97,20 +102,19 @@ class Registered:
     seconds: float
     told: tuple[float, float] | None = None
     clock: ClockOffset | None = None
-    given: tuple[tuple[float, ...], ...] = ()
     believed: bool = False
+    why: str = ''
 
-    def as_given(self) -> 'Registered':
-        """Return it with the poses as they were given."""
-        lost = [not np.isfinite(numbers).all() for numbers in self.given]
-        costs = tuple(math.inf if one else 0.0 for one in lost)
-        return replace(self, poses=self.given, costs=costs, told=None, clock=None, believed=True)
+
+def strays(told: tuple[float, float] | None) -> bool:
+    """Return whether a fitted pose is farther from the given one than that may be wrong."""
+    return told is not None and (told[0] > TOLD[0] or told[1] > TOLD[1])
 
 
 def register(job: Job) -> Registered:
     """Register a recording. Raises `InputError` where it or the room cannot be read."""
     request = job.request
-    room = load_room(request.room)
+    load_room(request.room)
     begin = time.perf_counter()
     reader = request.opened(job.path)
     given = None
@@ -127,12 +131,11 @@ def register(job: Job) -> Registered:
             raise InputError(
                 '--pose-accuracy: must be given with poses in the room and --clock-offset SECONDS'
             )
-        empty = Registered((), (), math.inf, footage.moving, math.inf, 0.0, given=as_told)
-        return empty.as_given()
+        return _as_given(as_told, footage.moving)
     found, first, mirrored = _search(job, footage, _start(job.guess, given, told))
     clock = None
     if footage.moving:
-        fits = _track(room, footage, found.fit.pose, first, told)
+        fits = _track(request.room, footage, found.pose, first, told)
         if given is not None:
             clock = _clock(given, reader.stamp_ns, fits)
             if not clock.reason:
@@ -140,7 +143,11 @@ def register(job: Job) -> Registered:
             elif not any(told):
                 raise given.no_overlap(reader.stamp_ns)
     else:
-        fits = [found.fit]
+        fits = [found]
+    distance = None if given is None or given.source.relative else _distance(told, fits)
+    if as_told and strays(distance) and not _held(request.room, footage, fits):
+        # What a camera of few pixels sees may not hold its pose.
+        return _as_given(as_told, footage.moving, time.perf_counter() - begin, _NOT_HELD)
     return Registered(
         tuple(tuple(one.pose.numbers()) for one in fits),
         tuple(one.cost for one in fits),
@@ -148,10 +155,23 @@ def register(job: Job) -> Registered:
         footage.moving,
         mirrored,
         time.perf_counter() - begin,
-        None if given is None or given.source.relative else _distance(told, fits),
+        distance,
         clock,
-        as_told,
     )
+
+
+def _as_given(
+    poses: tuple[tuple[float, ...], ...], moving: bool, seconds: float = 0.0, why: str = ''
+) -> Registered:
+    costs = tuple(0.0 if np.isfinite(one).all() else math.inf for one in poses)
+    return Registered(poses, costs, math.inf, moving, math.inf, seconds, believed=True, why=why)
+
+
+def _held(room: Path, footage: Footage, fits: Sequence[AlignedPose]) -> bool:
+    # Whether the pixels of most frames determine the pose.
+    frames = _key_frames(footage, [one.cost for one in fits])
+    free = [view_of(room, image, _PIXELS, fits[i].pose).freedom for i, image in frames.items()]
+    return not free or float(np.median(free)) < MOST_METRES
 
 
 def _as_told(
@@ -228,25 +248,24 @@ def _panoramas(path: Path) -> Panoramas:
 
 def _search(
     job: Job, footage: Footage, start: tuple[int, Pose] | None
-) -> tuple[FoundPose, int, float]:
+) -> tuple[AlignedPose, int, float]:
     # The best pose, the number of its frame, and the cost in a mirrored room.
     path, up = job.request.room, job.request.up
-    room = load_room(path)
     first, guess = start or (0, None)
     panoramas = _panoramas(path) if guess is None else None
-    tried: list[tuple[FoundPose, int]] = []
+    tried: list[tuple[AlignedPose, int]] = []
     count = len(footage.reader.stamp)
     for number in (0, count // 2, count - 1) if footage.moving and guess is None else (first,):
         image = _frame(footage, number)
-        tried.append((find(room, image, guess, panoramas, up), number))
-        if tried[-1][0].fit.cost < 0.5 * min(tried[-1][0].rival, LOST):
+        tried.append((find(path, image, guess, panoramas, up), number))
+        if tried[-1][0].cost < 0.5 * min(tried[-1][0].rival, LOST):
             break
-    best, number = min(tried, key=lambda one: one[0].fit.cost)
+    best, number = min(tried, key=lambda one: one[0].cost)
     mirrored = float('inf')
-    panoramas = _panoramas(path) if best.fit.cost > _SUSPECT else None
+    panoramas = _panoramas(path) if best.cost > _SUSPECT else None
     if panoramas is not None and len(panoramas.places):
         image = _frame(footage, number)
-        mirrored = find(room, image.mirrored(), None, panoramas, up).fit.cost
+        mirrored = find(path, image.mirrored(), None, panoramas, up).cost
     return best, number, mirrored
 
 
@@ -260,7 +279,7 @@ def _frame(footage: Footage, number: int) -> Observation:
 
 
 def _track(
-    room: Room, footage: Footage, start: Pose, first: int, told: Sequence[Pose | None]
+    room: Path, footage: Footage, start: Pose, first: int, told: Sequence[Pose | None]
 ) -> list[AlignedPose]:
     # Follows the camera from this frame forwards to the end, then backwards to the beginning.
     images = list(footage.frames())
@@ -278,14 +297,26 @@ def _track(
     return [fits[number] for number in range(len(images))]
 
 
-def _follow(room: Room, image: Observation, start: Pose) -> AlignedPose:
+def _follow(room: Path, image: Observation, start: Pose) -> AlignedPose:
     # The pose of a frame, from the expected one.
     fit = align(room, choose(image, _TRACKED), start, 6)
     if fit.cost > LOST:
-        again = find(room, image, start, None, '+z').fit
+        again = find(room, image, start, None, '+z')
         if again.cost < fit.cost:
             fit = again
     return fit
+
+
+def _key_frames(footage: Footage, costs: Sequence[float]) -> dict[int, Observation]:
+    # Some frames of a moving recording that are not lost; the image of a still one.
+    if not footage.moving:
+        return {0: footage.still}
+    chosen = set(np.linspace(0, len(costs) - 1, _KEY_FRAMES).round().astype(int).tolist())
+    return {
+        number: footage.observe(image)
+        for number, image in enumerate(footage.frames())
+        if number in chosen and costs[number] < LOST
+    }
 
 
 def views_of(job: tuple[int, Job, Registered]) -> list[PosedImage]:
@@ -299,52 +330,36 @@ def views_of(job: tuple[int, Job, Registered]) -> list[PosedImage]:
 
     """
     recording, how, where = job
-    path, profile = how.request.room, how.request.profile
-    room = load_room(path)
     footage = how.request.footage(how.path, where.moving)
-    if where.moving:
-        chosen = np.unique(np.linspace(0, len(where.poses) - 1, _KEY_FRAMES).round().astype(int))
-        images = dict.fromkeys(chosen.tolist())
-        pictures = {
-            number: footage.observe(image)
-            for number, image in enumerate(footage.frames())
-            if number in images and where.costs[number] < LOST
-        }
-    else:
-        pictures = {0: footage.still}
     out = []
-    for number, image in pictures.items():
+    for number, image in _key_frames(footage, where.costs).items():
         pose = Pose.from_numbers(np.array(where.poses[number]))
-        target = choose(image, _PIXELS)
-        shape = np.zeros(len(target.depth))
-        if footage.mode is not None and footage.mode.modulation_hz:
-            added = bounced(room, pose, image, footage.reader.K, footage.mode, profile)
-            shape = added.ravel()[target.pixel]
-        out.append(PosedImage(recording, path, target, pose, shape, how.uptime))
+        view = replace(
+            view_of(how.request.room, image, _PIXELS, pose), recording=recording, uptime=how.uptime
+        )
+        out.append(with_bounce(view, image, footage, how.request.profile))
     return out
 
 
-def bounced(
-    room: Room,
-    pose: Pose,
-    image: Observation,
-    K: np.ndarray,  # noqa: N803
-    mode: Mode,
-    profile: Profile | None,
-) -> np.ndarray:
-    """Return the simulated (H, W) depth error by light that bounces once, metres; 0 for none."""
-    clean = render(room, pose, image.rays, 0.0)
+def with_bounce(
+    view: PosedImage, image: Observation, footage: Footage, profile: Profile | None
+) -> PosedImage:
+    """Return the view of an image with simulated light that bounces once; where it has a mode."""
+    mode = footage.mode
+    if mode is None or not mode.modulation_hz:
+        return view
+    clean = render(load_room(view.room), view.pose, image.rays, 0.0)
     reflectivity = clean.reflectivity
     if reflectivity is None:
         reflectivity = np.full(clean.depth.shape, _PLAIN, np.float32)
     simulated = CommonRandomNumbers(
         Camera(mode.name, profile=profile, name='truth'),
         clean.depth,
-        K,
+        footage.reader.K,
         np.zeros(1, np.int64),
         reflectivity,
     )
     base = simulated.depth(())[0]
-    with_bounce = simulated.depth({'multipath': {}})[0]
-    change = with_bounce.astype(np.float64) - base
-    return np.where(np.isfinite(change) & (np.abs(change) < 0.3), change, 0.0)
+    change = simulated.depth({'multipath': {}})[0].astype(np.float64) - base
+    added = np.where(np.isfinite(change) & (np.abs(change) < _MOST_BOUNCE), change, 0.0)
+    return replace(view, bounce=added.ravel()[view.target.pixel])

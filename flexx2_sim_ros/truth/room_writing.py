@@ -1,14 +1,14 @@
 """Ground truth of a recording in a room."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from flexx2_sim_ros.truth.alignment import align, choose
+from flexx2_sim_ros.truth.alignment import view_of
 from flexx2_sim_ros.truth.clean import Clean, difference, REFUSED, render
 from flexx2_sim_ros.truth.columns import ErrorColumns
 from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.registration import bounced, Job, LOST, Registered
+from flexx2_sim_ros.truth.registration import Job, LOST, Registered, with_bounce
 from flexx2_sim_ros.truth.trajectory import Trajectory
 from flexx2_sim_ros.truth.writing import GroundTruth, without_hidden
 import numpy as np
@@ -135,21 +135,13 @@ def _of_frames(what: RoomSurfaces, footage: Footage) -> list[Clean]:
 
 def _pose_of(what: RoomSurfaces, footage: Footage, frame: Observation, number: int) -> Pose:
     # The pose is fitted again, with the shared errors subtracted.
-    room = load_room(what.job.request.room)
-    numbers = what.registered.poses[number]
+    request, numbers = what.job.request, what.registered.poses[number]
     pose = Pose.from_numbers(np.array(numbers if np.isfinite(numbers).all() else what.pose))
-    if what.values and not what.registered.believed:
-        added = np.zeros(frame.depth.shape)
-        if what.columns.bounce and footage.mode is not None:
-            added = bounced(
-                room, pose, frame, footage.reader.K, footage.mode, what.job.request.profile
-            )
-        values, rays = np.array(what.values), np.nan_to_num(frame.rays).reshape(-1, 2)
-        true = what.columns.true_rays(values, rays)
-        hits = room.cast(pose, true)
-        errors = what.columns.errors(values, hits, true, added.ravel(), what.job.uptime)
-        errors += hits.depth - room.cast(pose, rays).depth
-        right = frame.depth - errors.reshape(frame.depth.shape)
-        corrected = Observation(frame.rays, right, frame.sigma, frame.wraps)
-        pose = align(room, choose(corrected, _PIXELS), pose, _REFINEMENTS).pose
-    return pose
+    if not what.values or what.registered.believed:
+        return pose
+    view = view_of(request.room, frame, _PIXELS, pose)
+    if what.columns.bounce:
+        view = with_bounce(view, frame, footage, request.profile)
+    values = np.array(what.values)
+    view = replace(view, uptime=what.job.uptime, columns=what.columns, values=values)
+    return view.settled(_REFINEMENTS).pose

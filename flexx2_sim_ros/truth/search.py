@@ -1,7 +1,8 @@
 """Find a camera's pose in a room, from a rough guess or from none."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
+from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.compiled import loop
@@ -35,24 +36,6 @@ _FAR = 0.5, math.radians(30)  # from a rough pose, that it cannot have meant
 _SAME_PLACE, _SAME_TURN = 0.03, math.radians(1.5)
 # Poses farther apart than this contradict each other; poses between the limits have not converged.
 _ELSEWHERE = 0.2, math.radians(10)
-
-
-@dataclass(frozen=True)
-class FoundPose:
-    """
-    The best pose, and the cost of its rival.
-
-    Attributes
-    ----------
-    fit : AlignedPose
-        The best fit.
-    rival : float
-        Cost of the best pose elsewhere; infinite if there is none.
-
-    """
-
-    fit: AlignedPose
-    rival: float
 
 
 @dataclass(frozen=True)
@@ -95,8 +78,8 @@ def look_around(room: Room) -> Panoramas:
 
 
 def find(
-    room: Room, observation: Observation, guess: Pose | None, panoramas: Panoramas | None, up: str
-) -> FoundPose:
+    room: Path, observation: Observation, guess: Pose | None, panoramas: Panoramas | None, up: str
+) -> AlignedPose:
     """
     Find the pose of a depth image, within about 0.3 m and 20 degrees of a guess.
 
@@ -126,7 +109,7 @@ def find(
         limit = _AS_GOOD * fits[0].cost
         fits.sort(key=lambda fit: (fit.cost > limit, _distance(fit.pose, guess)))
     rivals = [one.cost for one in fits[1:] if _differ(one.pose, fits[0].pose, *_ELSEWHERE)]
-    return FoundPose(fits[0], min(rivals, default=math.inf))
+    return replace(fits[0], rival=min(rivals, default=math.inf))
 
 
 def _distance(one: Pose, other: Pose) -> float:

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any
 
+from flexx2_sim_ros.truth.alignment import Linear, PosedImage
 from flexx2_sim_ros.truth.columns import ErrorColumns, LENS
-from flexx2_sim_ros.truth.joint import Linear, linearise, PosedImage, reduced, Solution, solve
+from flexx2_sim_ros.truth.joint import reduced, Solution, solve
 import numpy as np
 
 # Periods that are tried, metres: c/16f of 100 MHz to c/2f of 40 MHz.
@@ -233,7 +234,9 @@ def _gains(solution: Solution, periods: np.ndarray) -> np.ndarray:
     waves = np.arange(first, first + 2 * len(periods))
     values = np.insert(solution.values, first, np.zeros(len(waves)))
     columns = replace(solution.columns, periods=(*solution.columns.periods, *periods.tolist()))
-    equations = [linearise(_thin(view), columns, values) for view in solution.views]
+    equations = [
+        replace(_thin(view), columns=columns, values=values).linear for view in solution.views
+    ]
     S, s = reduced(equations, columns)
     S -= np.diag(np.isin(np.arange(len(s)), waves) * columns.precision)
     own = np.setdiff1d(np.arange(len(s)), waves)

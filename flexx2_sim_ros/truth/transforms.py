@@ -63,17 +63,7 @@ def transforms_between(
 
     """
     trees, name = _read(bag), shown_path(bag.path)
-    links = _of_camera(trees, parent, child, camera)
-    if links is None:
-        spaces = {space: _chain_from(trees, space, parent, child) for space in trees}
-        found = {space: chain for space, chain in spaces.items() if chain}
-        if len(found) > 1:
-            raise InputError(
-                f'--tf: must be frames of one robot, got {shown(parent)},{shown(child)}, which '
-                f'{listed([f"{one}/tf" for one in found])} of {name} have each, and the camera '
-                f'{shown(camera)} is in none of these namespaces'
-            )
-        links = next(iter(found.values()), [])
+    links = _links(trees, parent, child, camera, name)
     if not links:
         frames = {
             one for tree in trees.values() for links in tree.values() for one in _ends(links)
@@ -87,16 +77,24 @@ def transforms_between(
     return links
 
 
-def _of_camera(
-    trees: Mapping[str, _Tree], parent: str, child: str, camera: str
-) -> list[FrameTransforms] | None:
-    # In the namespaces around the camera, the nearest first; None if none of them has the child.
+def _links(
+    trees: Mapping[str, _Tree], parent: str, child: str, camera: str, name: str
+) -> list[FrameTransforms]:
+    # In the namespaces around the camera, the nearest first; else in the only one that has them.
     around = [space for space in trees if f'/{camera}/'.startswith(f'{space}/')]
     for space in sorted(around, key=len, reverse=True):
         links = _chain_from(trees, space, parent, child)
         if links or child in trees[space]:
             return links
-    return None
+    found = {space: _chain_from(trees, space, parent, child) for space in trees}
+    there = [space for space, links in found.items() if links]
+    if len(there) > 1:
+        raise InputError(
+            f'--tf: must be frames of one robot, got {shown(parent)},{shown(child)}, which '
+            f'{listed([f"{one}/tf" for one in there])} of {name} have each, and the camera '
+            f'{shown(camera)} is in none of these namespaces'
+        )
+    return found[there[0]] if there else []
 
 
 def _chain_from(

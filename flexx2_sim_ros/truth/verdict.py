@@ -5,11 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.truth.alignment import residuals
-from flexx2_sim_ros.truth.columns import ErrorColumns
-from flexx2_sim_ros.truth.joint import PosedImage, Solution
-from flexx2_sim_ros.truth.meshes import load_room
-from flexx2_sim_ros.truth.registration import Registered
+from flexx2_sim_ros.truth.alignment import PosedImage
+from flexx2_sim_ros.truth.joint import Solution
+from flexx2_sim_ros.truth.registration import MOST_METRES, Registered, strays, TOLD
 import numpy as np
 
 # A pixel fits if its residual is at most this many metres and standard deviations.
@@ -17,11 +15,9 @@ _FITS, _FITS_NOISE = 0.05, 3.0
 _LEAST__FITTING = 0.6
 _FITTING = 0.8
 _RIVAL = 1.3  # times the cost of the best pose
-_MOST_METRES, _MOST_DEGREES = 0.01, 0.5  # standard deviation of a pose
-ASSUMED = 0.01, 0.5  # metres and degrees: standard deviations of given poses that are not told
+_MOST_DEGREES = 0.5  # standard deviation of a pose
 # Cost of the best pose in the mirror image of the room, as a fraction of the cost in the room.
 _MIRRORED = 0.4
-TOLD = 0.3, 20.0  # metres and degrees that a rough pose may be wrong by
 _OUTLYING, _OUTLYING_METRES = 3.0, 0.01  # times the usual median residual; metres
 
 _LOST = 'the camera is lost: none of the frames that were tried fits the room'
@@ -44,8 +40,6 @@ class RoomFit:
         Median of the absolute residual, metres.
     deviation : tuple of float
         Standard deviation of the pose along and about its least certain axis: metres, degrees.
-    held : bool
-        Whether the pixels of most frames determine the pose.
 
     """
 
@@ -54,20 +48,14 @@ class RoomFit:
     fitting: float
     residual: float
     deviation: tuple[float, float]
-    held: bool = True
-
-
-def strays(one: Registered) -> bool:
-    """Return whether the fitted pose is farther from the given one than that may be wrong."""
-    return one.told is not None and (one.told[0] > TOLD[0] or one.told[1] > TOLD[1])
 
 
 def as_given(
-    views: Sequence[PosedImage], accuracy: tuple[float, float], reasons: Sequence[str]
+    one: Registered, views: Sequence[PosedImage], accuracy: tuple[float, float]
 ) -> RoomFit:
     """Return the verdict of a recording whose poses, of this accuracy, are used as given."""
-    fitting, residual = _misfit(views, ErrorColumns(False, (), False), np.zeros(0))
-    return RoomFit('used', tuple(reasons), fitting, residual, accuracy)
+    fitting, residual = _misfit(views)
+    return RoomFit('used', (one.why,) if one.why else (), fitting, residual, accuracy)
 
 
 def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]:
@@ -83,8 +71,7 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]
         if i not in seen:
             out.append(RoomFit('refused', (_LOST,), fitting, residual, deviation))
             continue
-        if strays(one):
-            assert one.told is not None
+        if one.told is not None and strays(one.told):
             refused.append(
                 f'its pose is {one.told[0]:.2f} m and {one.told[1]:.0f} degrees from the given '
                 f'one, which may be off by {TOLD[0]:g} m and {TOLD[1]:g} degrees; if the given '
@@ -96,7 +83,7 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]
             doubts.append(f'only {fitting:.0%} of its pixels fit the room')
         if one.rival < _RIVAL * min(one.costs):
             doubts.append('another pose fits nearly as well')
-        if deviation[0] > _MOST_METRES or deviation[1] > _MOST_DEGREES:
+        if deviation[0] > MOST_METRES or deviation[1] > _MOST_DEGREES:
             doubts.append(
                 f'what it sees does not hold its pose: {deviation[0] * 1e3:.0f} mm and '
                 f'{deviation[1]:.1f} degrees along the worst axes'
@@ -106,9 +93,7 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]
                 f'its residual is {residual * 1e3:.0f} mm, that of most is {usual * 1e3:.0f} mm'
             )
         state = 'refused' if refused else 'doubtful' if doubts else 'used'
-        free = [solution.free[k] for k, view in enumerate(solution.views) if view.recording == i]
-        held = float(np.median(free)) < _MOST_METRES
-        out.append(RoomFit(state, tuple(refused + doubts), fitting, residual, deviation, held))
+        out.append(RoomFit(state, tuple(refused + doubts), fitting, residual, deviation))
     return out
 
 
@@ -140,33 +125,23 @@ def check_room(
 
 
 def _numbers(recording: int, solution: Solution) -> tuple[float, float, tuple[float, float]]:
-    views = [i for i, view in enumerate(solution.views) if view.recording == recording]
-    if not views:
+    mine = [i for i, view in enumerate(solution.views) if view.recording == recording]
+    if not mine:
         return 0.0, float('inf'), (float('inf'), float('inf'))
-    fitting, residual = _misfit(
-        [solution.views[i] for i in views], solution.columns, solution.values
-    )
-    spread = sum((solution.covariances[i] for i in views), np.zeros((6, 6))) / len(views)
+    fitting, residual = _misfit([solution.views[i] for i in mine])
+    spread = sum((solution.covariances[i] for i in mine), np.zeros((6, 6))) / len(mine)
     metres = float(np.sqrt(np.linalg.eigvalsh(spread[:3, :3])[-1]))
     degrees = float(np.degrees(np.sqrt(np.linalg.eigvalsh(spread[3:, 3:])[-1])))
     return fitting, residual, (metres, degrees)
 
 
-def _misfit(
-    views: Sequence[PosedImage], columns: ErrorColumns, values: np.ndarray
-) -> tuple[float, float]:
+def _misfit(views: Sequence[PosedImage]) -> tuple[float, float]:
     # The fraction of pixels that fit, and the median residual, metres.
-    left, fits = [], []
-    for view in views:
-        rays = columns.true_rays(values, view.target.rays)
-        hits = load_room(view.room).cast(view.pose, rays)
-        error = residuals(hits, view.target)
-        error -= columns.errors(values, hits, rays, view.bounce, view.uptime)
-        with np.errstate(invalid='ignore'):
-            fits.append(np.abs(error) < _FITS + _FITS_NOISE * view.target.sigma)
-        left.append(np.abs(error[np.isfinite(error)]))
-    if not sum(map(len, fits)):
+    left = np.abs(np.concatenate([view.error for view in views] or [np.zeros(0)]))
+    if not len(left):
         return 0.0, float('inf')
-    every = np.concatenate(left)
-    residual = float(np.median(every)) if len(every) else float('inf')
-    return float(np.concatenate(fits).mean()), residual
+    sigma = np.concatenate([view.target.sigma for view in views])
+    with np.errstate(invalid='ignore'):
+        fits = left < _FITS + _FITS_NOISE * sigma
+    every = left[np.isfinite(left)]
+    return float(fits.mean()), float(np.median(every)) if len(every) else float('inf')
