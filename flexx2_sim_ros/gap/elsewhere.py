@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.forms.named import Simulator
-from flexx2_sim_ros.gap.forms.work import Settings
+from flexx2_sim_ros.gap.forms.looked import Settings, Simulator
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.work import measure_apart
 import numpy as np

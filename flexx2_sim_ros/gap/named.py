@@ -10,8 +10,9 @@ from flexx2_sim_ros.gap.elsewhere import Elsewhere
 from flexx2_sim_ros.gap.explained import FoundSet
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.processed import Processed
-from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, rounds_of_named, Simulator
-from flexx2_sim_ros.gap.forms.work import Settings
+from flexx2_sim_ros.gap.forms.calibratable import rounds
+from flexx2_sim_ros.gap.forms.calibrating import calibrate_named, Calibrated
+from flexx2_sim_ros.gap.forms.looked import confirm_settled, Settings, Simulator
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
 from flexx2_sim_ros.gap.inference.improvement import all_measured, taken_off
@@ -32,26 +33,22 @@ class Named:
 
     Attributes
     ----------
-    fitted, effects : list of Effect
-        As found by the decision, and with curves, tables and maps where those were fitted.
-    held_out : list of list of Effect
-        As `fitted`, for each recording from the others.
+    found : FoundSet
+        As found by the decision.
+    effects : list of Effect
+        The same, with curves, tables and maps where those were fitted.
     first : list of Outcome
-        Of each recording, with `held_out`.
+        Of each recording, with what was found without it.
     forms : Calibrated or None
         The curves, tables and maps.
     confirmed : list of Outcome
         Of each recording, with `forms` where those are taken.
     motions : list of numpy.ndarray
         Where the camera of each recording was in `confirmed`.
-    decision : Decision
-        What was decided.
     used : list of Found
         The recordings, at the noise level of the decision.
     simulator : Simulator
         Of these.
-    rises : dict of str to numpy.ndarray
-        By how much recordings are farther apart without each effect; see `rounds.Explained`.
     own : list of dict
         Of each recording, the effects of the camera in `confirmed`: parameters by name.
     bare : list of numpy.ndarray or None
@@ -59,33 +56,37 @@ class Named:
 
     """
 
-    fitted: list[Effect]
+    found: FoundSet
     effects: list[Effect]
-    held_out: list[list[Effect]]
     first: list[Outcome]
     forms: Calibrated | None
     confirmed: list[Outcome]
     motions: list[np.ndarray]
-    decision: Decision
     used: list[Found]
     simulator: Simulator
-    rises: dict[str, np.ndarray]
     own: list[Settings]
     bare: list[np.ndarray | None]
+
+    @property
+    def decision(self) -> Decision:
+        """Return what was decided."""
+        return self.found.decision
 
     def table(
         self, model: Model, used: list[Found], left_out: list[tuple[str, str]]
     ) -> dict[str, Any]:
         """Return the table of the diagnosis, as far as it is about the named effects."""
-        decision = self.decision
-        out = diagnosis_table(model, decision, self.fitted, self.first, used, left_out, self.rises)
+        one, rises = self.found, self.found.rises
+        out = diagnosis_table(model, one.decision, one.fitted, self.first, used, left_out, rises)
         if self.forms is not None:
-            out = calibrated_table(out, model, decision, self.forms, self.confirmed, self.motions)
+            out = calibrated_table(
+                out, model, one.decision, self.forms, self.confirmed, self.motions
+            )
         out['verdict'] = verdict_of(out)
-        for i, own in enumerate(self.held_out):  # Used recordings are first.
+        for i, own in enumerate(one.held_out):  # Used recordings are first.
             row = out['recordings'][i]
             row['effects_without'] = table_of(own)
-            row['takes_off_here'] = {name: float(rise[i, 0]) for name, rise in self.rises.items()}
+            row['takes_off_here'] = {name: float(rise[i, 0]) for name, rise in rises.items()}
         return out
 
 
@@ -116,27 +117,26 @@ def simulate_named(
         As for `diagnose`.
 
     """
-    decision, motions = found.decision, found.motions
-    fitted, held_out = found.fitted, found.held_out
+    motions, fitted, held_out = found.motions, found.fitted, found.held_out
     used, noisy = noisier(used, simulator.profile, 1 + found.sigma)
     simulator = replace(simulator, profile=noisy)
     step = stepper(progress, 'simulating the outcome', 0.8, 0.06, 2 * len(used))
-    show = _shown(decision)
+    show = _shown(found.decision)
     without = [of_camera(one) for one in held_out]
     wrong = as_wrong_as_fitted(of_camera(fitted), without)
-    bare = model.own.free_planes_at(decision.base.nuisances)
+    bare = model.own.free_planes_at(found.decision.base.nuisances)
     elsewhere = Elsewhere(model, used, fitted, simulator, bare)
     # At other poses, `measured` simulates the wrong effects, and not this.
     here = wrong if elsewhere.other_poses(motions) is None else without
     jobs = list(zip(used, map(tuple, motions), without, here, show, bare, strict=True))
     first = simulator.run(simulate_set, jobs, step)
     first = elsewhere.measured(first, motions, wrong, step)
-    rest = decision, used, simulator, found.rises, without, bare
-    plain_ones = Named(fitted, fitted, held_out, first, None, first, motions, *rest)
+    rest = used, simulator, without, bare
+    plain_ones = Named(found, fitted, first, None, first, motions, *rest)
     if which == 'catalogue':
         return plain_ones
     quick = which == 'quick'
-    total = rounds_of_named(fitted, quick) * len(used)
+    total = (2 + rounds(of_camera(fitted), quick)) * len(used)
     step = stepper(progress, 'fitting curves and maps', 0.86, 0.1, total)
     forms = calibrate_named(used, motions, fitted, held_out, simulator, step, quick)
     if forms is None:
@@ -145,11 +145,15 @@ def simulate_named(
     named = replace(plain_ones, effects=effects, forms=forms)
     if not forms.taken:
         return named
-    wrong = as_wrong_as_fitted(forms.explained.effects, forms.explained.now)
-    confirmed, motions = forms.confirmed(simulator, wrong, show, bare, step)
+    formed = forms.explained
+    now = list(formed.now)
+    wrong = as_wrong_as_fitted(formed.effects, now)
+    # Each recording with forms that were not fitted to it.
+    jobs = list(zip(formed.looked, now, wrong, show, bare, strict=True))
+    both = simulator.run(confirm_settled, jobs, step)
+    confirmed, motions = [one for one, _ in both], [motion for _, motion in both]
     elsewhere = replace(elsewhere, effects=effects)
     confirmed = elsewhere.measured(confirmed, motions, wrong, step)
-    now = list(forms.explained.now)
     return replace(named, confirmed=confirmed, motions=motions, own=now)
 
 

@@ -11,7 +11,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
-from flexx2_sim_ros.gap.forms.work import registered, Settings
+from flexx2_sim_ros.gap.forms.looked import registered, Settings
 from flexx2_sim_ros.recording import open_recording
 import numpy as np
 
