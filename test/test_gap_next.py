@@ -52,10 +52,10 @@ def record(folder, plan, effects, kind, names):
     """Write two recordings of each named set-up."""
     folder.mkdir()
     for again in range(2):
-        for i, planned in enumerate(plan.recordings):
+        for planned in plan.recordings:
             if planned.name in names:
                 path = folder / f'{planned.name}{again}.npz'
-                write_recording(path, plan, planned, flexx2(), kind, effects, [again, i])
+                write_recording(path, plan, planned, flexx2(), kind, effects, again)
     return folder
 
 

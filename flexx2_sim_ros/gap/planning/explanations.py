@@ -33,17 +33,18 @@ class Explanation:
         For people.
     effects : dict
         Parameters by effect; empty if there is none.
-    gain : float
-        Reduction of the loss of the recordings, as in `Choice`.
-    fit : Fit
-        What it leaves of the gap is the residual of this fit.
+    weight : float
+        How likely it is.
+    rest : numpy.ndarray
+        (R, SIZE) what it leaves of the gap of the recordings, in units of the features' scale; NaN
+        where there is none.
 
     """
 
     name: str
     effects: Effects
-    gain: float
-    fit: Fit
+    weight: float
+    rest: np.ndarray
 
     @property
     def cause(self) -> str | None:
@@ -86,7 +87,8 @@ def explanations(
     These are the chosen effects, each alternative (which replaces some of them), each single
     effect that was rejected narrowly, each effect that the ground truth cannot decide (at typical
     strength), and no effect. If no gap was found, each effect that would not make one in these
-    recordings is possible, too. Pose errors count as no effect.
+    recordings is possible, too. Pose errors count as no effect. An explanation is as likely as
+    exp(gain / 2), with the gain in loss of a `Choice`.
 
     Parameters
     ----------
@@ -107,21 +109,23 @@ def explanations(
         hidden += [name for name in unseen(model, candidates) if name not in hidden]
     sets += [(kept | {name: registry()[name]().settings}, gain, base) for name in hidden]
     sets.append(({}, 0.0, decision.base))
-    pose, out = of_role('pose').name, dict[str, Explanation]()
+    pose, out = of_role('pose').name, dict[str, tuple[Effects, float, Fit]]()
     for effects, gain, fit in sets:
         # The pose of each recording is fitted in any case, so a pose error looks like no effect.
         camera = {name: values for name, values in effects.items() if name != pose}
-        if not any(camera == one.effects for one in out.values()):
-            name = ' + '.join(map(spaced, camera)) or NONE
-            out.setdefault(name, Explanation(name, camera, gain, fit))
-    return list(out.values())
-
-
-def probabilities(standing: Iterable[Explanation]) -> np.ndarray:
-    """Return how likely each explanation is, (N,): proportional to exp(gain / 2)."""
-    gains = np.array([one.gain for one in standing])
+        if not any(camera == other for other, *_ in out.values()):
+            out.setdefault(' + '.join(map(spaced, camera)) or NONE, (camera, gain, fit))
+    gains = np.array([gain for _, gain, _ in out.values()])
     weights = np.exp((gains - gains.max()) / 2)
-    return np.asarray(weights / weights.sum())
+    weights /= weights.sum()
+    return [
+        Explanation(name, effects, weight, _rest(model, fit))
+        for (name, (effects, _, fit)), weight in zip(out.items(), weights, strict=True)
+    ]
+
+
+def _rest(model: Model, fit: Fit) -> np.ndarray:
+    return np.where(model.good, fit.residual(model) / np.sqrt(model.scale2), np.nan)
 
 
 def _found(trials: Trials, decision: Decision) -> list[tuple[Effects, float, Fit]]:

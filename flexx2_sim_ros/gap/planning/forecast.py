@@ -10,15 +10,16 @@ explanation. Those recordings and the new ones are diagnosed together, by the di
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.hidden import Hidden
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import SIZE
 from flexx2_sim_ros.gap.inference.decidable import decidable_candidates, undecided
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
-from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.planning.explanations import Explanation, explanations, probabilities
+from flexx2_sim_ros.gap.planning.explanations import Explanation, explanations
 from flexx2_sim_ros.gap.planning.power import noise, wrong_truth
 import numpy as np
 
@@ -28,37 +29,16 @@ _LEAST = 0.05  # less likely explanations are not assumed to be true, if others 
 
 
 @dataclass(frozen=True)
-class Assumed:
-    """
-    An explanation that is assumed to be true.
-
-    Attributes
-    ----------
-    column : str or None
-        The column of its shift in the evidence of new recordings; None for no effect.
-    cause : str or None
-        The effect that a diagnosis should name first; None for no effect.
-    weight : float
-        How likely it is.
-    rest : numpy.ndarray
-        (R, SIZE) what it leaves of the gap of the recordings, in units of the features' scale; NaN
-        where there is none.
-
-    """
-
-    column: str | None
-    cause: str | None
-    weight: float
-    rest: np.ndarray
-
-
-@dataclass(frozen=True)
 class DiagnosedWith:
     """
     What the recordings were diagnosed with.
 
     Attributes
     ----------
+    profile : Profile
+        The camera.
+    given : dict
+        Effects that were taken as given: parameters by name.
     columns : tuple of Column
         The simulations of each recording.
     without : frozenset of str
@@ -76,6 +56,8 @@ class DiagnosedWith:
 
     """
 
+    profile: Profile
+    given: Table
     columns: tuple[Column, ...]
     without: frozenset[str]
     modulation: bool
@@ -102,8 +84,8 @@ class DiagnosedRecordings:
         Of this evidence and that of new recordings.
     labels : frozenset of tuple of str
         Effect and label of the candidates that are compared.
-    assumed : tuple of Assumed
-        The explanations.
+    standing : tuple of Explanation
+        What is still possible.
     source : DiagnosedWith
         What the recordings were diagnosed with.
 
@@ -112,7 +94,7 @@ class DiagnosedRecordings:
     evidence: tuple[Evidence, ...]
     columns: tuple[Column, ...]
     labels: frozenset[tuple[str, str]]
-    assumed: tuple[Assumed, ...]
+    standing: tuple[Explanation, ...]
     source: DiagnosedWith
 
     def candidates(self) -> list[Candidate]:
@@ -138,9 +120,7 @@ class Expected:
     undecided: float
 
 
-def what_is_known(
-    model: Model, source: DiagnosedWith
-) -> tuple[list[Explanation], np.ndarray, DiagnosedRecordings]:
+def what_is_known(model: Model, source: DiagnosedWith) -> DiagnosedRecordings:
     """
     Diagnose the recordings, and return what is still possible.
 
@@ -151,35 +131,25 @@ def what_is_known(
     source : DiagnosedWith
         What they were diagnosed with.
 
-    Returns
-    -------
-    tuple
-        The explanations, how likely each one is, (N,), and all that `expect` needs.
-
     """
     candidates, absorbed = decidable_candidates(model, source.candidates(), source.hidden)
     decision = decide(model, candidates, absorbed=absorbed)
     standing = explanations(model, decision, candidates)
-    weights = probabilities(standing)
     compared = _compared(candidates, standing, decision)
     needed = _columns(source.columns, compared)
     own = [Column(one.name, one.effects, few=False) for one in standing if one.effects]
     index = [model.index[column.name] for column in needed]
     blank = np.zeros((len(own), SIZE), np.float32)
-    known = DiagnosedRecordings(
+    return DiagnosedRecordings(
         tuple(
             replace(one, columns=np.concatenate([one.columns[index], blank]))
             for one in model.evidence
         ),
         (*needed, *own),
         frozenset((one.effect, one.label) for one in compared),
-        tuple(
-            Assumed(one.name if one.effects else None, one.cause, weight, _rest(model, one.fit))
-            for one, weight in zip(standing, weights, strict=True)
-        ),
+        tuple(standing),
         source,
     )
-    return standing, weights, known
 
 
 def expect(
@@ -204,8 +174,8 @@ def expect(
     candidates, absorbed = decidable_candidates(model, known.candidates(), known.source.hidden)
     not_seen = undecided(model, candidates)
     right = wrong = total = 0.0
-    least = min(_LEAST, max(one.weight for one in known.assumed) / 2)
-    for one in known.assumed:
+    least = min(_LEAST, max(one.weight for one in known.standing) / 2)
+    for one in known.standing:
         if one.weight < least:
             continue
         total += one.weight
@@ -224,7 +194,7 @@ def expect(
 
 
 def _gap(
-    model: Model, assumed: Assumed, count: int, fitted: bool, rng: np.random.Generator
+    model: Model, assumed: Explanation, count: int, fitted: bool, rng: np.random.Generator
 ) -> np.ndarray:
     # (R, SIZE) gap of all recordings, the last ``count`` of which are new, if an explanation is
     # true.
@@ -234,10 +204,10 @@ def _gap(
     rest = assumed.rest[chosen] * np.sqrt(model.scale2[first:])
     gap[first:] = np.where(np.isfinite(rest), rest, gap[first:])
     gap[first:] += wrong_truth(model, fitted, rng)[first:]
-    if assumed.column is not None:
+    if assumed.effects:
         # Each set-up was simulated twice. The shift comes from the other simulation, so that its
         # noise is not that of the fit.
-        pairs = model.column(assumed.column)[first:].reshape(-1, 2, SIZE)
+        pairs = model.column(assumed.name)[first:].reshape(-1, 2, SIZE)
         gap[first:] += pairs[:, ::-1].reshape(count, SIZE)
     gap[:first] = model.gap[:first]
     return gap
@@ -268,8 +238,3 @@ def _columns(columns: Sequence[Column], candidates: Sequence[Candidate]) -> list
         for term in (*one.terms, *(one.given.terms if one.given else ())):
             names |= {c if isinstance(c, str) else c.column for _, c in term.nodes}
     return [column for column in columns if column.name in names]
-
-
-def _rest(model: Model, fit: Fit) -> np.ndarray:
-    # (R, SIZE) what a fit leaves of the gap, in units of the features' scale.
-    return np.where(model.good, fit.residual(model) / np.sqrt(model.scale2), np.nan)

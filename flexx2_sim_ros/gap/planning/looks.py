@@ -1,13 +1,13 @@
 """The images that each explanation predicts for a recording."""
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.features.simulation import simulate, with_uptime
-from flexx2_sim_ros.gap.planning.explanations import Effects
+from flexx2_sim_ros.gap.planning.explanations import Explanation
 from flexx2_sim_ros.gap.planning.possible import Possible
 import numpy as np
 
@@ -37,7 +37,7 @@ class PredictedView:
 
 
 def look(
-    possible: Possible, explanations: Mapping[str, Effects], profile: Profile, seed: int
+    possible: Possible, standing: Sequence[Explanation], profile: Profile, seed: int
 ) -> PredictedView:
     """
     Simulate a recording with each explanation.
@@ -46,8 +46,8 @@ def look(
     ----------
     possible : Possible
         The recording.
-    explanations : mapping
-        Effects by explanation.
+    standing : sequence of Explanation
+        The explanations.
     profile : Profile
         The camera.
     seed : int
@@ -59,12 +59,12 @@ def look(
         raise InputError(found)
     recording = read(found, profile, possible.known)
     images = []
-    for effects in explanations.values():
+    for one in standing:
         depth = simulate(
             recording,
             recording.clean,
             recording.reflectivity,
-            with_uptime(effects, recording.uptime),
+            with_uptime(one.effects, recording.uptime),
             seed,
         )
         images.append(_images(depth - recording.clean, np.isfinite(depth), recording.truth.known))

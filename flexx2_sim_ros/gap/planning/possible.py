@@ -112,10 +112,10 @@ def of_plan(
     known = at_size(known, lens.height, lens.width)
     out = []
     for kind in kinds:
-        for i, planned in enumerate(plan.recordings):
+        for planned in plan.recordings:
             if kind.suits(planned):
                 path = folder / f'{planned.name}_{kind.name}.npz'
-                write_recording(path, plan, planned, profile, kind, known, [seed, i])
+                write_recording(path, plan, planned, profile, kind, known, seed)
                 out.append(Possible(planned.name, planned.set_up, kind, path, known, planned))
     return out
 
