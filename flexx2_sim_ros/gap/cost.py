@@ -20,7 +20,7 @@ from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
 from flexx2_sim_ros.gap.inference.effects import table_of
-from flexx2_sim_ros.gap.renditions import AGAIN, ALL, Known, REAL, render, Rendered, SIMULATED
+from flexx2_sim_ros.gap.renditions import AGAIN, ALL, Known, REAL, render, SIMULATED
 from flexx2_sim_ros.gap.report.cost_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
@@ -206,17 +206,17 @@ def measure_cost(
         for file, one in zip(found, rendered, strict=True)
         if isinstance(one, str)
     ]
-    used = [one for one in rendered if isinstance(one, Rendered)]
+    used = [one for one in rendered if not isinstance(one, str)]
     if not used:
         raise nothing_left(Path(campaign), [*left_out, *unusable])
     chosen = request.consumers
     step = stepper(progress, 'running the consumers', 0.62, 0.36, len(chosen) * len(used))
-    views = [one.views for one in used]
+    views = [one for one, _ in used]
     with ThreadPoolExecutor(request.jobs) as pool:  # Each thread waits for one process.
         results = list(pool.map(lambda source: run(source, views, request.limit, step), chosen))
     rows: list[dict[str, Any]] = [
-        {'name': one.views.name, 'used': True, 'reason': '', 'effects_from': one.effects_from}
-        for one in used
+        {'name': one.name, 'used': True, 'reason': '', 'effects_from': whence}
+        for one, whence in used
     ]
     rows += [
         {'name': name, 'used': False, 'reason': reason} for name, reason in [*left_out, *unusable]

@@ -5,9 +5,9 @@ from typing import Any
 
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.gap.planning.looks import PredictedView
 from flexx2_sim_ros.gap.planning.next_recording import Suggestions
 from flexx2_sim_ros.gap.planning.page import record_command, set_up, STYLE, truth_line
+from flexx2_sim_ros.gap.planning.possible import PredictedView
 from flexx2_sim_ros.gap.report.text import percent
 from flexx2_sim_ros.html_drawing import picture
 from flexx2_sim_ros.html_page import html_page

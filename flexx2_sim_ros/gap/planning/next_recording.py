@@ -17,22 +17,24 @@ from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.planning.explanations import check_open, Explanation
 from flexx2_sim_ros.gap.planning.forecast import (
+    check_open,
     DiagnosedRecordings,
     DiagnosedWith,
     expect,
     Expected,
+    Explanation,
     what_is_known,
 )
-from flexx2_sim_ros.gap.planning.looks import look, PredictedView
 from flexx2_sim_ros.gap.planning.plan import Plan
 from flexx2_sim_ros.gap.planning.possible import (
     kinds_named,
+    look,
     of_campaign,
     of_plan,
     of_scene,
     Possible,
+    PredictedView,
     usual_kinds,
 )
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
