@@ -160,7 +160,9 @@ def samples_of(scene: PlacedScene, motion: np.ndarray, spread: np.ndarray) -> Sa
         _frame(scene, i, int(t), *images_at(scene.placed, int(t)))
         for i, t in enumerate(frames_of(scene.recording))
     ]
-    columns = {name: np.concatenate([one[name] for one in parts], axis=-1) for name in parts[0]}
+    columns: dict[str, Any] = {
+        name: np.concatenate([one[name] for one in parts], axis=-1) for name in parts[0]
+    }
     return Samples(motion=motion, spread=spread, **columns)
 
 

@@ -157,7 +157,10 @@ def _recording(row: Any) -> PlannedRecording:
         if not isinstance(effect, str) or effect not in registry():
             raise InputError(f'for: must be among {", ".join(registry())}, got {shown(effect)}')
     panels = [wall(*numbers) for numbers in _lists(row, 'walls', _WALL)]
-    panels += [card(*rest, (speed, 0.0, 0.0)) for *rest, speed in _lists(row, 'cards', _CARD)]
+    panels += [
+        card(distance, x, half, reflectivity, (speed, 0.0, 0.0))
+        for distance, x, half, reflectivity, speed in _lists(row, 'cards', _CARD)
+    ]
     if not panels:
         raise InputError('walls: must be at least one wall or card, got none')
     set_up = ' '.join(_text(row, 'set_up').split())
