@@ -1,12 +1,11 @@
 """What a diagnosis names, and what simulating it gives."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.data.campaign import Found
-from flexx2_sim_ros.gap.elsewhere import Elsewhere
 from flexx2_sim_ros.gap.explained import FoundSet
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.processed import Processed
@@ -20,7 +19,14 @@ from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, verdict_of
-from flexx2_sim_ros.gap.work import measure_processed, noisier, Progress, simulate_set, stepper
+from flexx2_sim_ros.gap.work import (
+    measure_apart,
+    measure_processed,
+    noisier,
+    Progress,
+    simulate_set,
+    stepper,
+)
 from flexx2_sim_ros.processing import Chain
 from flexx2_sim_ros.recording.reader import PROCESSED
 import numpy as np
@@ -125,12 +131,13 @@ def simulate_named(
     without = [of_camera(one) for one in held_out]
     wrong = as_wrong_as_fitted(of_camera(fitted), without)
     bare = model.own.free_planes_at(found.decision.base.nuisances)
-    elsewhere = Elsewhere(model, used, fitted, simulator, bare)
+    elsewhere = _Elsewhere(model, used, simulator, bare)
+    poses = elsewhere.poses(fitted, motions)
     # At other poses, `measured` simulates the wrong effects, and not this.
-    here = wrong if elsewhere.other_poses(motions) is None else without
+    here = wrong if poses is None else without
     jobs = list(zip(used, map(tuple, motions), without, here, show, bare, strict=True))
     first = simulator.run(simulate_set, jobs, step)
-    first = elsewhere.measured(first, motions, wrong, step)
+    first = elsewhere.measured(first, poses, wrong, step)
     rest = used, simulator, without, bare
     plain_ones = Named(found, fitted, first, None, first, motions, *rest)
     if which == 'catalogue':
@@ -152,9 +159,46 @@ def simulate_named(
     jobs = list(zip(formed.looked, now, wrong, show, bare, strict=True))
     both = simulator.run(confirm_settled, jobs, step)
     confirmed, motions = [one for one, _ in both], [motion for _, motion in both]
-    elsewhere = replace(elsewhere, effects=effects)
-    confirmed = elsewhere.measured(confirmed, motions, wrong, step)
+    poses = elsewhere.poses(effects, motions)
+    confirmed = elsewhere.measured(confirmed, poses, wrong, step)
     return replace(named, confirmed=confirmed, motions=motions, own=now)
+
+
+@dataclass(frozen=True)
+class _Elsewhere:
+    # The gap as it is in other scenes of the same camera, whose poses have other errors.
+    model: Model
+    used: Sequence[Found]
+    simulator: Simulator
+    bare: Sequence[np.ndarray | None]
+
+    def poses(
+        self, effects: Sequence[Effect], motions: Sequence[np.ndarray]
+    ) -> list[np.ndarray] | None:
+        # Those of other scenes, or None if they are the fitted ones. They are, if poses can hide
+        # no part of the effects, such as random dropout. What the poses have in common then is
+        # chance, or another cause that is not named.
+        posed = any(one.role == 'pose' for one in effects)
+        if not posed and not any('pose' in one.nuisances for one in effects):
+            return None
+        poses = self.model.own.elsewhere(motions, posed)
+        same = all(np.array_equal(*pair) for pair in zip(poses, motions, strict=True))
+        return None if same else poses
+
+    def measured(
+        self,
+        outcomes: Sequence[Outcome],
+        poses: Sequence[np.ndarray] | None,
+        wrong: Sequence[Settings],
+        step: Callable[[], None],
+    ) -> list[Outcome]:
+        # Outcomes with how far recordings and simulations are apart there, with effects that are
+        # as wrong as their fit leaves open.
+        if poses is None or not any(wrong):
+            return list(outcomes)
+        jobs = list(zip(self.used, map(tuple, poses), wrong, self.bare, strict=True))
+        apart = self.simulator.run(measure_apart, jobs, step)
+        return [replace(one, elsewhere=far) for one, far in zip(outcomes, apart, strict=True)]
 
 
 def processed_table(
