@@ -293,7 +293,9 @@ def _ranking(
         ranking.append(
             {
                 'effect': name,
-                **{key: _mean([one[key] for one in own]) for key in _RANKED},
+                **{
+                    key: float(np.clip([one[key] for one in own], -1, 1).mean()) for key in _RANKED
+                },
                 'interval': [float(low), float(high)],
                 'ahead_of': [
                     other for other, least in zip(effects, lead, strict=True) if least > 0
@@ -302,10 +304,6 @@ def _ranking(
             }
         )
     return sorted(ranking, key=lambda row: -row['part'])
-
-
-def _mean(fractions: Sequence[float]) -> float:
-    return float(np.clip(fractions, -1, 1).mean())
 
 
 def _measures(result: Result, effects: Sequence[str]) -> list[dict[str, Any]]:
@@ -342,20 +340,20 @@ def known_of(before: Diagnosed) -> Known:
         left = [one for one in parse_effects({**own, **forms}) if one.role != 'pose']
         if _forms(left) == _forms(effects):  # Maps have none.
             without[row['checksum']] = table_of(left)
+    late = before.arrival
+    delay = (
+        late.median
+        if late is not None
+        else time_offset_of(parse_effects(before.known)).delay_ns / 1e9
+    )
     return Known(
         table,
         before.known,
         (metres,) * 3 + (degrees,) * 3,
         frozenset(before.checksums),
         without,
-        _delay(before),
+        delay,
     )
-
-
-def _delay(before: Diagnosed) -> float:
-    if before.arrival is not None:
-        return before.arrival.median
-    return time_offset_of(parse_effects(before.known)).delay_ns / 1e9
 
 
 def _forms(effects: Iterable[Effect]) -> dict[str, set[str]]:
