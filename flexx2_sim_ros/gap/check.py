@@ -215,5 +215,5 @@ def _physical(
     seed: int,
     known: Table,
 ) -> dict[str, list[float]]:
-    found, *both = job
-    return before_after(read(found, profile, known), tuple(both), effects, seed)
+    found, without, with_effects = job
+    return before_after(read(found, profile, known), (without, with_effects), effects, seed)

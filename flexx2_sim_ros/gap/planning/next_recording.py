@@ -48,24 +48,6 @@ _ENOUGH = 0.9  # expected fraction right from which on one set-up is enough
 _COMBINED = 4  # set-ups that are combined in pairs
 
 
-@dataclass(frozen=True)
-class Suggestions:
-    """
-    What to record next.
-
-    Attributes
-    ----------
-    table : dict
-        The table ``next.json`` of ``docs/diagnose_your_flexx2.md``.
-    views : list of PredictedView
-        The images of the first suggestions.
-
-    """
-
-    table: dict[str, Any]
-    views: list[PredictedView]
-
-
 @dataclass(frozen=True, eq=False)
 class _Row:
     # A recording that could be made, what is expected after it, and its two simulations.
@@ -85,7 +67,7 @@ def suggest(
     seed: int = 0,
     jobs: int = 1,
     progress: Progress = lambda text, share: None,
-) -> Suggestions:
+) -> tuple[dict[str, Any], list[PredictedView]]:
     """
     Rank recordings by how well they are expected to settle what a diagnosis leaves open.
 
@@ -109,6 +91,12 @@ def suggest(
         Number of processes.
     progress : callable
         Called with the name of the current step and the fraction of the work that is done.
+
+    Returns
+    -------
+    tuple
+        The table ``next.json`` of ``docs/diagnose_your_flexx2.md``, and the images of the first
+        suggestions.
 
     Raises
     ------
@@ -147,7 +135,7 @@ def suggest(
         best, expected = _suggestion(new, known, mapped, progress)
         first = [*best, *(row for row in new if row not in best)][:_SHOWN]
         views = [look(row.possible, known.standing, camera, seed) for row in first]
-    return Suggestions(_table(rows, best, expected, known.standing), views)
+    return _table(rows, best, expected, known.standing), views
 
 
 def _suggestion(
