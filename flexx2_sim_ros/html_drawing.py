@@ -86,7 +86,11 @@ def depth_picture(
 
 def data_url(index: np.ndarray, palette: np.ndarray) -> str:
     """Return an image with a palette as a data URL; see `encode_png`."""
-    file = encode_png(index.astype(np.uint8), palette)
+    return png_url(encode_png(index.astype(np.uint8), palette))
+
+
+def png_url(file: bytes) -> str:
+    """Return a PNG as a data URL."""
     return 'data:image/png;base64,' + base64.b64encode(file).decode()
 
 

@@ -3,7 +3,8 @@
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.gap.data.campaign import read
 from flexx2_sim_ros.gap.data.registration import register
-from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
+from flexx2_sim_ros.gap.forms.calibrating import calibrate_named
+from flexx2_sim_ros.gap.forms.looked import Simulator
 from flexx2_sim_ros.gap.work import find
 from flexx2_sim_ros.jobs import workers
 import numpy as np

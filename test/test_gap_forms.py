@@ -13,9 +13,9 @@ from flexx2_sim_ros.gap import diagnose, measure, randomise
 from flexx2_sim_ros.gap.cost import known_of
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.forms.bias import forms_of
-from flexx2_sim_ros.gap.forms.fitting import BiasFit, own_motion
+from flexx2_sim_ros.gap.forms.bias_fit import BiasFit, own_motion
+from flexx2_sim_ros.gap.forms.looked import registered
 from flexx2_sim_ros.gap.forms.samples import Samples
-from flexx2_sim_ros.gap.forms.work import registered
 from flexx2_sim_ros.gap.report.form_figures import figures
 from flexx2_sim_ros.gap.report.reading import read_diagnosis
 from named_forms import fitted_forms

@@ -5,9 +5,9 @@ import shutil
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.forms.fitting import BiasFit
+from flexx2_sim_ros.gap.forms.bias_fit import BiasFit
 from flexx2_sim_ros.gap.forms.geometry import shape_of
-from flexx2_sim_ros.gap.forms.named import Simulator
+from flexx2_sim_ros.gap.forms.looked import look, look_again, Simulator
 from flexx2_sim_ros.gap.forms.proposals import FormProposal, FormVerdict
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.report.form_figures import figures
@@ -94,10 +94,11 @@ def test_a_recording_that_is_gone_is_an_error_that_names_it(recordings, tmp_path
     with workers(1, None) as mapped:
         simulator = Simulator(mapped, None, {}, 0, (0.01,) * 3 + (0.5,) * 3)
         found, _ = find(tmp_path, None, mapped)
-        looked = simulator.look([(one, effects, None) for one in found], lambda: None)
+        jobs = [(one, effects, None) for one in found]
+        looked = simulator.run(look, jobs, prior=simulator.prior)
         (tmp_path / names[1]).unlink()
         with pytest.raises(InputError, match=names[1]):
-            simulator.work(lambda: None).again(looked, [effects] * 2)
+            simulator.run(look_again, [(one, effects) for one in looked])
 
 
 def test_a_table_of_fitted_numbers_has_the_title_that_its_page_gives_it():

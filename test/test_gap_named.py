@@ -8,8 +8,8 @@ from campaigns import ALIKE, all_but, among
 from flexx2_sim_ros.effects.shapes import Free, Shape
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
-from flexx2_sim_ros.gap.forms.search import evaluations, search
-from flexx2_sim_ros.gap.forms.work import judge, look, Looked
+from flexx2_sim_ros.gap.forms.looked import judge, look, Looked
+from flexx2_sim_ros.gap.forms.shape_search import evaluations, search
 from flexx2_sim_ros.gap.report import table as report_table
 from flexx2_sim_ros.gap.report.table import makes_larger
 from flexx2_sim_ros.gap.report.words import sentences

@@ -52,10 +52,10 @@ def record(folder, plan, effects, kind, names):
     """Write two recordings of each named set-up."""
     folder.mkdir()
     for again in range(2):
-        for i, planned in enumerate(plan.recordings):
+        for planned in plan.recordings:
             if planned.name in names:
                 path = folder / f'{planned.name}{again}.npz'
-                write_recording(path, plan, planned, flexx2(), kind, effects, [again, i])
+                write_recording(path, plan, planned, flexx2(), kind, effects, again)
     return folder
 
 
@@ -136,7 +136,7 @@ def test_a_laser_decides_what_fitted_planes_leave_open(plan, tmp_path):
     table = diagnose(campaign, without=all_but(*kept), out=tmp_path / 'diagnosis')
     assert 'offset' in [row['name'] for row in table['not_decidable']]
     kinds = ['planes', 'laser']
-    found = suggest(tmp_path / 'diagnosis', campaign, plan, kinds=kinds).table
+    found, _ = suggest(tmp_path / 'diagnosis', campaign, plan, kinds=kinds)
     assert {'offset', 'no effect'} < set(found['explanations'])
     # Nothing in the recordings says which of them it is.
     assert len(set(found['probabilities'].values())) == 1
@@ -158,7 +158,7 @@ def test_a_laser_decides_what_fitted_planes_leave_open(plan, tmp_path):
         clean_sigma=np.full((20, 43, 56), 0.002),
     )
     alone = replace(plan, recordings=())
-    found = suggest(tmp_path / 'diagnosis', campaign, alone, scenes=[own]).table
+    found, _ = suggest(tmp_path / 'diagnosis', campaign, alone, scenes=[own])
     assert [row['name'] for row in found['ranking']] == ['own.npz']
     assert list(found['baselines']) == ['repeat']
 
@@ -180,10 +180,10 @@ def test_a_given_map_and_correction_are_part_of_smaller_images(plan, undecided, 
     smaller = replace(plan, recordings=plan.recordings[:1], scale=0.125)
     own = tmp_path / 'own.npz'
     np.savez(own, clean_depth=np.full((86, 112), 1.5), K=np.diag([104.0, 104.0, 1.0]))
-    found = suggest(folder, campaign, smaller, scenes=[own])
-    assert {view.possible.name for view in found.views} == {'frontal', 'own.npz'}
-    names = list(found.table['explanations'])
-    for view in found.views:
+    table, views = suggest(folder, campaign, smaller, scenes=[own])
+    assert {view.possible.name for view in views} == {'frontal', 'own.npz'}
+    names = list(table['explanations'])
+    for view in views:
         error = view.error[names.index('no effect')]
         width = error.shape[1]
         assert width == {'frontal': 28, 'own.npz': 112}[view.possible.name]

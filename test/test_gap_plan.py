@@ -150,13 +150,13 @@ def test_a_wrong_plan_is_refused_with_its_key(two, before, after, says):
         read_plan(two)
 
 
-def test_truth_has_the_errors_that_it_admits(two, tmp_path):
+def test_truth_says_how_well_it_is_known(two, tmp_path):
     plan, lens = read_plan(two), smaller(flexx2().intrinsics, 0.2)
     shape = (plan.frames, lens.height, lens.width)
     for kind in KINDS:
         folder = tmp_path / kind.name
         folder.mkdir()
-        write_campaign(folder, plan, flexx2(), kind, seed=1, wrong=True)
+        write_campaign(folder, plan, flexx2(), kind, seed=1)
         for file in folder.glob('*.npz'):
             with np.load(file) as archive:
                 content = dict(archive)

@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs('--out', out, [_FILE, _PAGE])
     profile = find_profile(arguments.profile)
     with common.progress_bar(console) as progress:
-        found = suggest(
+        table, views = suggest(
             arguments.diagnosis,
             arguments.campaign,
             read_plan(Path(arguments.plan) if arguments.plan else default_plan()),
@@ -65,9 +65,9 @@ def run(arguments: argparse.Namespace) -> int:
             jobs=arguments.jobs,
             progress=progress,
         )
-    write_texts(out, {_FILE: as_json(found.table), _PAGE: page(found, profile.intrinsics)})
-    console.print(_shown(found.table))
-    console.print(printable(suggested(found.table)))
+    write_texts(out, {_FILE: as_json(table), _PAGE: page(table, views, profile.intrinsics)})
+    console.print(_shown(table))
+    console.print(printable(suggested(table)))
     console.print(f'{out}: {_FILE}, {_PAGE}')
     return 0
 

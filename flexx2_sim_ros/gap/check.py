@@ -1,7 +1,6 @@
 """Check a diagnosis on recordings that it has never seen."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 import time
 from typing import Any
@@ -87,18 +86,11 @@ def check(
         check_outputs('--out', out, FILES)
     before = read_diagnosis(Path(diagnosis))
     effects = before.effects_to_check()
-    given = before.known if known is None else known
+    given = {name: dict(one) for name, one in (before.known if known is None else known).items()}
     in_one_table(given_effects(given), effects)  # Refuses effects that are in both.
     metres, degrees = before.pose_prior if pose_prior is None else pose_prior
-    request = _Request(
-        table_of(effects),
-        {name: dict(values) for name, values in given.items()},
-        profile,
-        before.noise_factor,
-        seed,
-        progress or (lambda text, fraction: None),
-    )
-    request.progress('looking for recordings', 0.0)
+    progress = progress or (lambda text, fraction: None)
+    progress('looking for recordings', 0.0)
     folder = Path(fresh).absolute() if scheduler is not None else Path(fresh)
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(folder, profile, mapped, before.full_scale)
@@ -113,63 +105,40 @@ def check(
             prior=np.array([metres] * 3 + [degrees] * 3),
             held=before.pose_held if pose_prior is None else True,
             mapped=mapped,
-            progress=portion(request.progress, 0.05, 0.6),
-            known=request.known,
+            progress=portion(progress, 0.05, 0.6),
+            known=given,
         )
-        values = _compare(request, fitted, mapped)
-    table = _table(request, fitted, left_out, values)
-    table['seconds'] = round(time.monotonic() - began, 2)
-    table['version'] = __version__
+        noisy, own = noisier(fitted.found, profile, before.noise_factor)
+        fixed = {'profile': own, 'effects': table_of(effects), 'seed': seed, 'known': given}
+        pairs = [(file, *both) for file, both in zip(noisy, fitted.motions(), strict=True)]
+        step = stepper(progress, 'measuring in physical units', 0.65, 0.33, len(pairs))
+        physical = mapped(bind(_physical, **fixed), pairs, step)
+    values = {'loss': fitted.losses()}
+    values.update({unit: np.array([one[unit] for one in physical]) for unit in UNITS})
+    least = {'loss': THRESHOLDS.gain, **tolerances(fitted.models[1])}
+    measures = {name: measured(some, least[name]) for name, some in values.items()}
+    holds, reasons = judged(measures)
+    table = {
+        'schema': SCHEMA,
+        'holds': holds,
+        'reasons': reasons,
+        'effects': for_reports(table_of(effects)),
+        'known': {name: plain(values) for name, values in given.items()},
+        'measures': measures,
+        'recordings': _recordings(fitted, left_out, values),
+        'seconds': round(time.monotonic() - began, 2),
+        'version': __version__,
+    }
     if out is not None:
-        request.progress('writing', 0.99)
+        progress('writing', 0.99)
         write_texts(out, dict(zip(FILES, (as_json(table), page(table)), strict=True)))
-    request.progress('done', 1.0)
+    progress('done', 1.0)
     return table
 
 
-@dataclass(frozen=True)
-class _Request:
-    # What to check: diagnosed effects, given effects, camera, its noise level and seed.
-    effects: dict[str, dict[str, float]]
-    known: dict[str, dict[str, float]]
-    profile: Profile | None
-    noise_factor: float
-    seed: int
-    progress: Progress
-
-
-@dataclass(frozen=True)
-class _Values:
-    # (R, 3) before, after and null of each measure, and the smallest change that matters.
-    values: dict[str, np.ndarray]
-    tolerances: dict[str, float]
-
-
-def _compare(request: _Request, fitted: FittedRecordings, mapped: Map) -> _Values:
-    found, profile = noisier(fitted.found, request.profile, request.noise_factor)
-    work = bind(
-        _physical, profile=profile, effects=request.effects, seed=request.seed, known=request.known
-    )
-    physical = mapped(
-        work,
-        [
-            (file, *(tuple(motion) for motion in both))
-            for file, both in zip(found, fitted.motions(), strict=True)
-        ],
-        stepper(request.progress, 'measuring in physical units', 0.65, 0.33, len(found)),
-    )
-    values = {'loss': fitted.losses()}
-    values.update({unit: np.array([one[unit] for one in physical]) for unit in UNITS})
-    return _Values(values, {'loss': THRESHOLDS.gain, **tolerances(fitted.models[1])})
-
-
-def _table(
-    request: _Request, fitted: FittedRecordings, left_out: list[tuple[str, str]], found: _Values
-) -> dict[str, Any]:
-    measures = {
-        name: measured(values, found.tolerances[name]) for name, values in found.values.items()
-    }
-    holds, reasons = judged(measures)
+def _recordings(
+    fitted: FittedRecordings, left_out: Sequence[tuple[str, str]], found: Mapping[str, np.ndarray]
+) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = [
         {
             'name': one.name,
@@ -178,23 +147,14 @@ def _table(
             'checksum': one.checksum,
             'frames': one.frames,
             'notes': [*file.notes, *one.notes],
-            **{name: [float(v) for v in values[i]] for name, values in found.values.items()},
+            **{name: [float(v) for v in values[i]] for name, values in found.items()},
         }
         for i, (file, one) in enumerate(zip(fitted.found, fitted.evidence, strict=True))
     ]
-    rows += [
+    return rows + [
         {'name': name, 'used': False, 'reason': reason}
         for name, reason in (*left_out, *fitted.unusable)
     ]
-    return {
-        'schema': SCHEMA,
-        'holds': holds,
-        'reasons': reasons,
-        'effects': for_reports(request.effects),
-        'known': {name: plain(values) for name, values in request.known.items()},
-        'measures': measures,
-        'recordings': rows,
-    }
 
 
 def judged(measures: Mapping[str, Mapping[str, Any]]) -> tuple[bool, list[str]]:
@@ -249,12 +209,11 @@ def _checksum(found: Found, profile: Profile | None) -> str:
 
 
 def _physical(
-    job: tuple[Found, tuple[float, ...], tuple[float, ...]],
+    job: tuple[Found, np.ndarray, np.ndarray],
     profile: Profile | None,
     effects: dict[str, dict[str, float]],
     seed: int,
     known: Table,
 ) -> dict[str, list[float]]:
     found, without, with_effects = job
-    recording = read(found, profile, known)
-    return before_after(recording, (np.array(without), np.array(with_effects)), effects, seed)
+    return before_after(read(found, profile, known), (without, with_effects), effects, seed)

@@ -20,7 +20,7 @@ from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
 from flexx2_sim_ros.gap.inference.effects import table_of
-from flexx2_sim_ros.gap.renditions import AGAIN, ALL, Known, REAL, render, Rendered, SIMULATED
+from flexx2_sim_ros.gap.renditions import AGAIN, ALL, Known, REAL, render, SIMULATED
 from flexx2_sim_ros.gap.report.cost_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
@@ -206,17 +206,17 @@ def measure_cost(
         for file, one in zip(found, rendered, strict=True)
         if isinstance(one, str)
     ]
-    used = [one for one in rendered if isinstance(one, Rendered)]
+    used = [one for one in rendered if not isinstance(one, str)]
     if not used:
         raise nothing_left(Path(campaign), [*left_out, *unusable])
     chosen = request.consumers
     step = stepper(progress, 'running the consumers', 0.62, 0.36, len(chosen) * len(used))
-    views = [one.views for one in used]
+    views = [one for one, _ in used]
     with ThreadPoolExecutor(request.jobs) as pool:  # Each thread waits for one process.
         results = list(pool.map(lambda source: run(source, views, request.limit, step), chosen))
     rows: list[dict[str, Any]] = [
-        {'name': one.views.name, 'used': True, 'reason': '', 'effects_from': one.effects_from}
-        for one in used
+        {'name': one.name, 'used': True, 'reason': '', 'effects_from': whence}
+        for one, whence in used
     ]
     rows += [
         {'name': name, 'used': False, 'reason': reason} for name, reason in [*left_out, *unusable]
@@ -293,7 +293,9 @@ def _ranking(
         ranking.append(
             {
                 'effect': name,
-                **{key: _mean([one[key] for one in own]) for key in _RANKED},
+                **{
+                    key: float(np.clip([one[key] for one in own], -1, 1).mean()) for key in _RANKED
+                },
                 'interval': [float(low), float(high)],
                 'ahead_of': [
                     other for other, least in zip(effects, lead, strict=True) if least > 0
@@ -302,10 +304,6 @@ def _ranking(
             }
         )
     return sorted(ranking, key=lambda row: -row['part'])
-
-
-def _mean(fractions: Sequence[float]) -> float:
-    return float(np.clip(fractions, -1, 1).mean())
 
 
 def _measures(result: Result, effects: Sequence[str]) -> list[dict[str, Any]]:
@@ -342,20 +340,20 @@ def known_of(before: Diagnosed) -> Known:
         left = [one for one in parse_effects({**own, **forms}) if one.role != 'pose']
         if _forms(left) == _forms(effects):  # Maps have none.
             without[row['checksum']] = table_of(left)
+    late = before.arrival
+    delay = (
+        late.median
+        if late is not None
+        else time_offset_of(parse_effects(before.known)).delay_ns / 1e9
+    )
     return Known(
         table,
         before.known,
         (metres,) * 3 + (degrees,) * 3,
         frozenset(before.checksums),
         without,
-        _delay(before),
+        delay,
     )
-
-
-def _delay(before: Diagnosed) -> float:
-    if before.arrival is not None:
-        return before.arrival.median
-    return time_offset_of(parse_effects(before.known)).delay_ns / 1e9
 
 
 def _forms(effects: Iterable[Effect]) -> dict[str, set[str]]:

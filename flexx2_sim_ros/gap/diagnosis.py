@@ -22,7 +22,7 @@ from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
 from flexx2_sim_ros.gap.data.prior import USUAL
 from flexx2_sim_ros.gap.explained import explained, found_set
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
-from flexx2_sim_ros.gap.forms.named import Simulator
+from flexx2_sim_ros.gap.forms.looked import Simulator
 from flexx2_sim_ros.gap.inference.decidable import decidable_candidates
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
 from flexx2_sim_ros.gap.inference.disagreement import disagreement

@@ -1,17 +1,17 @@
 """What a diagnosis names, and what simulating it gives."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.data.campaign import Found
-from flexx2_sim_ros.gap.elsewhere import Elsewhere
 from flexx2_sim_ros.gap.explained import FoundSet
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.processed import Processed
-from flexx2_sim_ros.gap.forms.named import calibrate_named, Calibrated, rounds_of_named, Simulator
-from flexx2_sim_ros.gap.forms.work import Settings
+from flexx2_sim_ros.gap.forms.calibratable import rounds
+from flexx2_sim_ros.gap.forms.calibrating import calibrate_named, Calibrated
+from flexx2_sim_ros.gap.forms.looked import confirm_settled, Settings, Simulator
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
 from flexx2_sim_ros.gap.inference.improvement import all_measured, taken_off
@@ -19,7 +19,14 @@ from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, verdict_of
-from flexx2_sim_ros.gap.work import measure_processed, noisier, Progress, simulate_set, stepper
+from flexx2_sim_ros.gap.work import (
+    measure_apart,
+    measure_processed,
+    noisier,
+    Progress,
+    simulate_set,
+    stepper,
+)
 from flexx2_sim_ros.processing import Chain
 from flexx2_sim_ros.recording.reader import PROCESSED
 import numpy as np
@@ -32,26 +39,22 @@ class Named:
 
     Attributes
     ----------
-    fitted, effects : list of Effect
-        As found by the decision, and with curves, tables and maps where those were fitted.
-    held_out : list of list of Effect
-        As `fitted`, for each recording from the others.
+    found : FoundSet
+        As found by the decision.
+    effects : list of Effect
+        The same, with curves, tables and maps where those were fitted.
     first : list of Outcome
-        Of each recording, with `held_out`.
+        Of each recording, with what was found without it.
     forms : Calibrated or None
         The curves, tables and maps.
     confirmed : list of Outcome
         Of each recording, with `forms` where those are taken.
     motions : list of numpy.ndarray
         Where the camera of each recording was in `confirmed`.
-    decision : Decision
-        What was decided.
     used : list of Found
         The recordings, at the noise level of the decision.
     simulator : Simulator
         Of these.
-    rises : dict of str to numpy.ndarray
-        By how much recordings are farther apart without each effect; see `rounds.Explained`.
     own : list of dict
         Of each recording, the effects of the camera in `confirmed`: parameters by name.
     bare : list of numpy.ndarray or None
@@ -59,33 +62,37 @@ class Named:
 
     """
 
-    fitted: list[Effect]
+    found: FoundSet
     effects: list[Effect]
-    held_out: list[list[Effect]]
     first: list[Outcome]
     forms: Calibrated | None
     confirmed: list[Outcome]
     motions: list[np.ndarray]
-    decision: Decision
     used: list[Found]
     simulator: Simulator
-    rises: dict[str, np.ndarray]
     own: list[Settings]
     bare: list[np.ndarray | None]
+
+    @property
+    def decision(self) -> Decision:
+        """Return what was decided."""
+        return self.found.decision
 
     def table(
         self, model: Model, used: list[Found], left_out: list[tuple[str, str]]
     ) -> dict[str, Any]:
         """Return the table of the diagnosis, as far as it is about the named effects."""
-        decision = self.decision
-        out = diagnosis_table(model, decision, self.fitted, self.first, used, left_out, self.rises)
+        one, rises = self.found, self.found.rises
+        out = diagnosis_table(model, one.decision, one.fitted, self.first, used, left_out, rises)
         if self.forms is not None:
-            out = calibrated_table(out, model, decision, self.forms, self.confirmed, self.motions)
+            out = calibrated_table(
+                out, model, one.decision, self.forms, self.confirmed, self.motions
+            )
         out['verdict'] = verdict_of(out)
-        for i, own in enumerate(self.held_out):  # Used recordings are first.
+        for i, own in enumerate(one.held_out):  # Used recordings are first.
             row = out['recordings'][i]
             row['effects_without'] = table_of(own)
-            row['takes_off_here'] = {name: float(rise[i, 0]) for name, rise in self.rises.items()}
+            row['takes_off_here'] = {name: float(rise[i, 0]) for name, rise in rises.items()}
         return out
 
 
@@ -116,27 +123,27 @@ def simulate_named(
         As for `diagnose`.
 
     """
-    decision, motions = found.decision, found.motions
-    fitted, held_out = found.fitted, found.held_out
+    motions, fitted, held_out = found.motions, found.fitted, found.held_out
     used, noisy = noisier(used, simulator.profile, 1 + found.sigma)
     simulator = replace(simulator, profile=noisy)
     step = stepper(progress, 'simulating the outcome', 0.8, 0.06, 2 * len(used))
-    show = _shown(decision)
+    show = _shown(found.decision)
     without = [of_camera(one) for one in held_out]
     wrong = as_wrong_as_fitted(of_camera(fitted), without)
-    bare = model.own.free_planes_at(decision.base.nuisances)
-    elsewhere = Elsewhere(model, used, fitted, simulator, bare)
+    bare = model.own.free_planes_at(found.decision.base.nuisances)
+    elsewhere = _Elsewhere(model, used, simulator, bare)
+    poses = elsewhere.poses(fitted, motions)
     # At other poses, `measured` simulates the wrong effects, and not this.
-    here = wrong if elsewhere.other_poses(motions) is None else without
+    here = wrong if poses is None else without
     jobs = list(zip(used, map(tuple, motions), without, here, show, bare, strict=True))
     first = simulator.run(simulate_set, jobs, step)
-    first = elsewhere.measured(first, motions, wrong, step)
-    rest = decision, used, simulator, found.rises, without, bare
-    plain_ones = Named(fitted, fitted, held_out, first, None, first, motions, *rest)
+    first = elsewhere.measured(first, poses, wrong, step)
+    rest = used, simulator, without, bare
+    plain_ones = Named(found, fitted, first, None, first, motions, *rest)
     if which == 'catalogue':
         return plain_ones
     quick = which == 'quick'
-    total = rounds_of_named(fitted, quick) * len(used)
+    total = (2 + rounds(of_camera(fitted), quick)) * len(used)
     step = stepper(progress, 'fitting curves and maps', 0.86, 0.1, total)
     forms = calibrate_named(used, motions, fitted, held_out, simulator, step, quick)
     if forms is None:
@@ -145,12 +152,53 @@ def simulate_named(
     named = replace(plain_ones, effects=effects, forms=forms)
     if not forms.taken:
         return named
-    wrong = as_wrong_as_fitted(forms.explained.effects, forms.explained.now)
-    confirmed, motions = forms.confirmed(simulator, wrong, show, bare, step)
-    elsewhere = replace(elsewhere, effects=effects)
-    confirmed = elsewhere.measured(confirmed, motions, wrong, step)
-    now = list(forms.explained.now)
+    formed = forms.explained
+    now = list(formed.now)
+    wrong = as_wrong_as_fitted(formed.effects, now)
+    # Each recording with forms that were not fitted to it.
+    jobs = list(zip(formed.looked, now, wrong, show, bare, strict=True))
+    both = simulator.run(confirm_settled, jobs, step)
+    confirmed, motions = [one for one, _ in both], [motion for _, motion in both]
+    poses = elsewhere.poses(effects, motions)
+    confirmed = elsewhere.measured(confirmed, poses, wrong, step)
     return replace(named, confirmed=confirmed, motions=motions, own=now)
+
+
+@dataclass(frozen=True)
+class _Elsewhere:
+    # The gap as it is in other scenes of the same camera, whose poses have other errors.
+    model: Model
+    used: Sequence[Found]
+    simulator: Simulator
+    bare: Sequence[np.ndarray | None]
+
+    def poses(
+        self, effects: Sequence[Effect], motions: Sequence[np.ndarray]
+    ) -> list[np.ndarray] | None:
+        # Those of other scenes, or None if they are the fitted ones. They are, if poses can hide
+        # no part of the effects, such as random dropout. What the poses have in common then is
+        # chance, or another cause that is not named.
+        posed = any(one.role == 'pose' for one in effects)
+        if not posed and not any('pose' in one.nuisances for one in effects):
+            return None
+        poses = self.model.own.elsewhere(motions, posed)
+        same = all(np.array_equal(*pair) for pair in zip(poses, motions, strict=True))
+        return None if same else poses
+
+    def measured(
+        self,
+        outcomes: Sequence[Outcome],
+        poses: Sequence[np.ndarray] | None,
+        wrong: Sequence[Settings],
+        step: Callable[[], None],
+    ) -> list[Outcome]:
+        # Outcomes with how far recordings and simulations are apart there, with effects that are
+        # as wrong as their fit leaves open.
+        if poses is None or not any(wrong):
+            return list(outcomes)
+        jobs = list(zip(self.used, map(tuple, poses), wrong, self.bare, strict=True))
+        apart = self.simulator.run(measure_apart, jobs, step)
+        return [replace(one, elsewhere=far) for one, far in zip(outcomes, apart, strict=True)]
 
 
 def processed_table(

@@ -120,13 +120,10 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
     return found
 
 
-def catalogue_prior(kind: type[Effect], parameter: str = 'strength') -> Distribution | None:
-    """
-    Return how a parameter of an effect is drawn if nothing is known of the camera.
-
-    It is uniform from 0 to twice its typical value, with either sign if it can have either
-    (assumed). None for a parameter whose typical value is 0.
-    """
+def _catalogue_prior(kind: type[Effect], parameter: str = 'strength') -> Distribution | None:
+    # How a parameter of an effect is drawn if nothing is known of the camera: uniform from 0 to
+    # twice its typical value, with either sign if it can have either (assumed). None for a
+    # parameter whose typical value is 0.
     item = next(one for one in kind.parameters() if one.name == parameter)
     most = _TWICE * abs(item.default)
     if most == 0:
@@ -148,16 +145,12 @@ def comment(found: Randomised) -> list[str]:
         )
     lines.append('Effects that are not here are off.')
     if found.narrower:
+        overall = math.exp(float(np.mean(np.log(list(found.narrower.values())))))
         lines.append(
-            f'The parameters that were fitted vary {overall(found.narrower):.1f} times less than '
-            'in the catalogue (geometric mean).'
+            f'The parameters that were fitted vary {overall:.1f} times less than in the catalogue '
+            '(geometric mean).'
         )
     return lines
-
-
-def overall(narrower: Mapping[str, float]) -> float:
-    """Return the geometric mean of factors."""
-    return math.exp(float(np.mean(np.log(list(narrower.values())))))
 
 
 def _undecided(before: Diagnosed, taken: set[str]) -> tuple[Effect, ...]:
@@ -187,7 +180,7 @@ def _priors(
     free = {TimeOffset.name: 'latency'} if delay or arrival is not None else {}
     parameters = [free.get(effect.name, 'strength') for effect in undecided]
     found = [
-        catalogue_prior(type(effect), name)
+        _catalogue_prior(type(effect), name)
         for effect, name in zip(undecided, parameters, strict=True)
     ]
     out = [one for one in found if one is not None]
@@ -273,7 +266,7 @@ def _fitted(
 def _narrower(distributions: Sequence[Distribution]) -> dict[str, float]:
     out = {}
     for one in distributions:
-        prior = catalogue_prior(registry()[one.effect], one.parameter)
+        prior = _catalogue_prior(registry()[one.effect], one.parameter)
         if prior is not None:
             out[one.name] = prior.spread / one.spread
     return out

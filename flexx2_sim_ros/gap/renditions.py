@@ -11,7 +11,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
-from flexx2_sim_ros.gap.forms.work import registered, Settings
+from flexx2_sim_ros.gap.forms.looked import registered, Settings
 from flexx2_sim_ros.recording import open_recording
 import numpy as np
 
@@ -52,31 +52,13 @@ class Known:
     delay: float = 0.0
 
 
-@dataclass(frozen=True)
-class Rendered:
-    """
-    The renditions of a recording.
-
-    Attributes
-    ----------
-    views : ConsumerViews
-        The renditions by name.
-    effects_from : str
-        ``other recordings`` if the effects were not fitted to this one, or ``this recording``.
-
-    """
-
-    views: ConsumerViews
-    effects_from: str
-
-
 def render(
     found: Found,
     known: Known,
     profile: Profile | None,
     seed: int,
     mounting: tuple[float, float] | None,
-) -> Rendered | str:
+) -> tuple[ConsumerViews, str] | str:
     """
     Simulate a recording without effects (twice), with each effect alone and with all of them.
 
@@ -96,8 +78,9 @@ def render(
 
     Returns
     -------
-    Rendered or str
-        The renditions, or the reason why the recording cannot be used.
+    tuple or str
+        The renditions by name, and ``other recordings`` if the effects were not fitted to this
+        one, or ``this recording``; or the reason why the recording cannot be used.
 
     """
     try:
@@ -108,7 +91,7 @@ def render(
     except InputError as error:
         return str(error)
     distortion = open_recording(found.path, profile=profile).distortion
-    poses = list(poses_of(scene, distortion, mounting))
+    poses = list(_poses(scene, distortion, mounting))
     if not poses:
         return (
             f'{found.path}: clean_depth: must show the ground, a plane that faces up; got none '
@@ -130,55 +113,25 @@ def render(
     }
     views = ConsumerViews(
         recording.name,
-        tuple(pose.view for pose in poses),
-        {name: tuple(pose.of(depth) for pose in poses) for name, depth in seen.items()},
+        tuple(view for view, *_ in poses),
+        {name: tuple(_seen(depth, *pose) for pose in poses) for name, depth in seen.items()},
     )
     fitted = recording.checksum in known.fitted - known.without.keys()
-    return Rendered(views, 'this recording' if fitted else 'other recordings')
+    return views, 'this recording' if fitted else 'other recordings'
 
 
-@dataclass(frozen=True)
-class RenditionPose:
-    """
-    One pose of the camera.
-
-    Attributes
-    ----------
-    view : CameraView
-        The true depth from there.
-    frames : numpy.ndarray
-        Which frames of the recording come from there.
-    known : numpy.ndarray
-        (H, W) bool, where the truth is known.
-
-    """
-
-    view: CameraView
-    frames: np.ndarray
-    known: np.ndarray
-
-    def of(self, depth: np.ndarray) -> CameraView:
-        """Return what a consumer sees of a recording's depth: no pixel whose truth is unknown."""
-        shown = np.where(self.known, depth[self.frames], np.float32(np.nan))
-        return replace(self.view, depth=shown)
+def _seen(
+    depth: np.ndarray, view: CameraView, frames: np.ndarray, known: np.ndarray
+) -> CameraView:
+    # What a consumer sees of a recording's depth: no pixel whose truth is unknown.
+    return replace(view, depth=np.where(known, depth[frames], np.float32(np.nan)))
 
 
-def poses_of(
+def _poses(
     scene: PlacedScene, distortion: tuple[float, ...], mounting: tuple[float, float] | None
-) -> Iterator[RenditionPose]:
-    """
-    Yield each pose of the camera whose ground is known.
-
-    Parameters
-    ----------
-    scene : PlacedScene
-        The recording with its scene.
-    distortion : tuple of float
-        Of the lens.
-    mounting : tuple of float or None
-        Height and angle of the camera, as for `render`.
-
-    """
+) -> Iterator[tuple[CameraView, np.ndarray, np.ndarray]]:
+    # Of each pose of the camera whose ground is known: the true depth from there, which frames
+    # come from there, and (H, W) where the truth is known.
     clean, mask, mode = scene.placed.clean, scene.placed.known, scene.recording.mode
     count = len(scene.recording.depth)
     if scene.moving:
@@ -202,4 +155,4 @@ def poses_of(
             depth = np.broadcast_to(true, (len(frames), height, width))
             view = CameraView(depth, lens, mode, standing.rotation, standing.position, None)
             points = np.concatenate([view.points(t) for t in range(len(frames))])
-            yield RenditionPose(replace(view, centre=best_centre(points)), frames, known)
+            yield replace(view, centre=best_centre(points)), frames, known

@@ -14,7 +14,8 @@ from flexx2_sim_ros.gap.data.given import Table as Given
 from flexx2_sim_ros.gap.features.catalogue import Candidate, nuisances
 from flexx2_sim_ros.gap.features.confirm import how_far
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
-from flexx2_sim_ros.gap.forms.named import calibrate_named, Simulator
+from flexx2_sim_ros.gap.forms.calibrating import calibrate_named
+from flexx2_sim_ros.gap.forms.looked import Simulator
 from flexx2_sim_ros.gap.inference.joint import around, Begin, nothing, Proposal, proposals, Table
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.work import noisier, Simulations, summarise_all

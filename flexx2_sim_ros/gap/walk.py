@@ -86,7 +86,7 @@ def walk(
     if out is not None:
         check_outputs('--out', out, FILES)
     before = read_diagnosis(Path(diagnosis))
-    usecase, cameras = cameras_of(before, profile, seed)
+    usecase, cameras = _cameras(before, profile, seed)
     diagnosed = table_of(before.effects_to_check())
     simulated = with_uptime(diagnosed, None)
     kind = profile or flexx2()
@@ -127,20 +127,11 @@ def walk(
     return table
 
 
-def cameras_of(
+def _cameras(
     before: Diagnosed, profile: Profile | None, seed: int
 ) -> tuple[str, dict[str, WalkingCamera]]:
-    """
-    Return the mode of a diagnosis, and the cameras to walk with.
-
-    Effects that depend on the time since power-on are left out: the walks have none.
-
-    Raises
-    ------
-    InputError
-        When the diagnosis has no effects of the camera.
-
-    """
+    # The mode of a diagnosis, and the cameras to walk with. Effects that depend on the time since
+    # power-on are left out: the walks have none.
     effects = before.effects_to_check()
     kind = profile or flexx2()
     settings = before.table.get('settings', {})

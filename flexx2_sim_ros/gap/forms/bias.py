@@ -77,35 +77,8 @@ def hats(knots: np.ndarray) -> Basis:
     return basis
 
 
-# Each with the attribute of `Samples` that its curve is over.
-_OVER = {
-    'offset': 'distance',
-    'wiggling': 'distance',
-    'amplitude_bias': 'light',
-    'warm_up_drift': 'uptime',
-}
-BIASES = tuple(_OVER)
 # Four taps alone see the fourth harmonic; unequal taps the second, too.
 _ORDERS = (4,), (2, 4), (1, 2, 3, 4)
-
-
-def covariate_of(effect: str) -> str:
-    """Return the attribute of `Samples` that an effect's curve is over."""
-    return _OVER[effect]
-
-
-def forms_of(effect: str, mode: Mode) -> list[list[Form]]:
-    """
-    Return the forms to try for an effect, grouped: of a group only the best is looked at further.
-
-    The groups go from simple to flexible.
-    """
-    return {
-        'offset': _offsets,
-        'wiggling': _wigglings,
-        'amplitude_bias': _amplitude_biases,
-        'warm_up_drift': _warm_ups,
-    }[effect](mode)
 
 
 def _far(mode: Mode) -> float:
@@ -184,3 +157,27 @@ def _warm_ups(mode: Mode) -> list[list[Form]]:
     one = [decays((float(tau),)) for tau in taus]
     two = [decays((float(a), float(b))) for a, b in combinations(taus, 2)]
     return [one, two]
+
+
+# Each with the attribute of `Samples` that its curve is over, and its forms.
+_FORMS: dict[str, tuple[str, Callable[[Mode], list[list[Form]]]]] = {
+    'offset': ('distance', _offsets),
+    'wiggling': ('distance', _wigglings),
+    'amplitude_bias': ('light', _amplitude_biases),
+    'warm_up_drift': ('uptime', _warm_ups),
+}
+BIASES = tuple(_FORMS)
+
+
+def covariate_of(effect: str) -> str:
+    """Return the attribute of `Samples` that an effect's curve is over."""
+    return _FORMS[effect][0]
+
+
+def forms_of(effect: str, mode: Mode) -> list[list[Form]]:
+    """
+    Return the forms to try for an effect, grouped: of a group only the best is looked at further.
+
+    The groups go from simple to flexible.
+    """
+    return _FORMS[effect][1](mode)

@@ -5,15 +5,19 @@ from flexx2_sim_ros.effects.shapes import Shape
 from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import BIASES
 from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses
-from flexx2_sim_ros.gap.forms.search import evaluations
-from flexx2_sim_ros.gap.forms.work import Settings
+from flexx2_sim_ros.gap.forms.looked import Settings
+from flexx2_sim_ros.gap.forms.shape_search import evaluations
 from flexx2_sim_ros.physics.frame_state import Stage
 
 PATTERN = 'fixed_pattern'
 
 
-def calibratable(effects: Settings) -> list[str]:
-    """Return which effects have a form, in the order in which they are fitted."""
+def calibratable(effects: Settings, quick: bool) -> list[str]:
+    """
+    Return which effects have a form, in the order in which they are fitted.
+
+    If ``quick``, the form takes no search by simulation, or a quick one.
+    """
     shaped = [
         name
         for name, kind in registry().items()
@@ -22,17 +26,8 @@ def calibratable(effects: Settings) -> list[str]:
     before = [name for name in shaped if registry()[name].stage <= Stage.PHASOR]
     after = [name for name in shaped if name not in before]
     places = *BIASES, PATTERN, noise.NAME, *dropout.KINDS
-    others = [name for name in places if name in effects]
-    return [*before, *others, *after]
-
-
-def quickly_calibratable(effects: Settings) -> list[str]:
-    """Return which effects have a form that takes no search by simulation, or a quick one."""
-    return [
-        name
-        for name in calibratable(effects)
-        if not is_searched(name) or shapes_of(name, quick=True)
-    ]
+    names = [*before, *(name for name in places if name in effects), *after]
+    return [one for one in names if not (quick and is_searched(one)) or shapes_of(one, quick)]
 
 
 def is_searched(effect: str) -> bool:
@@ -46,8 +41,8 @@ def shapes_of(effect: str, quick: bool) -> tuple[Shape, ...]:
     return tuple(one for one in shapes if one.quick) if quick else shapes
 
 
-def rounds(effects: Settings, quick: bool = False) -> int:
+def rounds(effects: Settings, quick: bool) -> int:
     """Return about how often each recording is judged to fit the forms of these effects."""
-    names = quickly_calibratable(effects) if quick else calibratable(effects)
+    names = calibratable(effects, quick)
     searched = [one for one in names if is_searched(one)]
     return len(names) + sum(evaluations(shapes_of(one, quick), quick) for one in searched)

@@ -4,26 +4,39 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from flexx2_sim_ros.effects import of_role, registry
-from flexx2_sim_ros.effects.tables import Curve, PixelMap
+from flexx2_sim_ros.effects import Effect, of_role, parse_effects, registry
+from flexx2_sim_ros.effects.tables import PixelMap
 from flexx2_sim_ros.gap.calibration.forms import FORMS
+from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import BIASES, covariate_of, Form, forms_of
-from flexx2_sim_ros.gap.forms.calibratable import PATTERN, shapes_of
-from flexx2_sim_ros.gap.forms.fitting import BiasFit, FittedForms
+from flexx2_sim_ros.gap.forms.bias_fit import BiasFit, FittedForms
+from flexx2_sim_ros.gap.forms.calibratable import calibratable, PATTERN, shapes_of
 from flexx2_sim_ros.gap.forms.geometry import (
     is_fitted_with_poses,
     is_settled,
     next_values,
     shape_of,
 )
-from flexx2_sim_ros.gap.forms.pattern import map_of, PixelErrors
+from flexx2_sim_ros.gap.forms.looked import (
+    judge,
+    look,
+    look_again,
+    look_at_pixels,
+    look_at_scale,
+    Looked,
+    Settings,
+    Simulator,
+)
+from flexx2_sim_ros.gap.forms.pattern import map_of
 from flexx2_sim_ros.gap.forms.proposals import FormProposal, FormVerdict, judged, variation
 from flexx2_sim_ros.gap.forms.samples import Samples
-from flexx2_sim_ros.gap.forms.scale import fit_scale, pose_width, scale_of, ScaleColumns
-from flexx2_sim_ros.gap.forms.search import Numbers, search
-from flexx2_sim_ros.gap.forms.work import Looked, Settings
+from flexx2_sim_ros.gap.forms.scale import fit_scale, pose_width, scale_of
+from flexx2_sim_ros.gap.forms.shape_search import Numbers, search
+from flexx2_sim_ros.gap.inference.effects import of_camera
 import numpy as np
+
+Step = Callable[[], None]
 
 
 @dataclass(frozen=True)
@@ -41,8 +54,6 @@ class FormedSet:
         One for each effect that can have a form, in the order of fitting.
     now : list of dict
         (R,) the settings, with each form fitted without the recording.
-    apart : numpy.ndarray
-        (R,) how far each recording is from its simulation with ``now``.
 
     """
 
@@ -50,7 +61,6 @@ class FormedSet:
     effects: Settings
     verdicts: list[FormVerdict]
     now: list[Settings]
-    apart: list[dict[str, float]]
 
     @property
     def fits_lens(self) -> bool:
@@ -70,69 +80,115 @@ class FormedSet:
         return any(one.taken and registry()[one.proposal.effect].scale for one in self.verdicts)
 
 
-Jobs = Sequence[tuple[Looked, Sequence[Settings]]]
-
-
 @dataclass(frozen=True)
-class Work:
+class Calibrated:
     """
-    The work on recordings, each recording in a process of its own.
+    Named effects with their forms, and what is left of the gap with them.
 
     Attributes
     ----------
-    judge : callable
-        `work.judge` of several jobs, with the number of frames, and whether poses settle once.
-    pixels : callable
-        `work.look_at_pixels` of several jobs.
-    columns : callable
-        `work.look_at_scale` of several jobs.
-    again : callable
-        `work.look_again` of several recordings, each with settings of its own.
+    explained : FormedSet
+        The forms that were tried.
+    typical : dict
+        Settings by effect in the form of the catalogue.
 
     """
 
-    judge: Callable[[Jobs, int | None, bool], list[list[dict[str, float]]]]
-    pixels: Callable[[list[tuple[Looked, Settings]]], list[PixelErrors]]
-    columns: Callable[[list[tuple[Looked, str]]], list[ScaleColumns]]
-    again: Callable[[Sequence[Looked], Sequence[Settings]], list[Looked]]
+    explained: FormedSet
+    typical: Settings
 
-    def apart(self, looked: Sequence[Looked], now: Sequence[Settings]) -> list[dict[str, float]]:
-        """Return `physical.distances` of each recording with settings of its own."""
-        jobs = [(one, [own]) for one, own in zip(looked, now, strict=True)]
-        return [several[0] for several in self.judge(jobs, None, False)]
+    @property
+    def taken(self) -> bool:
+        """Return whether a form was taken."""
+        return any(one.taken for one in self.explained.verdicts)
+
+    @property
+    def dropped(self) -> list[str]:
+        """Return the names of effects that do not suit these forms: a pose error beside a lens."""
+        return [of_role('pose').name] if self.explained.fits_lens else []
+
+    def effects(self, named: Sequence[Effect]) -> list[Effect]:
+        """Return the other named effects with the forms that are taken, in the same order."""
+        forms = {one.name: one for one in parse_effects(self.explained.effects)}
+        return [forms.get(one.name, one) for one in named if one.name not in self.dropped]
 
 
-def calibrate_effects(
-    looked: list[Looked],
-    effects: Settings,
-    work: Work,
-    without: Sequence[Settings],
-    names: Sequence[str],
-    quick: bool,
-) -> FormedSet:
+def calibrate_named(
+    used: Sequence[Found],
+    motions: Sequence[np.ndarray],
+    named: Sequence[Effect],
+    held_out: Sequence[Sequence[Effect]],
+    simulator: Simulator,
+    step: Step,
+    quick: bool = True,
+) -> Calibrated | None:
     """
-    Fit a form for each effect that can have one.
+    Fit the forms of named effects.
 
     Parameters
     ----------
-    looked : sequence of Looked
-        The recordings, three or more, looked at with the effects as diagnosed.
-    effects : dict
-        Settings by effect, as diagnosed, without an error of the poses.
-    work : Work
+    used : sequence of Found
+        The recordings.
+    motions : sequence of numpy.ndarray
+        (6 + 3 P,) where each one's camera and planes are as far as is known, as for
+        `registration.place`.
+    named : sequence of Effect
+        As fitted to all recordings.
+    held_out : sequence of sequence of Effect
+        As fitted without each recording.
+    simulator : Simulator
         How the recordings are simulated.
-    without : sequence of dict
-        ``effects`` as diagnosed without each recording.
-    names : sequence of str
-        The effects to fit, in this order.
+    step : callable
+        Called after each recording.
     quick : bool
-        Whether searches by simulation are quick.
+        Whether only forms that need no search by simulation, or a quick one, are fitted.
 
     Returns
     -------
-    FormedSet
+    Calibrated or None
+        None where no effect has such a form, or where too few recordings can be left out.
 
     """
+    effects = of_camera(named)
+    names = calibratable(effects, quick)
+    if len(used) < FORMS.fewest or not names:
+        return None
+    without = [of_camera(own) for own in held_out]
+    items = list(zip(used, without, motions, strict=True))
+    found = simulator.run(look, items, step, prior=simulator.prior)
+    looked = [one for one in found if isinstance(one, Looked)]
+    if len(looked) < len(used):  # A file was removed meanwhile.
+        return None
+    if len({one.shape for one in looked}) > 1:  # A map has one number for each pixel.
+        names = [name for name in names if name != PATTERN]
+    work = _Work(simulator, step, quick)
+    return Calibrated(_formed(looked, effects, without, names, work), effects)
+
+
+@dataclass(frozen=True)
+class _Work:
+    # Who simulates, what to call after each recording that is judged, and if searches are quick.
+    simulator: Simulator
+    step: Step
+    quick: bool
+
+    def again(self, looked: Sequence[Looked], now: Sequence[Settings]) -> list[Looked]:
+        return self.simulator.run(look_again, list(zip(looked, now, strict=True)))
+
+    def apart(self, looked: Sequence[Looked], now: Sequence[Settings]) -> list[dict[str, float]]:
+        # `physical.distances` of each recording with settings of its own.
+        jobs = [(one, [own]) for one, own in zip(looked, now, strict=True)]
+        return [several[0] for several in self.simulator.run(judge, jobs, self.step)]
+
+
+def _formed(
+    looked: list[Looked],
+    effects: Settings,
+    without: Sequence[Settings],
+    names: Sequence[str],
+    work: _Work,
+) -> FormedSet:
+    # A form for each of these effects, in this order.
     verdicts: list[FormVerdict] = []
     together = dict(effects)
     now = list(without)
@@ -142,7 +198,7 @@ def calibrate_effects(
         if is_fitted_with_poses(name):
             proposal = _geometry(name, looked, now, work)
         elif registry()[name].shapes:
-            proposal = _searched(name, looked, now, work, quick)
+            proposal = _searched(name, looked, now, work)
         elif registry()[name].scale:
             if verdicts:
                 looked = work.again(looked, now)
@@ -176,7 +232,7 @@ def calibrate_effects(
             together = _with_form(together, name, proposal.together)
         elif registry()[name].scale:
             looked, before = wide
-    return FormedSet(looked, together, verdicts, now, before)
+    return FormedSet(looked, together, verdicts, now)
 
 
 def _with_form(settings: Settings, name: str, form: Mapping[str, Any]) -> Settings:
@@ -187,7 +243,7 @@ def _with_form(settings: Settings, name: str, form: Mapping[str, Any]) -> Settin
 
 
 def _geometry(
-    name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work
+    name: str, looked: Sequence[Looked], now: Sequence[Settings], work: _Work
 ) -> FormProposal:
     # During a diagnosis, recordings start from settings of their own; after the first round, all
     # have the same ones.
@@ -206,14 +262,18 @@ def _geometry(
 
 
 def _searched(
-    name: str, looked: Sequence[Looked], now: Sequence[Settings], work: Work, quick: bool
+    name: str, looked: Sequence[Looked], now: Sequence[Settings], work: _Work
 ) -> FormProposal:
+    quick = work.quick
+
     def evaluate(sets: Sequence[Numbers]) -> np.ndarray:
         jobs = [
             (one, [_with_form(own, name, numbers) for numbers in sets])
             for one, own in zip(looked, now, strict=True)
         ]
-        several = work.judge(jobs, FORMS.frames, quick)
+        several = work.simulator.run(
+            judge, jobs, work.step, frames=FORMS.frames, settle_once=quick
+        )
         return np.array([[one['mismatch'] for one in part] for part in several]).T
 
     found = search(shapes_of(name, quick), now[0][name], evaluate, quick)
@@ -221,11 +281,11 @@ def _searched(
 
 
 def _scaled(
-    name: str, looked: Sequence[Looked], work: Work
+    name: str, looked: Sequence[Looked], work: _Work
 ) -> tuple[FormProposal, list[Looked]] | None:
     # And the recordings with priors of their poses beside which the effect shows. None where no
     # recording shows it.
-    columns = work.columns([(one, name) for one in looked])
+    columns = work.simulator.run(look_at_scale, [(one, name) for one in looked])
     if all(one.none for one in columns):
         return None
     width = pose_width([_less_others(one, (name,)) for one in looked], columns)
@@ -266,39 +326,32 @@ def _less_others(one: Looked, fitted: Sequence[str]) -> Samples:
 
 def _proposal(fitted: FittedForms, form: Form, samples: Sequence[Samples]) -> FormProposal:
     part = fitted.part(form)
-    curve = form.curve(fitted.together[part])
-    covariate = covariate_of(form.effect)
-    return FormProposal(
-        form.effect,
-        form.label,
-        _strong(curve=curve),
-        tuple(_strong(curve=form.curve(theta[part])) for theta in fitted.without),
-        1.0
-        if form.effect == of_role('bias').name
-        else variation(np.concatenate([curve.at(getattr(one, covariate)) for one in samples])),
-    )
+    curves = [form.curve(theta[part]) for theta in (fitted.together, *fitted.without)]
+    varies = 1.0
+    if form.effect != of_role('bias').name:
+        covariate = covariate_of(form.effect)
+        varies = variation(
+            np.concatenate([curves[0].at(getattr(one, covariate)) for one in samples])
+        )
+    together, *without = (_strong(curve=curve) for curve in curves)
+    return FormProposal(form.effect, form.label, together, tuple(without), varies)
 
 
-def _pattern(looked: Sequence[Looked], now: Sequence[Settings], work: Work) -> FormProposal:
+def _pattern(looked: Sequence[Looked], now: Sequence[Settings], work: _Work) -> FormProposal:
     rest = [{k: v for k, v in own.items() if k != PATTERN} for own in now]
-    errors = work.pixels(list(zip(looked, rest, strict=True)))
-
-    def settings(some: Sequence[PixelErrors]) -> dict[str, Any]:
-        return _strong(pattern=PixelMap(np.clip(np.round(map_of(some), 6), -0.2, 0.2)))
-
-    return FormProposal(
-        PATTERN,
-        'map of the image',
-        settings(errors),
-        tuple(settings(part) for part in _all_but_one(errors)),
+    errors = work.simulator.run(look_at_pixels, list(zip(looked, rest, strict=True)))
+    together, *without = (
+        _strong(pattern=PixelMap(np.clip(np.round(map_of(some), 6), -0.2, 0.2)))
+        for some in _less_each(errors)
     )
+    return FormProposal(PATTERN, 'map of the image', together, tuple(without))
 
 
 def _noise(looked: Sequence[Looked]) -> FormProposal:
     noises = [one.noise for one in looked]
     field = noise.best_field(noises)
     together, *without = (
-        _strong(**{field: noise.curve_of(field, some)}) for some in (noises, *_all_but_one(noises))
+        _strong(**{field: noise.curve_of(field, some)}) for some in _less_each(noises)
     )
     return FormProposal(noise.NAME, f'factor over {noise.WORDS[field]}', together, tuple(without))
 
@@ -306,26 +359,20 @@ def _noise(looked: Sequence[Looked]) -> FormProposal:
 def _dropout(name: str, looked: Sequence[Looked]) -> FormProposal:
     counts = [one.counts for one in looked]
     kind = dropout.best_kind(name, counts)
-
-    def settings(some: Sequence[dropout.Counts]) -> dict[str, Any]:
-        return _strong(**{kind.field: dropout.table_of(kind, some)})
-
-    return FormProposal(
-        name,
-        f'monotone table over {kind.over}',
-        settings(counts),
-        tuple(settings(part) for part in _all_but_one(counts)),
-        variation(
-            dropout.table_of(kind, counts).at(dropout.middles(kind.over)),
-            dropout.together(counts).seen[kind.over],
-        ),
+    tables = [dropout.table_of(kind, some) for some in _less_each(counts)]
+    varies = variation(
+        tables[0].at(dropout.middles(kind.over)), dropout.together(counts).seen[kind.over]
     )
+    together, *without = (_strong(**{kind.field: table}) for table in tables)
+    label = f'monotone table over {kind.over}'
+    return FormProposal(name, label, together, tuple(without), varies)
 
 
-def _all_but_one(items: Sequence[Any]) -> list[list[Any]]:
-    return [[*items[:i], *items[i + 1 :]] for i in range(len(items))]
+def _less_each(items: Sequence[Any]) -> list[list[Any]]:
+    # All of them, and all but each one.
+    return [[*items], *([*items[:i], *items[i + 1 :]] for i in range(len(items)))]
 
 
-def _strong(**form: Curve | PixelMap) -> dict[str, Any]:
+def _strong(**form: Any) -> dict[str, Any]:
     # A form is fitted at strength 1.
     return {'strength': 1.0, **form}

@@ -7,9 +7,9 @@ from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.effects.shapes import Free, Shape
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
-from flexx2_sim_ros.gap.forms.fitting import BiasFit
+from flexx2_sim_ros.gap.forms.bias_fit import BiasFit
 from flexx2_sim_ros.gap.forms.samples import Samples, shift_of
-from flexx2_sim_ros.gap.forms.search import Numbers
+from flexx2_sim_ros.gap.forms.shape_search import Numbers
 from flexx2_sim_ros.physics.frame_state import Stage
 import numpy as np
 

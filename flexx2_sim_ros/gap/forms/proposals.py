@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.physical import distance
-from flexx2_sim_ros.gap.forms.fitting import is_surely_less
+from flexx2_sim_ros.gap.forms.bias_fit import is_surely_less
 from flexx2_sim_ros.gap.inference.improvement import measured
 import numpy as np
 

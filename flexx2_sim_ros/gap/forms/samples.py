@@ -1,6 +1,6 @@
 """What the fit of a curve needs of one recording: errors on surfaces, and their covariates."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -156,31 +156,20 @@ def _lags(effect: Effect | type[Effect]) -> bool:
 
 def samples_of(scene: PlacedScene, motion: np.ndarray, spread: np.ndarray) -> Samples:
     """Return the samples of a recording at a pose; ``spread`` as in `Samples`."""
-    placed, parts = scene.placed, []
-    for i, t in enumerate(frames_of(scene.recording)):
-        clean, light = images_at(placed, int(t))
-        parts.append(_frame(scene, i, int(t), clean, light))
-    columns = [np.concatenate(part, axis=-1) for part in zip(*parts, strict=True)]
-    error, sigma, own, length, distance, light, incidence, uptime, place = columns
-    return Samples(
-        motion,
-        error,
-        sigma,
-        own,
-        spread,
-        length,
-        distance,
-        light,
-        incidence,
-        uptime,
-        place.astype(int),
-    )
+    parts = [
+        _frame(scene, i, int(t), *images_at(scene.placed, int(t)))
+        for i, t in enumerate(frames_of(scene.recording))
+    ]
+    columns: dict[str, Any] = {
+        name: np.concatenate([one[name] for one in parts], axis=-1) for name in parts[0]
+    }
+    return Samples(motion=motion, spread=spread, **columns)
 
 
 def _frame(
     scene: PlacedScene, index: int, t: int, clean: np.ndarray, reflectivity: np.ndarray | None
-) -> Sequence[np.ndarray]:
-    # (N,) columns of one frame, `own` of shape (M, N).
+) -> dict[str, np.ndarray]:
+    # Those of one frame.
     recording = scene.recording
     cover = scene.covariates[t if len(scene.covariates) > 1 else 0]
     error, count = mean_error(scene, t)
@@ -198,14 +187,21 @@ def _frame(
     good &= np.isfinite(own).all(axis=0) & np.isfinite(light[::some, ::some])
     seconds = (int(recording.stamp[t]) - int(recording.stamp[0])) * 1e-9
     uptime = np.nan if recording.uptime is None else recording.uptime + seconds
-    images = error, sigma, own, cover.ray, clean * cover.ray, light, incidence
-    columns = [
-        (one if one.ndim == 3 else one[::some, ::some])[..., good].astype(np.float64)
-        for one in images
-    ]
+    images = {
+        'error': error,
+        'sigma': sigma,
+        'length': cover.ray,
+        'distance': clean * cover.ray,
+        'light': light,
+        'incidence': incidence,
+        'uptime': np.full(clean.shape, uptime),
+    }
     place = np.arange(clean.size).reshape(clean.shape)[::some, ::some][good]
-    pixels = index * clean.size + place
-    return [*columns, np.full(len(pixels), uptime), pixels]
+    return {
+        **{name: one[::some, ::some][good].astype(np.float64) for name, one in images.items()},
+        'own': own[:, good].astype(np.float64),
+        'place': index * clean.size + place,
+    }
 
 
 def _some(shape: tuple[int, ...]) -> int:

@@ -8,9 +8,9 @@ from flexx2_sim_ros.effects.shapes import Scale
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
-from flexx2_sim_ros.gap.forms.fitting import misfit, usual_factor
+from flexx2_sim_ros.gap.forms.bias_fit import misfit, usual_factor
 from flexx2_sim_ros.gap.forms.samples import Samples, shift_of
-from flexx2_sim_ros.gap.forms.search import Numbers
+from flexx2_sim_ros.gap.forms.shape_search import lowest, Numbers
 import numpy as np
 
 _DIGITS = 4  # after the decimal point
@@ -166,11 +166,7 @@ def _losses(samples: Samples, columns: ScaleColumns, values: np.ndarray) -> np.n
 
 
 def _lowest(values: np.ndarray, losses: np.ndarray) -> float:
-    # Between the values, by the parabola through the lowest and its neighbours.
     k = int(losses.argmin())
     if not 0 < k < len(values) - 1:
         return float(values[k])
-    left, middle, right = losses[k - 1 : k + 2]
-    bend = left - 2 * middle + right
-    step = (left - right) / (2 * bend) if bend > 0 else 0.0
-    return float(values[k] + step * (values[1] - values[0]))
+    return lowest(values[k - 1 : k + 2], losses[k - 1 : k + 2])

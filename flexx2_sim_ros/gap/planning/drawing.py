@@ -1,6 +1,5 @@
 """Small drawings of the set-ups, from above and as the camera sees them."""
 
-import base64
 from io import BytesIO
 from typing import Any
 
@@ -50,11 +49,6 @@ def drawing(planned: PlannedRecording, lens: Intrinsics) -> bytes:
     file = BytesIO()
     figure.savefig(file, format='png')
     return file.getvalue()
-
-
-def as_data_url(png: bytes) -> str:
-    """Return a PNG as a data URL."""
-    return 'data:image/png;base64,' + base64.b64encode(png).decode()
 
 
 def _from_above(

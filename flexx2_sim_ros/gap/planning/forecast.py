@@ -7,37 +7,45 @@ diagnosed. The latter contains noise, and all by which the real camera differs f
 explanation. Those recordings and the new ones are diagnosed together, by the diagnosis's rules.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.effects import Effect, of_role, registry
+from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.hidden import Hidden
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import SIZE
-from flexx2_sim_ros.gap.inference.decidable import decidable_candidates, undecided
+from flexx2_sim_ros.gap.inference.decidable import decidable_candidates, undecided, unseen
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
+from flexx2_sim_ros.gap.inference.effects import fitted_effects
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.planning.explanations import Explanation, explanations, probabilities
+from flexx2_sim_ros.gap.inference.selection import Trials
 from flexx2_sim_ros.gap.planning.power import noise, wrong_truth
+from flexx2_sim_ros.gap.report.reading import Diagnosed
+from flexx2_sim_ros.gap.report.text import spaced
 import numpy as np
 
-_DRAWS = 2
-_COMPARED = 6  # effects that are compared with those still possible
-_LEAST = 0.05  # less likely explanations are not assumed to be true, if others are likely
+_NONE = 'no effect'
+_NARROWLY = 6.0  # loss: an effect that gains so much less is e^3 times less likely
+Effects = dict[str, dict[str, Any]]
 
 
 @dataclass(frozen=True)
-class Assumed:
+class Explanation:
     """
-    An explanation that is assumed to be true.
+    What may be the cause of a gap.
 
     Attributes
     ----------
-    column : str or None
-        The column of its shift in the evidence of new recordings; None for no effect.
-    cause : str or None
-        The effect that a diagnosis should name first; None for no effect.
+    name : str
+        For people.
+    effects : dict
+        Parameters by effect; empty if there is none.
     weight : float
         How likely it is.
     rest : numpy.ndarray
@@ -46,10 +54,112 @@ class Assumed:
 
     """
 
-    column: str | None
-    cause: str | None
+    name: str
+    effects: Effects
     weight: float
     rest: np.ndarray
+
+    @property
+    def cause(self) -> str | None:
+        """Return the effect that a diagnosis should name first, None without effects."""
+        return next(iter(self.effects), None)
+
+
+def check_open(before: Diagnosed) -> None:
+    """
+    Check that a diagnosis leaves something open.
+
+    Raises
+    ------
+    InputError
+        When it does not, or lacks a key.
+
+    """
+    try:
+        alternatives, hidden = before.table['alternatives'], before.table['not_decidable']
+    except KeyError as error:
+        raise InputError(
+            f'DIAGNOSIS: diagnosis.json: must be as flexx2 gap diagnose writes it, got no '
+            f'{shown(error.args[0])}'
+        ) from error
+    if before.verdict == 'identified' and not (alternatives or hidden):
+        raise InputError('DIAGNOSIS: must leave something open, got one explanation: check it')
+    if not (before.table.get('effects') or alternatives or hidden):
+        raise InputError(
+            'DIAGNOSIS: must have alternatives or effects that are not decidable, got verdict '
+            f'{shown(before.verdict)} without any'
+        )
+
+
+def _explanations(
+    model: Model, decision: Decision, candidates: Sequence[Candidate]
+) -> list[Explanation]:
+    # The sets of effects that are still possible: the chosen effects, each alternative (which
+    # replaces some of them), each single effect that was rejected narrowly, each effect that the
+    # ground truth cannot decide (at typical strength), and no effect. If no gap was found, each
+    # effect that would not make one in these recordings is possible, too. Pose errors count as no
+    # effect. An explanation is as likely as exp(gain / 2), with the gain in loss of a `Choice`.
+    trials = Trials(model)
+    sets = [*_found(trials, decision), *_narrowly_rejected(model, decision)]
+    base, kept = decision.accepted, _table(fitted_effects(model, decision.accepted))
+    gain = _gain(trials, base)
+    hidden = [one.effect for one in decision.undecided]
+    if not decision.finds_gap:
+        hidden += [name for name in unseen(model, candidates) if name not in hidden]
+    sets += [(kept | {name: registry()[name]().settings}, gain, base) for name in hidden]
+    sets.append(({}, 0.0, decision.base))
+    pose, out = of_role('pose').name, dict[str, tuple[Effects, float, Fit]]()
+    for effects, gain, fit in sets:
+        # The pose of each recording is fitted in any case, so a pose error looks like no effect.
+        camera = {name: values for name, values in effects.items() if name != pose}
+        if not any(camera == other for other, *_ in out.values()):
+            out.setdefault(' + '.join(map(spaced, camera)) or _NONE, (camera, gain, fit))
+    gains = np.array([gain for _, gain, _ in out.values()])
+    weights = np.exp((gains - gains.max()) / 2)
+    weights /= weights.sum()
+    return [
+        Explanation(name, effects, weight, _rest(model, fit))
+        for (name, (effects, _, fit)), weight in zip(out.items(), weights, strict=True)
+    ]
+
+
+def _rest(model: Model, fit: Fit) -> np.ndarray:
+    return np.where(model.good, fit.residual(model) / np.sqrt(model.scale2), np.nan)
+
+
+def _found(trials: Trials, decision: Decision) -> list[tuple[Effects, float, Fit]]:
+    # The chosen effects and the alternatives.
+    fits = [decision.chosen] if decision.explains_gap else []
+    if decision.finds_gap:
+        fits += [one.fit for one in decision.alternatives]
+    return [(_table(fitted_effects(trials.model, fit)), _gain(trials, fit), fit) for fit in fits]
+
+
+def _narrowly_rejected(model: Model, decision: Decision) -> list[tuple[Effects, float, Fit]]:
+    # Single effects are compared with each other, not with a set of effects.
+    if not decision.finds_gap or len(decision.accepted.candidates) > 1:
+        return []
+    best = decision.considered[0].gain
+    known = {decision.accepted.candidates[0].effect} if decision.accepted.candidates else set()
+    known |= {one.fit.candidates[-1].effect for one in decision.alternatives}
+    return [
+        (_table(fitted_effects(model, one.fit)), one.gain, one.fit)
+        for one in decision.considered
+        if one.gain > max(best - _NARROWLY, 0) and one.fit.candidates[0].effect not in known
+    ]
+
+
+def _gain(trials: Trials, fit: Fit) -> float:
+    return trials.choice(fit.candidates, fit.values).gain if fit.candidates else 0.0
+
+
+def _table(effects: Iterable[Effect]) -> Effects:
+    return {effect.name: dict(effect.settings) for effect in effects}
+
+
+_DRAWS = 2
+_COMPARED = 6  # effects that are compared with those still possible
+_LEAST = 0.05  # less likely explanations are not assumed to be true, if others are likely
 
 
 @dataclass(frozen=True)
@@ -59,6 +169,10 @@ class DiagnosedWith:
 
     Attributes
     ----------
+    profile : Profile
+        The camera.
+    given : dict
+        Effects that were taken as given: parameters by name.
     columns : tuple of Column
         The simulations of each recording.
     without : frozenset of str
@@ -76,6 +190,8 @@ class DiagnosedWith:
 
     """
 
+    profile: Profile
+    given: Table
     columns: tuple[Column, ...]
     without: frozenset[str]
     modulation: bool
@@ -102,8 +218,8 @@ class DiagnosedRecordings:
         Of this evidence and that of new recordings.
     labels : frozenset of tuple of str
         Effect and label of the candidates that are compared.
-    assumed : tuple of Assumed
-        The explanations.
+    standing : tuple of Explanation
+        What is still possible.
     source : DiagnosedWith
         What the recordings were diagnosed with.
 
@@ -112,7 +228,7 @@ class DiagnosedRecordings:
     evidence: tuple[Evidence, ...]
     columns: tuple[Column, ...]
     labels: frozenset[tuple[str, str]]
-    assumed: tuple[Assumed, ...]
+    standing: tuple[Explanation, ...]
     source: DiagnosedWith
 
     def candidates(self) -> list[Candidate]:
@@ -138,9 +254,7 @@ class Expected:
     undecided: float
 
 
-def what_is_known(
-    model: Model, source: DiagnosedWith
-) -> tuple[list[Explanation], np.ndarray, DiagnosedRecordings]:
+def what_is_known(model: Model, source: DiagnosedWith) -> DiagnosedRecordings:
     """
     Diagnose the recordings, and return what is still possible.
 
@@ -151,35 +265,25 @@ def what_is_known(
     source : DiagnosedWith
         What they were diagnosed with.
 
-    Returns
-    -------
-    tuple
-        The explanations, how likely each one is, (N,), and all that `expect` needs.
-
     """
     candidates, absorbed = decidable_candidates(model, source.candidates(), source.hidden)
     decision = decide(model, candidates, absorbed=absorbed)
-    standing = explanations(model, decision, candidates)
-    weights = probabilities(standing)
+    standing = _explanations(model, decision, candidates)
     compared = _compared(candidates, standing, decision)
     needed = _columns(source.columns, compared)
     own = [Column(one.name, one.effects, few=False) for one in standing if one.effects]
     index = [model.index[column.name] for column in needed]
     blank = np.zeros((len(own), SIZE), np.float32)
-    known = DiagnosedRecordings(
+    return DiagnosedRecordings(
         tuple(
             replace(one, columns=np.concatenate([one.columns[index], blank]))
             for one in model.evidence
         ),
         (*needed, *own),
         frozenset((one.effect, one.label) for one in compared),
-        tuple(
-            Assumed(one.name if one.effects else None, one.cause, weight, _rest(model, one.fit))
-            for one, weight in zip(standing, weights, strict=True)
-        ),
+        tuple(standing),
         source,
     )
-    return standing, weights, known
 
 
 def expect(
@@ -204,8 +308,8 @@ def expect(
     candidates, absorbed = decidable_candidates(model, known.candidates(), known.source.hidden)
     not_seen = undecided(model, candidates)
     right = wrong = total = 0.0
-    least = min(_LEAST, max(one.weight for one in known.assumed) / 2)
-    for one in known.assumed:
+    least = min(_LEAST, max(one.weight for one in known.standing) / 2)
+    for one in known.standing:
         if one.weight < least:
             continue
         total += one.weight
@@ -224,7 +328,7 @@ def expect(
 
 
 def _gap(
-    model: Model, assumed: Assumed, count: int, fitted: bool, rng: np.random.Generator
+    model: Model, assumed: Explanation, count: int, fitted: bool, rng: np.random.Generator
 ) -> np.ndarray:
     # (R, SIZE) gap of all recordings, the last ``count`` of which are new, if an explanation is
     # true.
@@ -234,10 +338,10 @@ def _gap(
     rest = assumed.rest[chosen] * np.sqrt(model.scale2[first:])
     gap[first:] = np.where(np.isfinite(rest), rest, gap[first:])
     gap[first:] += wrong_truth(model, fitted, rng)[first:]
-    if assumed.column is not None:
+    if assumed.effects:
         # Each set-up was simulated twice. The shift comes from the other simulation, so that its
         # noise is not that of the fit.
-        pairs = model.column(assumed.column)[first:].reshape(-1, 2, SIZE)
+        pairs = model.column(assumed.name)[first:].reshape(-1, 2, SIZE)
         gap[first:] += pairs[:, ::-1].reshape(count, SIZE)
     gap[:first] = model.gap[:first]
     return gap
@@ -268,8 +372,3 @@ def _columns(columns: Sequence[Column], candidates: Sequence[Candidate]) -> list
         for term in (*one.terms, *(one.given.terms if one.given else ())):
             names |= {c if isinstance(c, str) else c.column for _, c in term.nodes}
     return [column for column in columns if column.name in names]
-
-
-def _rest(model: Model, fit: Fit) -> np.ndarray:
-    # (R, SIZE) what a fit leaves of the gap, in units of the features' scale.
-    return np.where(model.good, fit.residual(model) / np.sqrt(model.scale2), np.nan)

@@ -1,13 +1,12 @@
 """The page of suggestions: the ranking, and images for each explanation."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.gap.planning.looks import PredictedView
-from flexx2_sim_ros.gap.planning.next_recording import Suggestions
 from flexx2_sim_ros.gap.planning.page import record_command, set_up, STYLE, truth_line
+from flexx2_sim_ros.gap.planning.possible import PredictedView
 from flexx2_sim_ros.gap.report.text import percent
 from flexx2_sim_ros.html_drawing import picture
 from flexx2_sim_ros.html_page import html_page
@@ -31,19 +30,18 @@ _BASELINES = {'repeat': 'mean of repeats', 'random': 'mean of the plan'}
 _FEW = 0.5  # expected fraction right from which on a suggestion is more likely right than not
 
 
-def page(found: Suggestions, lens: Intrinsics) -> str:
+def page(table: Mapping[str, Any], views: Sequence[PredictedView], lens: Intrinsics) -> str:
     """
     Return the suggestions as a page, all text escaped and all pictures inside.
 
     Parameters
     ----------
-    found : Suggestions
+    table, views
         The result of `suggest`.
     lens : Intrinsics
         The intrinsics of the camera.
 
     """
-    table = found.table
     body = [
         html.heading('What to record next', 1),
         html.paragraphs(
@@ -53,7 +51,7 @@ def page(found: Suggestions, lens: Intrinsics) -> str:
         html.paragraphs([suggested(table)]),
         html.heading('Ranking'),
         _ranking(table),
-        *(_view(i, one, table['explanations'], lens) for i, one in enumerate(found.views)),
+        *(_view(i, one, table['explanations'], lens) for i, one in enumerate(views)),
     ]
     return html_page('What to record next', _STYLE, '\n'.join(body))
 

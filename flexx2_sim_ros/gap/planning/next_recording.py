@@ -11,28 +11,30 @@ from flexx2_sim_ros import __version__
 from flexx2_sim_ros.camera import flexx2, Profile
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.gap.data.campaign import check, Found
-from flexx2_sim_ros.gap.data.given import given_effects, Table
+from flexx2_sim_ros.gap.data.given import given_effects
 from flexx2_sim_ros.gap.data.hidden import hidden_effects
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.planning.explanations import check_open, Effects
 from flexx2_sim_ros.gap.planning.forecast import (
+    check_open,
     DiagnosedRecordings,
     DiagnosedWith,
     expect,
     Expected,
+    Explanation,
     what_is_known,
 )
-from flexx2_sim_ros.gap.planning.looks import look, PredictedView
 from flexx2_sim_ros.gap.planning.plan import Plan
 from flexx2_sim_ros.gap.planning.possible import (
     kinds_named,
+    look,
     of_campaign,
     of_plan,
     of_scene,
     Possible,
+    PredictedView,
     usual_kinds,
 )
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
@@ -44,34 +46,6 @@ SCHEMA = 3
 _SHOWN = 3  # number of suggestions with images
 _ENOUGH = 0.9  # expected fraction right from which on one set-up is enough
 _COMBINED = 4  # set-ups that are combined in pairs
-
-
-@dataclass(frozen=True)
-class Suggestions:
-    """
-    What to record next.
-
-    Attributes
-    ----------
-    table : dict
-        The table ``next.json`` of ``docs/diagnose_your_flexx2.md``.
-    views : list of PredictedView
-        The images of the first suggestions.
-
-    """
-
-    table: dict[str, Any]
-    views: list[PredictedView]
-
-
-@dataclass(frozen=True)
-class _Setting:
-    # Settings of all simulations, and what is known so far.
-    profile: Profile
-    given: Table
-    explanations: dict[str, Effects]
-    weights: np.ndarray
-    known: DiagnosedRecordings
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +67,7 @@ def suggest(
     seed: int = 0,
     jobs: int = 1,
     progress: Progress = lambda text, share: None,
-) -> Suggestions:
+) -> tuple[dict[str, Any], list[PredictedView]]:
     """
     Rank recordings by how well they are expected to settle what a diagnosis leaves open.
 
@@ -118,6 +92,12 @@ def suggest(
     progress : callable
         Called with the name of the current step and the fraction of the work that is done.
 
+    Returns
+    -------
+    tuple
+        The table ``next.json`` of ``docs/diagnose_your_flexx2.md``, and the images of the first
+        suggestions.
+
     Raises
     ------
     InputError
@@ -133,16 +113,16 @@ def suggest(
     with tempfile.TemporaryDirectory() as name, workers(jobs, None) as mapped:
         folder = Path(name)
         progress('reading the recordings', 0.0)
-        setting, repeated = _setting(before, campaign, camera, seed, mapped, progress)
-        told = camera, setting.given, seed
+        known, repeated = _known(before, campaign, camera, seed, mapped, progress)
+        told = camera, known.source.given, seed
         possible = of_plan(folder, plan, chosen, *told)
         own = []
         for i, scene in enumerate(scenes):
             written = folder / f'own_{i}.npz'
             own.append(of_scene(written, Path(scene), plan.usecase, *told))
-        possible += [*own, *of_campaign(repeated, setting.given)]
+        possible += [*own, *of_campaign(repeated, known.source.given)]
         step = stepper(progress, 'simulating recordings', 0.2, 0.6, len(possible))
-        outcomes = mapped(bind(_look_out, setting=setting), possible, step)
+        outcomes = mapped(bind(_look_out, known=known), possible, step)
         for one, outcome in zip(possible, outcomes, strict=True):
             if one in own and isinstance(outcome, str):
                 raise InputError(f'--scene: must be a usable scene, got {one.name}: {outcome}')
@@ -152,10 +132,10 @@ def suggest(
             raise InputError(f'--plan: must have a recording that can be used, got none: {why}')
         rows.sort(key=lambda row: (-row.expected.right, row.expected.wrong))
         new = [row for row in rows if not row.possible.repeat]
-        best, expected = _suggestion(new, setting.known, mapped, progress)
+        best, expected = _suggestion(new, known, mapped, progress)
         first = [*best, *(row for row in new if row not in best)][:_SHOWN]
-        views = [look(row.possible, setting.explanations, camera, seed) for row in first]
-    return Suggestions(_table(rows, best, expected, setting), views)
+        views = [look(row.possible, known.standing, camera, seed) for row in first]
+    return _table(rows, best, expected, known.standing), views
 
 
 def _suggestion(
@@ -171,14 +151,14 @@ def _suggestion(
     return sets[best], expected[best]
 
 
-def _setting(
+def _known(
     before: Diagnosed,
     campaign: str | Path,
     camera: Profile,
     seed: int,
     mapped: Map,
     progress: Progress,
-) -> tuple[_Setting, list[Found]]:
+) -> tuple[DiagnosedRecordings, list[Found]]:
     # Diagnoses the campaign again, without writing anything: what fits leave of the gap is not in
     # the files of a diagnosis.
     given = table_of(given_effects(before.known))
@@ -195,14 +175,12 @@ def _setting(
     used, evidence, _ = summarise_all(campaign, found, left_out, simulations, mapped, step)
     model = Model(evidence, columns, np.array(prior), held=before.pose_held)
     hidden = [one for one in hidden_effects(campaign) if one.effect not in without]
-    source = DiagnosedWith(
-        tuple(columns), frozenset(without), modulation, tuple(hidden), prior, model.held, seed
-    )
-    standing, weights, known = what_is_known(model, source)
-    if len(standing) < 2:
-        raise InputError(f'DIAGNOSIS: must leave something open, got only {standing[0].name}')
-    effects = {one.name: one.effects for one in standing}
-    return _Setting(camera, given, effects, weights, known), used
+    told = camera, given, tuple(columns), frozenset(without), modulation, tuple(hidden), prior
+    known = what_is_known(model, DiagnosedWith(*told, model.held, seed))
+    if len(known.standing) < 2:
+        name = known.standing[0].name
+        raise InputError(f'DIAGNOSIS: must leave something open, got only {name}')
+    return known, used
 
 
 def _check_same(before: Diagnosed, found: Sequence[Found]) -> None:
@@ -223,13 +201,13 @@ def _usecase(before: Diagnosed) -> str:
     return usecase
 
 
-def _look_out(possible: Possible, setting: _Setting) -> _Row | str:
+def _look_out(possible: Possible, known: DiagnosedRecordings) -> _Row | str:
     # The expected value of a recording, or the reason why it cannot be used.
-    profile, known, kind = setting.profile, setting.known, possible.kind
+    profile, kind = known.source.profile, possible.kind
     found = check(possible.path, profile)
     if not isinstance(found, Found):
         return found
-    own = {name for name, effects in setting.explanations.items() if effects}
+    own = {one.name for one in known.standing if one.effects}
     columns = [
         # What the ground truth always hides shifts nothing.
         replace(c, effects={k: v for k, v in c.effects.items() if k not in kind.never})
@@ -255,40 +233,32 @@ def _together(rows: Sequence[_Row], known: DiagnosedRecordings) -> Expected:
 
 
 def _table(
-    rows: Sequence[_Row], first: Sequence[_Row], expected: Expected, setting: _Setting
+    rows: Sequence[_Row],
+    first: Sequence[_Row],
+    expected: Expected,
+    standing: Sequence[Explanation],
 ) -> dict[str, Any]:
-    names = list(setting.explanations)
-    ranking = [
-        {
-            'name': row.possible.name,
-            'truth': row.possible.kind.name,
-            'words': row.possible.words,
-            **asdict(row.expected),
-        }
-        for row in rows
-        if not row.possible.repeat
-    ]
+    new, repeated = (
+        [row for row in rows if row.possible.repeat == again] for again in (False, True)
+    )
+    planned = [row for row in rows if row.possible.planned is not None]
     return {
         'schema': SCHEMA,
-        'explanations': setting.explanations,
-        'probabilities': dict(zip(names, map(float, setting.weights), strict=True)),
-        'suggestion': {
-            'record': [
-                {'name': row.possible.name, 'truth': row.possible.kind.name} for row in first
-            ],
-            **asdict(expected),
-        },
-        'ranking': ranking,
+        'explanations': {one.name: one.effects for one in standing},
+        'probabilities': {one.name: float(one.weight) for one in standing},
+        'suggestion': {'record': [_named(row) for row in first], **asdict(expected)},
+        'ranking': [
+            {**_named(row), 'words': row.possible.words, **asdict(row.expected)} for row in new
+        ],
         'baselines': {
-            name: _mean(some)
-            for name, some in (
-                ('random', [row for row in rows if row.possible.planned is not None]),
-                ('repeat', [row for row in rows if row.possible.repeat]),
-            )
-            if some
+            name: _mean(some) for name, some in (('random', planned), ('repeat', repeated)) if some
         },
         'version': __version__,
     }
+
+
+def _named(row: _Row) -> dict[str, str]:
+    return {'name': row.possible.name, 'truth': row.possible.kind.name}
 
 
 def _mean(rows: Sequence[_Row]) -> dict[str, float]:

@@ -9,9 +9,10 @@ from typing import Any
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.camera import Intrinsics, Profile
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.gap.planning.drawing import as_data_url, drawing
+from flexx2_sim_ros.gap.planning.drawing import drawing
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
 from flexx2_sim_ros.gap.planning.scenes import Panel
+from flexx2_sim_ros.html_drawing import png_url
 from flexx2_sim_ros.html_page import html_page
 from flexx2_sim_ros.truth.plane_file import plane_form
 
@@ -196,7 +197,7 @@ def set_up(planned: PlannedRecording | None, lens: Intrinsics, *words: str) -> h
     """Return words beside the drawing of a set-up, if there is one, for the style `STYLE`."""
     drawn = ''
     if planned is not None:
-        url = as_data_url(drawing(planned, lens))
+        url = png_url(drawing(planned, lens))
         drawn = html.element(
             'figure', html.element('img', alt=f'set-up of {planned.name}', src=url)
         )

@@ -8,7 +8,7 @@ from typing import Any
 from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError, shown, shown_path
-from flexx2_sim_ros.gap.planning.scenes import card, Panel, PlannedScene, wall
+from flexx2_sim_ros.gap.planning.scenes import card, PlannedScene, wall
 from flexx2_sim_ros.limits import is_finite
 from flexx2_sim_ros.paths import config_dir
 
@@ -156,23 +156,16 @@ def _recording(row: Any) -> PlannedRecording:
     for effect in effects:
         if not isinstance(effect, str) or effect not in registry():
             raise InputError(f'for: must be among {", ".join(registry())}, got {shown(effect)}')
-    panels = [*_walls(row), *_cards(row)]
+    panels = [wall(*numbers) for numbers in _lists(row, 'walls', _WALL)]
+    panels += [
+        card(distance, x, half, reflectivity, (speed, 0.0, 0.0))
+        for distance, x, half, reflectivity, speed in _lists(row, 'cards', _CARD)
+    ]
     if not panels:
         raise InputError('walls: must be at least one wall or card, got none')
     set_up = ' '.join(_text(row, 'set_up').split())
     scene = PlannedScene(name, set_up, tuple(panels), pan, after)
     return PlannedRecording(scene, _text(row, 'title'), set_up, seconds, tuple(effects))
-
-
-def _walls(row: dict[str, Any]) -> list[Panel]:
-    return [wall(*numbers) for numbers in _lists(row, 'walls', _WALL)]
-
-
-def _cards(row: dict[str, Any]) -> list[Panel]:
-    return [
-        card(distance, x, half, reflectivity, (speed, 0.0, 0.0))
-        for distance, x, half, reflectivity, speed in _lists(row, 'cards', _CARD)
-    ]
 
 
 def _lists(

@@ -7,8 +7,10 @@ from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Profile
 from flexx2_sim_ros.errors import InputError, shown, shown_path
-from flexx2_sim_ros.gap.data.campaign import check, Found
+from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.data.given import at_size, given_effects, Table
+from flexx2_sim_ros.gap.features.simulation import simulate, with_uptime
+from flexx2_sim_ros.gap.planning.forecast import Explanation
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
 from flexx2_sim_ros.gap.planning.truths import ALL_KINDS, smaller, TruthKind, write_recording
 from flexx2_sim_ros.recording import load_scene
@@ -112,10 +114,10 @@ def of_plan(
     known = at_size(known, lens.height, lens.width)
     out = []
     for kind in kinds:
-        for i, planned in enumerate(plan.recordings):
+        for planned in plan.recordings:
             if kind.suits(planned):
                 path = folder / f'{planned.name}_{kind.name}.npz'
-                write_recording(path, plan, planned, profile, kind, known, [seed, i])
+                write_recording(path, plan, planned, profile, kind, known, seed)
                 out.append(Possible(planned.name, planned.set_up, kind, path, known, planned))
     return out
 
@@ -191,3 +193,79 @@ def of_campaign(found: Sequence[Found], known: Table) -> list[Possible]:
         Possible(one.path.name, 'recorded before', _AS_TOLD, one.path, known, repeat=True)
         for one in found
     ]
+
+
+@dataclass(frozen=True)
+class PredictedView:
+    """
+    The images that each explanation predicts for a recording.
+
+    Attributes
+    ----------
+    possible : Possible
+        The recording.
+    error : numpy.ndarray
+        (N, H, W) mean of measured minus clean depth, metres; NaN where one of them is missing.
+    noise : numpy.ndarray
+        (N, H, W) standard deviation of that error over frames, metres; NaN as in `error`.
+    valid : numpy.ndarray
+        (N, H, W) fraction of frames with a depth; NaN where the ground truth is unknown.
+
+    """
+
+    possible: Possible
+    error: np.ndarray
+    noise: np.ndarray
+    valid: np.ndarray
+
+
+def look(
+    possible: Possible, standing: Sequence[Explanation], profile: Profile, seed: int
+) -> PredictedView:
+    """
+    Simulate a recording with each explanation.
+
+    Parameters
+    ----------
+    possible : Possible
+        The recording.
+    standing : sequence of Explanation
+        The explanations.
+    profile : Profile
+        The camera.
+    seed : int
+        Seed of the noise.
+
+    """
+    found = check(possible.path, profile)
+    if not isinstance(found, Found):
+        raise InputError(found)
+    recording = read(found, profile, possible.known)
+    images = []
+    for one in standing:
+        depth = simulate(
+            recording,
+            recording.clean,
+            recording.reflectivity,
+            with_uptime(one.effects, recording.uptime),
+            seed,
+        )
+        images.append(_images(depth - recording.clean, np.isfinite(depth), recording.truth.known))
+    error, noise, valid = (np.array(one) for one in zip(*images, strict=True))
+    return PredictedView(possible, error, noise, valid)
+
+
+def _images(
+    error: np.ndarray, seen: np.ndarray, known: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    # (H, W) mean and standard deviation of (T, H, W) errors over frames, and the fraction of
+    # frames with one; NaN where there is none or the ground truth is unknown.
+    if known is None:
+        known = np.ones(seen.shape, bool)
+    known = np.broadcast_to(known, seen.shape)
+    seen = seen & known
+    with np.errstate(invalid='ignore', divide='ignore'):
+        count = seen.sum(axis=0)
+        mean = np.where(seen, error, 0).sum(axis=0) / count
+        variance = np.where(seen, (error - mean) ** 2, 0).sum(axis=0) / count
+        return mean, np.sqrt(variance), count / known.sum(axis=0)

@@ -81,7 +81,7 @@ def planned_columns(modulation: bool = True) -> list[Column]:
     """
     return [
         Column(
-            column_name(name, strength),
+            _column_name(name, strength),
             {name: {'strength': strength}},
             all(term.few for one in kind.hypotheses for term in one.terms),
         )
@@ -91,8 +91,7 @@ def planned_columns(modulation: bool = True) -> list[Column]:
     ]
 
 
-def column_name(effect: str, strength: float) -> str:
-    """Return the name of the simulation of an effect at a strength."""
+def _column_name(effect: str, strength: float) -> str:
     return f'plan:{effect}:{strength:g}'
 
 
@@ -151,7 +150,7 @@ def power(
         if not going_on and found[STRENGTHS[middle]] >= _WANTED:
             break
         for strength in strengths:
-            shift = model.column(column_name(effect, strength))
+            shift = model.column(_column_name(effect, strength))
             found[strength] = _fraction(model, considered, effect, shift, kind, seed, draws)
             if (found[strength] >= _WANTED) != going_on:
                 break
@@ -170,7 +169,7 @@ def _considered(
 ) -> _Considered:
     # The best variant of the effect, and the effects that explain its gap next best, without
     # noise.
-    trials = Trials(model.as_if(model.column(column_name(effect, _TYPICAL))))
+    trials = Trials(model.as_if(model.column(_column_name(effect, _TYPICAL))))
     singles = best_of_each([trials.choice([one]) for one in candidates])
     best = [one.fit.candidates[0] for one in singles]
     own = [one for one in best if one.effect == effect]

@@ -176,23 +176,20 @@ def _of_kind(
     todo = [name for name in names if name not in done]
     if todo:
         evidence, columns = _simulate(request, kind, mapped, modulation, progress)
-        hidden = _hidden(evidence, columns, kind, modulation)
+        model = Model(evidence, columns, np.repeat(USUAL, 3))
+        hidden = left_open(model, catalogue((), modulation)[1], kind)
+        work = bind(
+            _power,
+            evidence=evidence,
+            columns=columns,
+            hidden=hidden,
+            kind=kind,
+            modulation=modulation,
+            told=(request.seed, request.draws),
+        )
         for start in range(0, len(todo), 2 * request.jobs):
             progress('deciding', 0.5 + 0.5 * start / len(todo))
-            found = mapped(
-                bind(
-                    _power,
-                    evidence=evidence,
-                    columns=columns,
-                    hidden=hidden,
-                    kind=kind,
-                    modulation=modulation,
-                    seed=request.seed,
-                    draws=request.draws,
-                ),
-                todo[start : start + 2 * request.jobs],
-                lambda: None,
-            )
+            found = mapped(work, todo[start : start + 2 * request.jobs], lambda: None)
             done |= {one.effect: one for one in found}
             rows = [asdict(one) for one in done.values()]
             atomic.write_text(file, json.dumps({'key': request.key, 'effects': rows}))
@@ -251,16 +248,6 @@ def _simulate(
     return evidence, known + planned
 
 
-def _model(evidence: Sequence[Evidence], columns: Sequence[Column]) -> Model:
-    return Model(evidence, columns, np.repeat(USUAL, 3))
-
-
-def _hidden(
-    evidence: Sequence[Evidence], columns: Sequence[Column], kind: TruthKind, modulation: bool
-) -> set[str]:
-    return left_open(_model(evidence, columns), catalogue((), modulation)[1], kind)
-
-
 def _power(
     effect: str,
     evidence: Sequence[Evidence],
@@ -268,8 +255,7 @@ def _power(
     hidden: set[str],
     kind: TruthKind,
     modulation: bool,
-    seed: int,
-    draws: int,
+    told: tuple[int, int],
 ) -> Power:
-    candidates = catalogue((), modulation)[1]
-    return power(effect, _model(evidence, columns), candidates, hidden, kind, seed, draws)
+    model = Model(evidence, columns, np.repeat(USUAL, 3))
+    return power(effect, model, catalogue((), modulation)[1], hidden, kind, *told)

@@ -1,6 +1,5 @@
 """Simulate the planned recordings, with each kind of ground truth."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -9,8 +8,6 @@ from flexx2_sim_ros.camera import Camera, Intrinsics, Profile
 from flexx2_sim_ros.effects import ageing
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.data.given import Table
-from flexx2_sim_ros.gap.data.planes import plane_shifts
-from flexx2_sim_ros.gap.data.pose import moved
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
 from flexx2_sim_ros.gap.planning.scenes import render
 import numpy as np
@@ -100,7 +97,6 @@ def write_campaign(
     kind: TruthKind,
     effects: Table | None = None,
     seed: int = 0,
-    wrong: bool = False,
 ) -> None:
     """
     Write the plan's recordings with one kind of ground truth as ``.npz``.
@@ -118,15 +114,13 @@ def write_campaign(
     effects : mapping, optional
         Effects of the camera: parameters by effect.
     seed : int
-        Seed of the noise and of the errors of the ground truth.
-    wrong : bool
-        Whether the ground truth has errors of its stated accuracy.
+        Seed of the noise.
 
     """
-    for i, planned in enumerate(plan.recordings):
+    for planned in plan.recordings:
         if kind.suits(planned):
             path = folder / f'{planned.name}.npz'
-            write_recording(path, plan, planned, profile, kind, effects, [seed, i], wrong)
+            write_recording(path, plan, planned, profile, kind, effects, seed)
 
 
 def write_recording(
@@ -136,8 +130,7 @@ def write_recording(
     profile: Profile,
     kind: TruthKind,
     effects: Table | None = None,
-    seed: Sequence[int] = (0,),
-    wrong: bool = False,
+    seed: int = 0,
 ) -> None:
     """Write one recording of the plan; parameters as for `write_campaign`."""
     lens = smaller(profile.intrinsics, plan.scale)
@@ -145,17 +138,14 @@ def write_recording(
     start = 100.0 + planned.scene.uptime
     stamp = start + np.rint(np.arange(plan.frames) * 1e9 / mode.rate_hz) / 1e9
     clean, reflectivity = render(planned.scene, lens, stamp)
-    rng = np.random.default_rng(seed)
-    real, shade = clean, reflectivity
-    if wrong and kind.pose:
-        step = np.array(GROUND_TRUTH.pose) * rng.standard_normal(6)
-        real, moved_shade = moved(clean, reflectivity, lens.matrix, mode, step)
-        shade = reflectivity if moved_shade is None else moved_shade
     table: dict[str, Any] = {name: dict(values) for name, values in (effects or {}).items()}
     for name in ageing(table):
         table[name]['uptime'] = planned.scene.uptime
-    device = Camera(plan.usecase, profile=profile, effects=table, seed=seed[0] + 77, name='real')
-    depth = device.capture(real, lens.matrix, stamp, shade).depth
+    device = Camera(plan.usecase, profile=profile, effects=table, seed=seed + 77, name='real')
+    depth = device.capture(clean, lens.matrix, stamp, reflectivity).depth
+    truth = _truth(planned, lens, stamp, clean, kind)
+    if 'known' in truth:
+        clean = np.where(truth['known'], clean, np.float32(np.nan))
     content: dict[str, Any] = {
         'depth': depth.astype(np.float32),
         'reflectivity': reflectivity,
@@ -163,49 +153,10 @@ def write_recording(
         'stamp': stamp,
         'uptime': planned.scene.uptime + stamp - stamp[0],
         'usecase': np.array(plan.usecase),
-        **ground_truth(planned, lens, stamp, depth, kind, rng if wrong else None),
+        'clean_depth': clean,
+        **truth,
     }
     np.savez(path, **content)
-
-
-def ground_truth(
-    planned: PlannedRecording,
-    lens: Intrinsics,
-    stamp: np.ndarray,
-    depth: np.ndarray,
-    kind: TruthKind,
-    rng: np.random.Generator | None,
-) -> dict[str, np.ndarray]:
-    """
-    Return the ground truth of a recording.
-
-    Parameters
-    ----------
-    planned : PlannedRecording
-        What was recorded.
-    lens : Intrinsics
-        The lens of the camera.
-    stamp : numpy.ndarray
-        (T,) seconds.
-    depth : numpy.ndarray
-        (T, H, W) as measured, metres, to which planes may be fitted.
-    kind : TruthKind
-        The kind of ground truth.
-    rng : numpy.random.Generator or None
-        Draws the errors of planes; with None they have none.
-
-    Returns
-    -------
-    dict
-        ``clean_depth`` and the keys that say how well it is known (docs/recordings.md).
-
-    """
-    clean, _ = render(planned.scene, lens, stamp)
-    truth = _truth(planned, lens, stamp, clean, kind)
-    believed = clean if rng is None else _believed(clean, depth, truth, lens, kind, rng)
-    if 'known' in truth:
-        believed = np.where(truth['known'], believed, np.float32(np.nan))
-    return {'clean_depth': believed.astype(np.float32), **truth}
 
 
 def smaller(lens: Intrinsics, scale: float) -> Intrinsics:
@@ -237,6 +188,7 @@ def _truth(
     clean: np.ndarray,
     kind: TruthKind,
 ) -> dict[str, np.ndarray]:
+    # The keys that say how well the ground truth is known (docs/recordings.md).
     if kind.pose:
         deviation = np.array(GROUND_TRUTH.pose)
         deviation[3:] = np.radians(deviation[3:])
@@ -255,27 +207,3 @@ def _truth(
     offset, tilt = kind.plane
     deviation = np.tile([offset, tilt, tilt], len(planned.scene.panels))
     return {'plane': plane, 'plane_covariance': np.diag(deviation**2), 'known': plane > 0}
-
-
-def _believed(
-    clean: np.ndarray,
-    depth: np.ndarray,
-    truth: Mapping[str, np.ndarray],
-    lens: Intrinsics,
-    kind: TruthKind,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    # Clean depth with the planes at their measured positions, or fitted to depth.
-    if kind.plane is None:
-        return clean
-    covariance, known = truth['plane_covariance'], truth['known']
-    count = len(covariance) // 3
-    shifts = plane_shifts(clean, truth['plane'], lens, count, known)
-    if not kind.fitted:
-        amounts = rng.standard_normal(len(covariance)) * np.sqrt(np.diag(covariance))
-    else:
-        median = np.median(depth, axis=0)  # NaN where a frame has no depth
-        # Leaves out gross errors.
-        good = known & (np.abs(median - clean) < 0.25)
-        amounts = np.linalg.lstsq(shifts[:, good].T, (median - clean)[good], rcond=None)[0]
-    return np.asarray(clean + np.tensordot(amounts, shifts, axes=1))

@@ -8,8 +8,8 @@ from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.effects.tables import Curve, PixelMap
 from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import covariate_of
+from flexx2_sim_ros.gap.forms.looked import Looked
 from flexx2_sim_ros.gap.forms.proposals import FormProposal, FormVerdict
-from flexx2_sim_ros.gap.forms.work import Looked
 from flexx2_sim_ros.gap.report.text import spaced
 from flexx2_sim_ros.html_drawing import curves, picture
 import numpy as np

@@ -5,7 +5,7 @@ from typing import Any
 
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.forms.named import Calibrated
+from flexx2_sim_ros.gap.forms.calibrating import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.attribution import (

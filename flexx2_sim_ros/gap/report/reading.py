@@ -162,17 +162,22 @@ def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
         given_effects(known)
     except (InputError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f'settings: {error}') from error
+    full, gap = settings.get('full_scale'), table.get('gap')
+    # Older versions did not write it.
+    noise_factor = gap.get('noise_factor', 1.0) if isinstance(gap, dict) else 1.0
     return Diagnosed(
         verdict=str(table.get('verdict', '')),
         effects=changing(effects),
         known=known,
         pose_prior=_pose_prior(settings.get('pose_prior', USUAL)),
         pose_held=settings.get('pose_held') is True,
-        full_scale=_full_scale(settings.get('full_scale')),
+        full_scale=(
+            None if full is None else _above_zero('settings: full_scale', full, ' or null')
+        ),
         checksums={str(row['checksum']): row['name'] for row in used if 'checksum' in row},
         unsummed=frozenset(row['name'] for row in used if 'checksum' not in row),
         arrival=arrival_of(table.get('age')),
-        noise_factor=_noise_factor(table.get('gap')),
+        noise_factor=_above_zero('gap: noise_factor', noise_factor),
         table=table,
     )
 
@@ -204,19 +209,7 @@ def _pose_prior(value: Any) -> tuple[float, float]:
     return float(value[0]), float(value[1])
 
 
-def _full_scale(value: Any) -> float | None:
-    if value is None:
-        return None
+def _above_zero(field: str, value: Any, or_null: str = '') -> float:
     if not (is_finite(value) and value > 0):
-        raise InputError(
-            f'settings: full_scale: must be a number above 0 or null, got {shown(value)}'
-        )
-    return float(value)
-
-
-def _noise_factor(gap: Any) -> float:
-    # Older versions did not write it.
-    value = gap.get('noise_factor', 1.0) if isinstance(gap, dict) else 1.0
-    if not (is_finite(value) and value > 0):
-        raise InputError(f'gap: noise_factor: must be a number above 0, got {shown(value)}')
+        raise InputError(f'{field}: must be a number above 0{or_null}, got {shown(value)}')
     return float(value)

@@ -9,7 +9,7 @@ from flexx2_sim_ros.effects import Effect, of_role, save_effects
 from flexx2_sim_ros.effects.registry import map_file
 from flexx2_sim_ros.effects.tables import PixelMap
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.forms.named import Calibrated
+from flexx2_sim_ros.gap.forms.calibrating import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.age import age_words, arrival_of, with_delay

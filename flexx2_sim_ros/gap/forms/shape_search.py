@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.effects.shapes import Shape
 from flexx2_sim_ros.gap.calibration.forms import FORMS
-from flexx2_sim_ros.gap.forms.fitting import is_surely_less
+from flexx2_sim_ros.gap.forms.bias_fit import is_surely_less
 import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import qmc
@@ -128,15 +128,15 @@ def _cross(look: Callable[[np.ndarray], np.ndarray], start: np.ndarray) -> None:
         values = look(places)
         start = np.array(
             [
-                _lowest(places[[2 * i + 1, 0, 2 * i + 2], i], values[[2 * i + 1, 0, 2 * i + 2]])
+                lowest(places[[2 * i + 1, 0, 2 * i + 2], i], values[[2 * i + 1, 0, 2 * i + 2]])
                 for i in range(len(start))
             ]
         )
     look(start[None])
 
 
-def _lowest(places: np.ndarray, values: np.ndarray) -> float:
-    # Between three places in order, two of which may be the same at a bound.
+def lowest(places: np.ndarray, values: np.ndarray) -> float:
+    """Return where a parabola through three places in order is lowest; two may be the same."""
     left, right = np.diff(places)
     if left > 0 and right > 0:
         before, after = np.diff(values) / (left, right)

@@ -9,6 +9,7 @@ from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.forms.bias import Form, hats
 from flexx2_sim_ros.gap.forms.samples import Samples
 import numpy as np
+from scipy.linalg import block_diag
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class BiasFit:
         """Fit forms to all recordings, and to all but one."""
         columns = [np.concatenate([form.columns(one) for form in forms]) for one in self.samples]
         return FittedForms(
-            tuple(forms), *self.solve(columns, _blocks([f.penalty() for f in forms]))
+            tuple(forms), *self.solve(columns, block_diag(*(form.penalty() for form in forms)))
         )
 
     def solve(
@@ -189,9 +190,8 @@ def usual_factor(samples: Sequence[Samples]) -> float:
             narrow = replace(one, spread=factor * one.spread)
             own, target, start, ridge = _whitened(narrow, one.error)
             step, weight = _robust_step(own, target, start, ridge)
-            normal = (own * weight) @ own.T + ridge * np.eye(len(own))
             squares += float(((start + step) ** 2).sum())
-            told += float((1 - ridge * np.diag(np.linalg.inv(normal))).sum())
+            told += float((1 - _variances(own, weight, ridge)).sum())
         if told > 0:
             factor = min(factor * float(np.sqrt(squares / told)), 1.0)
     return factor
@@ -249,14 +249,18 @@ def _solve_own(
     return np.linalg.solve(normal, (own * weight) @ target - ridge * start)
 
 
+def _variances(own: np.ndarray, weight: np.ndarray, ridge: float) -> np.ndarray:
+    # Of what is fitted. The ridge weighs the prior against errors that are alike in neighbouring
+    # pixels, so it also scales these.
+    normal = (own * weight) @ own.T + ridge * np.eye(len(own))
+    return np.asarray(ridge * np.diag(np.linalg.inv(normal)))
+
+
 def _own_squares(samples: Samples, weight: np.ndarray, shared: np.ndarray) -> np.ndarray:
     # Expected squares of a recording's motion, in variances of its prior, where that has any.
     own, target, start, ridge = _whitened(samples, samples.error - shared)
     step = _solve_own(own, target, weight, start, ridge)
-    normal = (own * weight) @ own.T + ridge * np.eye(len(own))
-    # The ridge weighs the prior against errors that are alike in neighbouring pixels, so it also
-    # scales the variance of what is fitted.
-    squares = (start + step) ** 2 + ridge * np.diag(np.linalg.inv(normal))
+    squares = (start + step) ** 2 + _variances(own, weight, ridge)
     return np.asarray(squares[samples.spread.any(axis=0)])
 
 
@@ -313,12 +317,3 @@ class _WithoutOwn:
             self._constant - float(self._right @ solved[:, -1]),
             max(len(self._target), 1),
         )
-
-
-def _blocks(parts: Sequence[np.ndarray]) -> np.ndarray:
-    size = sum(map(len, parts))
-    out, start = np.zeros((size, size)), 0
-    for part in parts:
-        out[start : start + len(part), start : start + len(part)] = part
-        start += len(part)
-    return out

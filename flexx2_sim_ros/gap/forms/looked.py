@@ -1,6 +1,6 @@
 """The work on single recordings, for processes of their own."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,16 +20,55 @@ from flexx2_sim_ros.gap.features.physical import (
     mismatch,
 )
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
+from flexx2_sim_ros.gap.forms.bias_fit import own_motion
 from flexx2_sim_ros.gap.forms.dropout import Counts, counts_of
-from flexx2_sim_ros.gap.forms.fitting import own_motion
 from flexx2_sim_ros.gap.forms.geometry import slopes_of
 from flexx2_sim_ros.gap.forms.noise import noise_of, NoiseCurves
 from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_alike, shift_of, shifters
 from flexx2_sim_ros.gap.forms.scale import columns_of, ScaleColumns
+from flexx2_sim_ros.jobs import bind, Map
 import numpy as np
 
 Settings = dict[str, dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """
+    How recordings are read and simulated, and by whom.
+
+    Attributes
+    ----------
+    mapped : callable
+        A map as from `jobs.workers`.
+    profile : Profile or None
+        The camera; None: the Flexx2.
+    known : mapping
+        Effects that the base simulator has: parameters by name.
+    seed : int
+        Of the simulations.
+    prior : tuple of float
+        Six standard deviations of pose errors, metres and degrees.
+
+    """
+
+    mapped: Map
+    profile: Profile | None
+    known: Table
+    seed: int
+    prior: tuple[float, ...]
+
+    def run(
+        self,
+        function: Any,
+        items: Sequence[Any],
+        step: Callable[[], None] = lambda: None,
+        **more: Any,
+    ) -> list[Any]:
+        """Return a function of this module, or one like them, of several recordings."""
+        fixed = {'profile': self.profile, 'known': self.known, 'seed': self.seed}
+        return self.mapped(bind(function, **fixed, **more), items, step)
 
 
 @dataclass(frozen=True)
@@ -121,33 +160,26 @@ def look(
 
 
 def look_again(
-    job: tuple[Looked, Settings], profile: Profile | None, known: Table, seed: int
+    job: tuple[Looked, Settings], profile: Profile | None, known: Table, **_: Any
 ) -> Looked:
     """Return a recording with samples and shifts as they are with other settings of effects."""
-    del seed  # Nothing is simulated.
-    looked, effects = job
-    recording = read(looked.found, profile, known)
-    own = with_uptime(effects, recording.uptime)
-    motion, scene = _settled(looked, recording, own)
-    samples, shifts = _samples(scene, motion, looked.samples.spread, own)
-    return replace(looked, samples=samples, shifts=shifts)
+    scene, motion, own = _settled(*job, profile, known)
+    samples, shifts = _samples(scene, motion, job[0].samples.spread, own)
+    return replace(job[0], samples=samples, shifts=shifts)
 
 
 def look_at_pixels(
-    job: tuple[Looked, Settings], profile: Profile | None, known: Table, seed: int
+    job: tuple[Looked, Settings], profile: Profile | None, known: Table, **_: Any
 ) -> PixelErrors:
     """Return the errors of a recording's pixels that given settings of effects do not explain."""
-    del seed  # Nothing is simulated.
-    looked, effects = job
-    scene = _placed(looked, effects, profile, known)
-    return pixel_errors(scene, with_uptime(effects, looked.uptime))
+    scene, _motion, own = _settled(*job, profile, known)
+    return pixel_errors(scene, own)
 
 
 def look_at_scale(
-    job: tuple[Looked, str], profile: Profile | None, known: Table, seed: int
+    job: tuple[Looked, str], profile: Profile | None, known: Table, **_: Any
 ) -> ScaleColumns:
     """Return how the depth of a recording's samples changes with an effect's scale."""
-    del seed  # Nothing is simulated.
     looked, effect = job
     scene = PlacedScene.at(read(looked.found, profile, known), looked.samples.motion)
     return columns_of(scene, looked.samples, effect)
@@ -176,7 +208,7 @@ def judge(
 
     """
     looked, several = job
-    recording = first_frames(read(looked.found, profile, known), frames)
+    recording = _first_frames(read(looked.found, profile, known), frames)
     moving = recording.clean.ndim == 3
     out: list[dict[str, float]] = []
     before: Settings | None = None
@@ -184,7 +216,7 @@ def judge(
         own = with_uptime(effects, recording.uptime)
         alike = before is not None and (settle_once or shift_alike(effects, before, moving))
         if not alike:
-            scene = _settled(looked, recording, own)[1]
+            scene = _settle_again(looked, recording, own)[1]
             real = _measured(scene, recording.depth)
         before = effects
         out.append(_apart(real, _measured(scene, scene.simulate(own, seed))))
@@ -207,14 +239,11 @@ def confirm_settled(
 
     """
     looked, effects, wrong, show, bare = job
-    recording = read(looked.found, profile, known)
-    own = with_uptime(effects, recording.uptime)
-    motion, scene = _settled(looked, recording, own)
+    scene, motion, _ = _settled(looked, effects, profile, known)
     return confirm(scene, effects, wrong, seed, show, bare), motion
 
 
-def first_frames(recording: RecordingData, count: int | None) -> RecordingData:
-    """Return the first frames of a recording, or all of it."""
+def _first_frames(recording: RecordingData, count: int | None) -> RecordingData:
     if count is None or len(recording.depth) <= count:
         return recording
 
@@ -241,14 +270,6 @@ def _measured(scene: PlacedScene, depth: np.ndarray) -> Measures:
     return histogram(depth, scene.covariates, scene.sums(depth), fine_side(len(depth)))
 
 
-def _placed(
-    looked: Looked, effects: Settings, profile: Profile | None, known: Table
-) -> PlacedScene:
-    recording = read(looked.found, profile, known)
-    own = with_uptime(effects, recording.uptime)
-    return _settled(looked, recording, own)[1]
-
-
 def registered(
     recording: RecordingData, prior: np.ndarray, effects: Settings, begin: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, PlacedScene]:
@@ -273,52 +294,42 @@ def registered(
         (6 + 3 P,) motion, its standard deviations as from `prior.factor`, and the scene there.
 
     """
-    # `settled` corrects what the effects did to this motion, so it need not know them.
+    # `_settle` corrects what the effects did to this motion, so it need not know them.
     if begin is None:
         begin, _ = register(recording, prior)
     spread = spread_of(recording.truth, prior)
-    motion, scene = settled(recording, begin, begin, spread, effects)
+    motion, scene = _settle(recording, begin, begin, spread, effects)
     return motion, spread, scene
 
 
 def _settled(
+    looked: Looked, effects: Settings, profile: Profile | None, known: Table
+) -> tuple[PlacedScene, np.ndarray, Settings]:
+    # The scene at the pose that suits the effects, this pose, and what the recording can have.
+    recording = read(looked.found, profile, known)
+    own = with_uptime(effects, recording.uptime)
+    motion, scene = _settle_again(looked, recording, own)
+    return scene, motion, own
+
+
+def _settle_again(
     looked: Looked, recording: RecordingData, effects: Settings
 ) -> tuple[np.ndarray, PlacedScene]:
     samples = looked.samples
     if not shifters(effects, recording.clean.ndim == 3):  # It is settled already.
         return samples.motion, PlacedScene.at(recording, samples.motion)
-    return settled(recording, looked.registered, samples.motion, samples.spread, effects)
+    return _settle(recording, looked.registered, samples.motion, samples.spread, effects)
 
 
-def settled(
+def _settle(
     recording: RecordingData,
     begin: np.ndarray,
     motion: np.ndarray,
     spread: np.ndarray,
     effects: Settings,
 ) -> tuple[np.ndarray, PlacedScene]:
-    """
-    Find where the camera was if it has these effects, by a few steps of Gauss and Newton.
-
-    Parameters
-    ----------
-    recording : RecordingData
-        The recording.
-    begin : numpy.ndarray
-        (6 + 3 P,) as from `register`. What surfaces leave open stays as it is there.
-    motion : numpy.ndarray
-        (6 + 3 P,) the motion that is known so far.
-    spread : numpy.ndarray
-        Standard deviations of the motion, as from `prior.factor`.
-    effects : dict
-        Parameters by effect.
-
-    Returns
-    -------
-    tuple
-        (6 + 3 P,) motion and the scene there.
-
-    """
+    # Where the camera was if it has these effects, by a few steps of Gauss and Newton from
+    # ``motion``. What surfaces leave open stays as in ``begin``, which is as from `register`.
     scene = PlacedScene.at(recording, motion)
     for _ in range(FORMS.steps):
         samples = samples_of(scene, motion, spread)
