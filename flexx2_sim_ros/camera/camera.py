@@ -10,9 +10,7 @@ from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.camera.stages import run_stages
 from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.formulas import on_images
-from flexx2_sim_ros.formulas.surfaces import usable_reflectivity
-from flexx2_sim_ros.physics.axial import model_sigma, observe, scale_by_surface
+from flexx2_sim_ros.physics.axial import hold_reflectivity, model_sigma, observe, scale_by_surface
 from flexx2_sim_ros.physics.frame_state import (
     check_frequencies,
     EffectProtocol,
@@ -260,14 +258,19 @@ class Camera:
     def _run_stages(self, views: Views, out: list[np.ndarray]) -> None:
         height, width = views.clean.shape[-2:]
         for index in np.ndindex(views.stamps.shape):
+            given = np.ascontiguousarray(views.reflectivity[index])
+            reflectivity = np.empty(given.shape, np.float32)
+            hold_reflectivity(given, reflectivity)
             state = FrameState(
                 self.mode,
-                Intrinsics.from_matrix(views.matrices[index], width, height),
+                _intrinsics(
+                    np.asarray(views.matrices[index], np.float64).tobytes(), width, height
+                ),
                 int(views.stamps[index]),
                 self._key,
                 self._memory(index[: views.environments]),
                 views.clean[index].copy(),
-                on_images(usable_reflectivity)(views.reflectivity[index]),
+                reflectivity,
                 self.exposure_share,
             )
             finished = run_stages(state, self._changing, self.mode.noise.sigma_x)

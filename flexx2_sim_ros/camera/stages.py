@@ -5,13 +5,17 @@ from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
-from flexx2_sim_ros.formulas import on_images
-from flexx2_sim_ros.formulas.surfaces import returned_light
-from flexx2_sim_ros.physics.axial import add_noise, blank_invalid, blank_outside, sigma_image
+from flexx2_sim_ros.physics.axial import (
+    add_noise,
+    blank_invalid,
+    blank_outside,
+    shine,
+    sigma_image,
+)
 from flexx2_sim_ros.physics.frame_state import Common, EffectProtocol, FrameState, once, Stage
 from flexx2_sim_ros.physics.lateral import displaced_pixels, edge_limit, pixel_sigma, upright_edges
 from flexx2_sim_ros.physics.philox import fill_normals, stamp_words, STREAM_AXIAL
-from flexx2_sim_ros.physics.surface import analyse, PAD, Surface
+from flexx2_sim_ros.physics.surface import analyse, Surface
 import numpy as np
 
 _NOWHERE = np.zeros(0, np.int64)
@@ -149,13 +153,9 @@ def _light(state: FrameState) -> None:
             else np.array(state.depth, order='C')
         )
         surface = analyse(depth, state.intrinsics, state.mode.sensor)
-        inverse = surface.inverse_depth[PAD:-PAD, PAD:-PAD]
-        depth[inverse == 0] = np.nan
-        return (
-            surface,
-            depth,
-            on_images(returned_light)(state.reflectivity, surface.cos_incidence, inverse),
-        )
+        amplitude = np.empty(depth.shape, np.float32)
+        shine(surface.inverse_depth, surface.cos_incidence, state.reflectivity, depth, amplitude)
+        return surface, depth, amplitude
 
     common = state.common
     state.surface, depth, amplitude = once(_scene(common), 'light', make)
@@ -202,9 +202,11 @@ def _show_other_surfaces(state: FrameState) -> None:
     if not moved.size:
         return
     state.sigma = np.ascontiguousarray(state.sigma)
+    # NumPy would turn them into its own type of index for every image.
+    moved, origin = moved.astype(np.intp), origin.astype(np.intp)
     for image in (state.depth, state.amplitude, state.sigma, state.cosine, *state.shifts):
         flat = image.reshape(-1)
-        flat[moved] = flat[origin]
+        flat[moved] = flat.take(origin)
 
 
 def _moved(state: FrameState) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,8 @@
 """Motion artefact: raw frames taken one after the other."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 import math
 from typing import Any, ClassVar
 
@@ -116,7 +118,7 @@ def motion_shift(
     _1, s1 = tap_at(here, start, gain, other, other_light, when, m1, add, turns)
     c2, _2 = tap_at(here, start, gain, other, other_light, when, m2, add, turns)
     _3, s3 = tap_at(here, start, gain, other, other_light, when, m3, add, turns)
-    cosine, sine = tap_at(here, start, gain, other, other_light, when, _ONE, add, turns)
+    cosine, sine = direction(turns * (here + add))  # What a tap at this frame's time sees.
     return shift_between(c0 + c2, s1 + s3, cosine, sine, wave_number)
 
 
@@ -205,13 +207,15 @@ class MotionArtefact(Effect):
         moments = on_images(tap_moment)(np.arange(taps), taps, duration / interval, self.stamp_at)
         moments = moments.astype(np.float32)
         images = tuple(
-            np.ascontiguousarray(np.broadcast_to(image, shown), np.float32).reshape(-1)
+            np.ascontiguousarray(
+                image if image.shape == shown else np.broadcast_to(image, shown), np.float32
+            ).reshape(-1)
             for image in (before[1], state.depth, before[2], rho)
         )
-        # Where in its pixel an edge is, is not known: a random place.
-        places = state.uniforms(self.stream)
         motion = np.empty((5, *shown), np.float32)
-        _find_motion(images, places, np.float32(interval), moments[[0, -1]], motion)
+        # Where in its pixel an edge is, is not known: a random place.
+        draw = partial(state.uniforms, self.stream)
+        _find_motion(images, draw, np.float32(interval), moments[[0, -1]], motion)
         for index, (k, shift) in enumerate(zip(state.wave_numbers, state.shifts, strict=True)):
             own = moments[index * TAPS : (index + 1) * TAPS]
             _demodulate(state.depth, motion, own, np.float32(k), shift)
@@ -221,35 +225,40 @@ class MotionArtefact(Effect):
 
 def _find_motion(
     images: tuple[np.ndarray, ...],
-    places: np.ndarray,
+    draw: Callable[[], np.ndarray],
     seconds: np.float32,
     ends: np.ndarray,
     motion: np.ndarray,
 ) -> None:
     # The images are flat: depth before and now, reflectivity before and now. Few edges move, and
     # only pixels near them are looked into.
-    late, shape = images[1], places.shape
+    late, shape = images[1], motion.shape[1:]
     earliest, latest = _ONE - ends[0], ends[1] - _ONE
-    _find_change(*images, seconds, motion[0].reshape(-1), motion[1].reshape(-1))
-    motion[2], motion[3:] = late.reshape(shape), _ONE
+    _find_change(*images, seconds, motion.reshape(5, -1))
+    edges = np.zeros((2, late.size), np.uint8)
+    steps = 1, shape[1]
+    for one, step in zip(edges, steps, strict=True):
+        _find_edges(*images, step, one)
+    edges[0].reshape(shape)[:, -1] = _STILL  # The next row is not beside it.
+    moving = [np.flatnonzero(one == _MOVING) for one in edges]
+    if not any(one.size for one in moving):
+        return
     near = np.zeros((late.size, 4), np.uint16)
-    for side, step in ((0, 1), (2, shape[1])):
-        edges = np.zeros(late.size, np.uint8)
-        _find_edges(*images, step, edges)
-        if step == 1:
-            edges.reshape(shape)[:, -1] = _STILL  # The next row is not beside it.
-        moving = np.flatnonzero(edges == _MOVING)
-        _reach_out(
-            edges, moving, step, passing.edge_reach(earliest, latest), near[:, side : side + 2]
-        )
+    reach = passing.edge_reach(earliest, latest)
+    for side, step in enumerate(steps):
+        _reach_out(edges[side], moving[side], step, reach, near[:, 2 * side : 2 * side + 2])
     pixels = np.flatnonzero(near.view(np.uint64))
-    _pass_edges(*images, pixels, near, places, earliest, latest, motion)
+    _pass_edges(*images, pixels, near, draw(), earliest, latest, motion)
 
 
 @loop(error_model='numpy', fastmath=FAST)
-def _find_change(early, late, early_rho, late_rho, seconds, start, gain):
+def _find_change(early, late, early_rho, late_rho, seconds, motion):
+    # No edge passes yet.
     for i in range(late.size):
-        start[i], gain[i] = _own_change(early[i], late[i], early_rho[i], late_rho[i], seconds)
+        motion[0, i], motion[1, i] = _own_change(
+            early[i], late[i], early_rho[i], late_rho[i], seconds
+        )
+        motion[2, i], motion[3, i], motion[4, i] = late[i], _ONE, _ONE
 
 
 @loop(error_model='numpy', fastmath=FAST)

@@ -12,17 +12,7 @@ from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.shapes import Free, MHZ, Shape
 from flexx2_sim_ros.effects.tables import optional_number
 from flexx2_sim_ros.formulas import on_images
-from flexx2_sim_ros.formulas.scalars import (
-    both,
-    ceiling,
-    f32,
-    floor,
-    i32,
-    nearest,
-    root,
-    size,
-    where,
-)
+from flexx2_sim_ros.formulas.scalars import ceiling, f32, floor, i32, nearest, root, size, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT, Stage
 from flexx2_sim_ros.physics.geometry import ray_length
@@ -103,17 +93,17 @@ def wrong_jump(
             wrapped = nearest((first - errors[f]) / spans[f]) * spans[f]
             mean += weights[f] * (errors[f] + wrapped)
             mean_jump += weights[f] * wrapped
-        misfit = f32(0.0)
-        for f in range(count):
-            wrapped = nearest((first - errors[f]) / spans[f]) * spans[f]
-            off = errors[f] + wrapped - mean
-            misfit += weights[f] * (off * off)
         there = here + mean_jump
         # No jump at all needs no room.
-        fits = where(wrap == 0, True, both(there >= _ZERO, there < ambiguity))
-        better = both(fits, misfit < best)
-        best = where(better, misfit, best)
-        jump = where(better, mean_jump, jump)
+        if wrap == 0 or (there >= _ZERO and there < ambiguity):
+            misfit = f32(0.0)
+            for f in range(count):
+                wrapped = nearest((first - errors[f]) / spans[f]) * spans[f]
+                off = errors[f] + wrapped - mean
+                misfit += weights[f] * (off * off)
+            better = misfit < best
+            best = where(better, misfit, best)
+            jump = where(better, mean_jump, jump)
     return jump
 
 
@@ -243,40 +233,30 @@ class RangeWrap(Effect):
         # How far each frequency's distance is from their weighted mean: by unequal shifts, and by
         # noise that falls as 1/f and leaves the mean's sigma as it is. All times `lengths`.
         frequencies = state.mode.modulation_hz
-        spreads = noise_shares(frequencies)
         ray = lengths.reshape(-1)
-        sigma = noise * state.sigma.reshape(-1) * ray
-        shifts = [shift.reshape(-1) * ray for shift in state.shifts]
-        # As long as no two of them are apart by half a step, all is well.
-        risky = np.flatnonzero(
-            np.any(
-                [
-                    on_images(is_apart)(
-                        shifts[i],
-                        shifts[j],
-                        on_images(widest_apart)(spreads[i], spreads[j], sigma),
-                        step,
-                    )
-                    for i, j, step in _pairs(frequencies)
-                ],
-                axis=0,
-            )
+        light = (
+            np.stack(state.shifts).reshape(len(frequencies), -1),
+            ray,
+            state.sigma.reshape(-1),
+            noise,
+            noise_shares(frequencies),
+            _steps(frequencies),
         )
+        # As long as no two of them are apart by half a step, all is well.
+        flags = np.zeros(ray.size, np.bool_)
+        _find_risky(*light, flags)
+        risky = np.flatnonzero(flags)
         if not risky.size:
             return
-        draws = np.empty((len(frequencies), state.depth.size), np.float32)
+        draws = np.empty((len(frequencies), ray.size), np.float32)
         fill_normals(state.key, *stamp_words(state.stamp), self.stream, draws.reshape(-1))
-        errors = on_images(misread)(
-            np.stack(shifts).take(risky, axis=1),
-            spreads[:, None],
-            sigma[risky],
-            draws.take(risky, axis=1),  # Seven times as fast as draws[:, risky].
-        )
-        apart = any_apart(frequencies, errors)
+        errors = np.empty((risky.size, len(frequencies)), np.float32)
+        apart = np.empty(risky.size, np.bool_)
+        _misread_at(risky, *light, draws, errors, apart)
         pixels = risky[apart]
         values = state.measured.reshape(-1)[pixels] * ray[pixels]
         _unwrap(
-            errors.compress(apart, axis=1).T.copy(),
+            errors[apart],
             np.arange(pixels.size),
             np.array(state.spans, np.float32),
             np.array(state.weights, np.float32),
@@ -312,6 +292,11 @@ def any_apart(frequencies: Sequence[float], errors: np.ndarray) -> np.ndarray:
     )
 
 
+def _steps(frequencies: Sequence[float]) -> np.ndarray:
+    # (F, F) float32, `lattice_step` of each pair.
+    return np.array([[lattice_step(one, other) for other in frequencies] for one in frequencies])
+
+
 def _pairs(frequencies: Sequence[float]) -> list[tuple[int, int, np.float32]]:
     return [
         (i, j, lattice_step(frequencies[i], frequencies[j]))
@@ -322,6 +307,9 @@ def _pairs(frequencies: Sequence[float]) -> list[tuple[int, int, np.float32]]:
 
 _wrong_jump = compiled(wrong_jump)
 _is_beyond = compiled(is_beyond)
+_is_apart = compiled(is_apart)
+_misread = compiled(misread)
+_widest_apart = compiled(widest_apart)
 
 
 @loop(error_model='numpy')
@@ -330,6 +318,31 @@ def _find_beyond(measured, lengths, depth, ambiguity, range_max, beyond):
         for x in range(depth.shape[1]):
             here = measured[y, x] * lengths[y, x]
             beyond[y, x] = _is_beyond(here, depth[y, x], ambiguity, range_max)
+
+
+@loop(error_model='numpy')
+def _find_risky(shifts, ray, sigma, noise, spreads, steps, risky):
+    # Where noise may put two frequencies apart. shifts: (frequencies, pixels).
+    for i in range(spreads.size):
+        for j in range(i):
+            for k in range(ray.size):
+                more = _widest_apart(spreads[i], spreads[j], noise * sigma[k] * ray[k])
+                one, other = shifts[i, k] * ray[k], shifts[j, k] * ray[k]
+                risky[k] |= _is_apart(one, other, more, steps[i, j])
+
+
+@loop(error_model='numpy')
+def _misread_at(pixels, shifts, ray, sigma, noise, spreads, steps, normals, errors, apart):
+    # errors: (pixels, frequencies).
+    for n in range(pixels.size):
+        k = pixels[n]
+        spread = noise * sigma[k] * ray[k]
+        wrong = False
+        for i in range(spreads.size):
+            errors[n, i] = _misread(shifts[i, k] * ray[k], spreads[i], spread, normals[i, k])
+            for j in range(i):
+                wrong |= _is_apart(errors[n, i], errors[n, j], _ZERO, steps[i, j])
+        apart[n] = wrong
 
 
 @loop(error_model='numpy')

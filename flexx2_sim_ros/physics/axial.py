@@ -182,6 +182,26 @@ def _see(inverse, cosine, spread, rho, normal, limits):
     )
 
 
+@loop(error_model='numpy')
+def hold_reflectivity(given, out):
+    """Write reflectivity within 0..1, and 0 for NaN; both (H, W)."""
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            out[y, x] = _usable_reflectivity(given[y, x])
+
+
+@loop(error_model='numpy')
+def shine(p, cosine, reflectivity, depth, amplitude):
+    """Write the light that comes back, 1/m^2; depth becomes NaN where nothing returns."""
+    uniform = reflectivity.size == 1
+    for y in range(depth.shape[0]):
+        for x in range(depth.shape[1]):
+            inverse = p[y + PAD, x + PAD]
+            rho = reflectivity[0, 0] if uniform else reflectivity[y, x]
+            amplitude[y, x] = _returned_light(rho, cosine[y, x], inverse)
+            depth[y, x] = _NAN if inverse == _ZERO else depth[y, x]
+
+
 @loop()
 def add_noise(z, shift, sigma, normals, low, high, out):
     """Write z + shift + sigma * normal where z + shift is in low..high, else NaN; all (H, W)."""
