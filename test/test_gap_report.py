@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
-from flexx2_sim_ros.gap.features.confirm import Apart
+from flexx2_sim_ros.gap.features.confirm import Apart, NOISE
 from flexx2_sim_ros.gap.features.single_frame import single_frame
 from flexx2_sim_ros.gap.report.attribution import attribution, poses_hide, shown_by_one
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
@@ -381,8 +381,8 @@ def _identified(*names, **gap):
         'measured_by': 'distance',
         'held_out': False,
         'worse': [],
-        'wasserstein_mm': size,
-        'invalid_rate': size,
+        'p_value': 0.0026,
+        **dict.fromkeys(('wasserstein_mm', 'invalid_rate', *NOISE), size),
     }
     return {
         'verdict': 'identified',
@@ -443,11 +443,12 @@ def test_what_effects_take_off_is_a_table_with_what_is_left():
     sure = {'mean': 5.69, 'interval': [4.0, 7.26]}
     nothing = {'mean': -0.003, 'interval': [-0.01, 0.02]}
     for row, mm, lost in zip(table['effects'], (nothing, sure), (sure, nothing), strict=True):
-        row['takes_off'] = {'distance': sure, 'mm': mm, 'invalid_percent': lost}
+        row['takes_off'] = {'distance': sure, 'mm': mm, 'invalid_percent': lost, 'noise': sure}
     assert attribution(table) == [
-        ('saturation', '90 %', '0 mm', '5.7 % (4 to 7.3)'),
-        ('offset', '90 %', '5.7 mm (4 to 7.3)', '0 %'),
-        ('not explained', '', '1 mm', '100 %'),
+        ('saturation', '90 %', '0 mm', '5.7 % (4 to 7.3)', '5.7 (4 to 7.3)'),
+        ('offset', '90 %', '5.7 mm (4 to 7.3)', '0 %', '5.7 (4 to 7.3)'),
+        # Two tolerances of 0.04, and one of 0.1.
+        ('not explained', '', '1 mm', '100 %', '60'),
     ]
     pose = [0.003, 0.0, 0.004, 0.0, 0.0, 0.5]
     table['recordings'] = [

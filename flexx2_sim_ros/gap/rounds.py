@@ -35,10 +35,10 @@ class ExplainedSet:
     proposal : Proposal
         The set; its sigma is that of all rounds together.
     far : numpy.ndarray
-        (R, 3) how far each recording is from its simulation with values that were fitted without
+        (R, 4) how far each recording is from its simulation with values that were fitted without
         it; see `how_far`.
     rises : dict of str to numpy.ndarray
-        (R, 3) by how much that rises without each effect.
+        (R, 4) by how much that rises without each effect, the largest distance first.
 
     """
 
@@ -48,8 +48,8 @@ class ExplainedSet:
 
     @property
     def apart(self) -> np.ndarray:
-        """Return the distance of each recording, (R,)."""
-        return self.far[:, 0]
+        """Return how far each recording is, noise included, (R,)."""
+        return _whole(self.far)
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class Campaign:
         return [replace(best, effects=effects, without=without, motions=motions, label='forms')]
 
     def taking_off(self, best: ExplainedSet) -> dict[str, np.ndarray]:
-        """Return by how much recordings are farther apart without each effect, (R, 3)."""
+        """Return by how much recordings are farther apart without each effect, (R, 4)."""
         some = [_without(best.proposal, [name]) for name in best.proposal.effects]
         judged = zip(best.proposal.effects, self.judged(some), strict=True)
         return {name: one.far - best.far for name, one in judged}
@@ -205,6 +205,11 @@ def refine(campaign: Campaign, begin: Sequence[Proposal]) -> ExplainedSet:
     return _needed(best, campaign.taking_off(best))
 
 
+def _whole(far: np.ndarray) -> np.ndarray:
+    # (R,) distance and noise, of (R, 4) as from `how_far`.
+    return far[:, 0] + far[:, 3]
+
+
 def surely(rise: np.ndarray) -> float:
     """Return how clearly a distance rises: Student's t over recordings, 0 with one."""
     if len(rise) < 2:
@@ -217,7 +222,7 @@ def _needed(best: ExplainedSet, rises: Mapping[str, np.ndarray]) -> ExplainedSet
     least, proposal = ROUNDS.needed * best.apart.mean(), best.proposal
     kept = []
     for name in sorted(rises, key=lambda name: -rises[name][:, 0].mean()):
-        rise, (gain, t) = rises[name][:, 0], proposal.gains.get(name, (0.0, 0.0))
+        rise, (gain, t) = _whole(rises[name]), proposal.gains.get(name, (0.0, 0.0))
         numbers = rise.mean(), surely(rise), gain, t
         _LOG.debug('%s: rise %.2f t %.1f, gain %.2f t %.1f', name, *numbers)
         shown = surely(rise) >= (ROUNDS.t if rise.mean() >= least else ROUNDS.clear)

@@ -16,9 +16,7 @@ from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
 
 _TOLERANCES = FEATURES.tolerances
-FAR = {
-    'wasserstein_sigma': _TOLERANCES['bias'],
-    'invalid_rate': _TOLERANCES['invalid'],
+NOISE = {
     'log_variance': _TOLERANCES['log_variance'],
     'correlation': _TOLERANCES['neighbour'],
     'lag': _TOLERANCES['lag'],
@@ -196,8 +194,7 @@ def how_far(scene: PlacedScene, effects: dict[str, Any], seed: int) -> list[floa
     """
     Return how far a recording is from its simulation with effects, in tolerances.
 
-    Errors of depth, lost pixels and noise count, jumps included: the sum of those of
-    `physical.UNITS` that `FAR` has, each over its tolerance.
+    Errors of depth, lost pixels and noise count, jumps included.
 
     Parameters
     ----------
@@ -211,7 +208,8 @@ def how_far(scene: PlacedScene, effects: dict[str, Any], seed: int) -> list[floa
     Returns
     -------
     list of float
-        This sum; of it, depth in millimetres; and lost pixels in percent.
+        `physical.distance`; of it, depth in millimetres and lost pixels in percent; and the
+        difference of the noise and its correlations, the sum of `NOISE`, each over its tolerance.
 
     """
     depth = next(simulated(scene, effects, seed))
@@ -223,8 +221,8 @@ def how_far(scene: PlacedScene, effects: dict[str, Any], seed: int) -> list[floa
 
 def in_tolerances(gaps: Mapping[str, float]) -> list[float]:
     """Return what `how_far` does, of `physical.distances`."""
-    whole = sum(gaps[unit] / tolerance for unit, tolerance in FAR.items())
-    return [whole, gaps['wasserstein_mm'], 100 * gaps['invalid_rate']]
+    noise = sum(gaps[unit] / tolerance for unit, tolerance in NOISE.items())
+    return [distance(gaps), gaps['wasserstein_mm'], 100 * gaps['invalid_rate'], noise]
 
 
 def placed_without(scene: PlacedScene, bare: np.ndarray | None) -> PlacedScene:

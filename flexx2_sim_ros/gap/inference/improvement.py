@@ -20,7 +20,7 @@ _AT_EDGES = np.array(
     [one.axis in ('edge', 'concavity') or one.channel.startswith('jump_') for one in LAYOUT]
 )
 # What an effect takes off: the distance in tolerances; of it depth and lost pixels.
-TAKEN = 'distance', 'mm', 'invalid_percent'
+TAKEN = 'distance', 'mm', 'invalid_percent', 'noise'
 
 
 def tolerances(model: Model) -> dict[str, float]:
@@ -187,7 +187,7 @@ def taken_off(rise: np.ndarray | None) -> dict[str, Any] | None:
     Parameters
     ----------
     rise : numpy.ndarray or None
-        (R, 3) as from `rounds.Explained`.
+        (R, 4) as from `rounds.Explained`.
 
     """
     if rise is None:

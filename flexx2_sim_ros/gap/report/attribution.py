@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from flexx2_sim_ros.gap.features.confirm import NOISE
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
 import numpy as np
 
@@ -9,7 +10,8 @@ _MOSTLY = 0.8  # of what an effect takes off
 _MOST_NAMES = 4
 _LITTLE_MM, _LITTLE_DEG = 0.5, 0.03  # ASSUMED: no effect that matters hides in less
 _PARTS = slice(0, 3), slice(3, 6)  # of a pose: metres, degrees
-HEADS = 'effect', 'probability', 'takes off: depth', 'lost pixels'
+HEADS = 'effect', 'probability', 'takes off: depth', 'lost pixels', 'noise'
+_UNITS = {'mm': ' mm', 'invalid_percent': ' %', 'noise': ''}
 REST = 'not explained'
 
 
@@ -31,15 +33,17 @@ def attribution(table: dict[str, Any]) -> list[tuple[str, ...]]:
     if not table['effects']:
         return []
     gap = table['gap']
-    depth, lost = (
-        max(gap[unit]['after'] - gap[unit]['null'], 0.0)
-        for unit in ('wasserstein_mm', 'invalid_rate')
-    )
+    left = {
+        unit: max(gap[unit]['after'] - gap[unit]['null'], 0.0)
+        for unit in ('wasserstein_mm', 'invalid_rate', *NOISE)
+    }
+    noise = sum(left[unit] / tolerance for unit, tolerance in NOISE.items())
+    rest = zip((left['wasserstein_mm'], 100 * left['invalid_rate'], noise), _UNITS, strict=True)
     rows = [
         (spaced(row['name']), percent(row['confidence']), *_taken(row['takes_off']))
         for row in table['effects']
     ]
-    return [*rows, (REST, '', f'{_rounded(depth)} mm', f'{_rounded(100 * lost)} %')]
+    return [*rows, (REST, '', *(f'{_rounded(one)}{_UNITS[key]}' for one, key in rest))]
 
 
 def poses_hide(table: dict[str, Any]) -> str:
@@ -87,13 +91,13 @@ def shown_by_one(table: dict[str, Any]) -> list[str]:
 
 def _taken(off: dict[str, Any] | None) -> list[str]:
     if off is None:
-        return ['', '']
-    return [with_ends(off[key], unit) for key, unit in (('mm', 'mm'), ('invalid_percent', '%'))]
+        return [''] * len(_UNITS)
+    return [with_ends(off[key], unit) for key, unit in _UNITS.items()]
 
 
 def with_ends(one: dict[str, Any], unit: str) -> str:
     """Return a mean with its interval as text."""
-    shown = f'{_rounded(one["mean"])} {unit}'
+    shown = f'{_rounded(one["mean"])}{unit}'
     if one['interval'] is None:
         return shown
     low, high = map(_rounded, one['interval'])

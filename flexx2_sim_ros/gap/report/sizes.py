@@ -82,8 +82,8 @@ def _matters(off: dict[str, Any], own: dict[str, Any]) -> str:
     # What an effect takes off, with its interval, as far as it matters; empty if nothing.
     parts = []
     for key, unit, measure, factor in (
-        ('mm', 'mm', 'wasserstein_mm', 1),
-        ('invalid_percent', '% of invalid pixels', 'invalid_rate', 100),
+        ('mm', ' mm', 'wasserstein_mm', 1),
+        ('invalid_percent', ' % of invalid pixels', 'invalid_rate', 100),
     ):
         if off[key]['mean'] > factor * own[measure]['tolerance']:
             parts.append(with_ends(off[key], unit))
