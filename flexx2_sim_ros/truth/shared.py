@@ -71,7 +71,7 @@ def estimate(views: Sequence[PosedImage]) -> Shared:
     solution, findings['intrinsics_error'] = _with_or_without_lens(trial)
     why = _refusal(solution)
     full, columns = solution, solution.columns
-    clear = columns.bounce and _clear(solution)
+    clear = columns.bounce and not _unclear(solution)
     if clear and not why:
         why = _hidden_by_bounce(solution)
     if why or (columns.bounce and not clear):
@@ -129,7 +129,7 @@ def _with_or_without_lens(solution: Solution) -> tuple[Solution, Finding]:
         abs(value) > max(_CLEAR_LENS * deviation, least[name])
         for name, (value, deviation) in lens.items()
     )
-    if solution.columns.bounce and _clear(solution):
+    if solution.columns.bounce and not _unclear(solution):
         found, why = False, 'bounced light looks like it'
     values = {
         name: {'value': value, 'standard_deviation': deviation}
@@ -186,9 +186,15 @@ def _scale(solution: Solution) -> Finding:
     }
 
 
-def _clear(solution: Solution) -> bool:
+def _unclear(solution: Solution) -> str:
+    # Why bounced light is not; empty if it is.
+    if solution.recordings < _LEAST_RECORDINGS:
+        return _too_few(_LEAST_RECORDINGS, solution)
     gain, deviation = _fitted(solution, 'bounce')
-    return solution.recordings >= _LEAST_RECORDINGS and gain > _CLEAR * deviation
+    if gain > _CLEAR * deviation:
+        return ''
+    least = f'must be above {_CLEAR:.0f} standard deviations of {deviation:.2f}'
+    return f'its gain {least}, got {gain:.2f}'
 
 
 def _refusal(solution: Solution) -> str:
@@ -286,7 +292,6 @@ def _findings(full: Solution, used: Solution, why: str) -> dict[str, Finding]:
         found['wiggling'] = _finding('', waves=waves)
     if full.columns.bounce:
         gain, deviation = _fitted(full, 'bounce')
-        unclear = f'its gain is within {_CLEAR:.0f} standard deviations of none'
-        why = '' if used.columns.bounce else unclear
+        why = '' if used.columns.bounce else _unclear(full)
         found['multipath'] = _finding(why, gain=gain, standard_deviation=deviation)
     return found
