@@ -117,8 +117,9 @@ def _effects(table: dict[str, Any]) -> html.Html:
         '<b>Probability</b> that the camera has the effect. <b>Takes off</b>: by how much '
         'recordings are farther from the simulation when this effect is switched off and the '
         'others stay, mean over recordings with its 90 % interval; noise: its variance and '
-        'correlations, in tolerances; bars: depth and lost pixels, in tolerances. What effects take off need not add up: some do the same. '
-        '<b>Not explained</b>: what is left, less what two runs of the simulator differ by. '
+        'correlations, in tolerances; bars: depth and lost pixels, in tolerances. What effects '
+        'take off need not add up: some do the same. <b>Not explained</b>: what is left, less '
+        'what two runs of the simulator differ by. '
         '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
         'effects; docs/effects.md explains their parameters.'
     )
