@@ -58,7 +58,7 @@ from bench.journal import entries, Journal
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import whole, write_text
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.gap.calibration.decisions import FILE
+from flexx2_sim_ros.gap.calibration.decisions import FILE, KEYS
 from flexx2_sim_ros.paths import config_dir
 import matplotlib as mpl
 from matplotlib.figure import Figure
@@ -311,10 +311,10 @@ def _print_curves(rules, folds):
 
 
 def _yaml(rule, lines, checked, error, chosen):
-    def logistic(model):
-        return {'constant': model.constant, 'weights': dict(model.weights)}
+    def logistic(name, threshold):
+        model = getattr(rule, name)
+        return {'threshold': threshold, 'constant': model.constant, 'weights': dict(model.weights)}
 
-    gap = rule.gap
     rates = {
         name: {
             'rate': round(sum(checked[name]) / max(len(checked[name]), 1), 4),
@@ -332,15 +332,11 @@ def _yaml(rule, lines, checked, error, chosen):
         'campaigns': len(lines),
         'seeds': [plan(line['index'])[0].seed for line in (lines[0], lines[-1])],
         'gap': {
-            **logistic(gap.model),
-            'most_depths': gap.most_depths,
-            'odds_per_fewer': gap.odds_per_fewer,
-            'campaigns': gap.campaigns,
-            'largest': list(gap.largest),
-            'level': gap.level,
+            **logistic('gap', rule.thresholds.probability),
+            **{key: getattr(rule.thresholds, name) for name, key in KEYS.items()},
         },
-        'effect': {'threshold': rule.least_effect, **logistic(rule.effect)},
-        'alternative': {'threshold': rule.least_alternative, **logistic(rule.rival)},
+        'effect': logistic('effect', rule.least_effect),
+        'alternative': logistic('rival', rule.least_alternative),
         'reduction': [
             {
                 'verdict': one.verdict,

@@ -24,7 +24,15 @@ def support(excess, gain, rival, t):
     offset = EffectSupport('offset', gain, t)
     other = EffectSupport('wiggling', rival, t * (gain - rival) / max(gain, 0.1))
     left = max(excess - gain, 0.0)
-    return Support(6, 1e5, excess, left, gain, t, 0.1, (offset,), (offset, other), (other,))
+    improved = (gain + 0.5,) * 6
+    return Support(
+        6, 1e5, excess, left, gain, t, 0.1, improved, (offset,), (offset, other), (other,)
+    )
+
+
+def with_thresholds(**values):
+    """Return the calibrated rule with some other thresholds of a gap."""
+    return replace(calibrated(), thresholds=replace(calibrated().thresholds, **values))
 
 
 def test_more_evidence_makes_an_effect_more_probable():
@@ -32,7 +40,7 @@ def test_more_evidence_makes_an_effect_more_probable():
     nothing = judge(support(0.5, -0.3, -0.4, 0.1), rule)
     weak = judge(support(4.0, 1.5, 0.5, 1.5), rule)
     clear = judge(support(60.0, 50.0, 10.0, 8.0), rule)
-    assert nothing.p_value > weak.p_value > clear.p_value
+    assert nothing.gap < weak.gap < clear.gap
     assert nothing.effects['offset'] < weak.effects['offset'] < clear.effects['offset']
     assert nothing.verdict == 'none'
     assert clear.verdict == 'identified'
@@ -41,61 +49,74 @@ def test_more_evidence_makes_an_effect_more_probable():
 
 def test_a_gain_in_all_recordings_is_a_gap_where_no_loss_is_in_excess():
     """Assert it of walls, whose own poses and few features leave none."""
-    walls = replace(support(0.0, 4.0, 3.5, 8.0), left=-4.5)
+    walls = replace(support(0.0, 4.0, 3.5, 8.0), left=-4.5, improved=(4.5,) * 6)
     assert judge(walls, calibrated()).verdict == 'identified'
-    for other in (replace(walls, t=1.0), replace(walls, gain=-0.5)):
+    for other in (replace(walls, t=1.0), replace(walls, gain=-0.5, improved=(0.0,) * 6)):
         assert judge(other, calibrated()).verdict == 'none'
 
 
 def test_a_large_gap_that_nothing_explains_is_unknown():
-    rule = calibrated()
-    assert judge(support(2.0, 0.1, 0.0, 0.5), rule).verdict == 'none'
-    assert judge(support(20.0, 0.1, 0.0, 0.5), rule).verdict == 'unknown'
+    rule = with_thresholds(
+        probability=0.99, excess=10.0, excess_per_scatter=0.0, excess_per_fewer=0.0
+    )
+    assert judge(support(9.9, 0.1, 0.0, 0.5), rule).verdict == 'none'
+    assert judge(support(10.1, 0.1, 0.0, 0.5), rule).verdict == 'unknown'
 
 
 def test_the_same_loss_says_less_in_small_images():
     rule = calibrated()
-    large = replace(support(7.0, 0.1, 0.0, 0.5), depths=rule.gap.most_depths)
+    depths = rule.thresholds.most_depths
+    least = rule.thresholds.excess_from(scatter=0.1, depths=depths)
+    large = replace(support(least + 0.1, 0.1, 0.0, 0.5), depths=depths)
     assert judge(large, rule).verdict == 'unknown'
     assert judge(replace(large, depths=large.depths / 50), rule).verdict == 'none'
-    # No campaign had more: the test gets no stricter.
-    for excess in (2.0, 7.0):
+    # No campaign had more: the thresholds do not fall further.
+    for excess in (least - 0.5, least + 0.1):
         some = replace(large, excess=excess, left=excess)
         more = replace(some, depths=100 * large.depths)
-        assert judge(more, rule).p_value == judge(some, rule).p_value
+        assert judge(more, rule).verdict == judge(some, rule).verdict
 
 
-def test_the_p_value_ranks_a_campaign_among_those_without_an_effect():
-    test = replace(calibrated().gap, campaigns=99, largest=(3.0, 2.0, 1.0), odds_per_fewer=0.5)
-    assert [test.p_value(score) for score in (3.1, 3.0, 1.5, 0.0)] == [0.01, 0.02, 0.03, 0.04]
-    assert test.score(2.0, test.most_depths) == 2.0
-    assert test.score(2.0, test.most_depths / np.e) == pytest.approx(1.5)
-
-
-def test_effects_that_leave_most_of_a_gap_explain_it_partly():
-    rule = calibrated()
+def test_effects_that_leave_a_large_gap_explain_it_partly():
+    rule = with_thresholds(
+        probability=0.99, excess=10.0, excess_per_scatter=0.0, excess_per_fewer=0.0
+    )
     clear = support(40.0, 28.0, 1.0, 10.0)
     assert judge(replace(clear, left=22.0), rule).verdict == 'partly'
-    assert judge(replace(clear, left=18.0), rule).verdict == 'identified'
+    assert judge(replace(clear, left=9.9), rule).verdict == 'identified'
 
 
 def test_effects_that_are_less_probable_than_not_explain_a_gap_partly():
-    rule = replace(calibrated(), least_effect=0.0)
-    weak = replace(support(20.0, 0.6, 4.0, 0.3), left=9.5)
+    rule = replace(with_thresholds(probability=0.0), least_effect=0.0)
+    noise = (EffectSupport('excess_noise', 0.6, 0.3),)
+    weak = replace(support(5.0, 0.6, 0.5, 0.3), left=3.0, chosen=noise)
     clear = support(60.0, 50.0, 10.0, 8.0)
-    assert judge(weak, rule).effects['offset'] < 0.5 < judge(clear, rule).effects['offset']
+    assert judge(weak, rule).effects['excess_noise'] < 0.5 < judge(clear, rule).effects['offset']
     assert judge(weak, rule).verdict == 'partly'
     assert judge(clear, rule).verdict == 'identified'
 
 
+def test_wrong_poses_leave_a_loss_that_is_no_gap():
+    rule = with_thresholds(
+        probability=0.999, excess=5.0, excess_per_scatter=20.0, excess_per_fewer=0.0
+    )
+    nothing = support(10.0, 0.1, 0.0, 0.5)
+    assert judge(replace(nothing, scatter=0.2), rule).verdict == 'unknown'
+    assert judge(replace(nothing, scatter=0.3), rule).verdict == 'none'
+
+
 def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left():
-    rule = calibrated()
-    one = support(2.0, 1.5, 0.5, 1.5)
+    rule = with_thresholds(probability=0.99, excess=10.0)
+    one = support(4.0, 1.5, 0.5, 1.5)
     posed = replace(one, chosen=(EffectSupport('pose_error', 1.5, 1.5),))
-    assert judge(replace(posed, scatter=0.5), rule).verdict == 'none'
-    assert judge(replace(posed, scatter=0.7), rule).verdict in ('identified', 'partly')
+    assert judge(replace(posed, scatter=0.54), rule).verdict == 'none'
+    assert judge(replace(posed, scatter=0.56), rule).verdict == 'identified'
+    # As wrong as expected: an exact prior of the poses alone is no gap.
+    considered = (*one.considered, EffectSupport('pose_error', 0.0, 0.0))
+    other = replace(one, considered=considered, scatter=0.61)
+    assert judge(other, rule).verdict == 'none'
     # A pose error that may not be named is one that nothing explains.
-    left_out = replace(support(2.0, 0.1, 0.0, 0.5), scatter=0.7)
+    left_out = replace(support(4.0, 0.1, 0.0, 0.5), scatter=0.61)
     assert judge(left_out, rule).verdict == 'unknown'
 
 

@@ -381,7 +381,6 @@ def _identified(*names, **gap):
         'measured_by': 'distance',
         'held_out': False,
         'worse': [],
-        'p_value': 0.0026,
         **dict.fromkeys(('wasserstein_mm', 'invalid_rate', *NOISE), size),
     }
     return {

@@ -17,6 +17,16 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.paths import config_dir
 
 FILE = 'decisions.yaml'
+# Of the table `gap` of the file, by field of `GapThresholds`.
+KEYS = {
+    'probability': 'threshold',
+    'excess': 'excess',
+    'excess_per_scatter': 'excess_per_scatter',
+    'agreement': 'agreement',
+    'most_depths': 'most_depths',
+    'odds_per_fewer': 'odds_per_fewer',
+    'excess_per_fewer': 'excess_per_fewer',
+}
 _FEWEST = 2  # recordings of a campaign that the margins were calibrated on
 
 
@@ -37,15 +47,11 @@ class Logistic:
     constant: float
     weights: Mapping[str, float]
 
-    def log_odds(self, evidence: Mapping[str, float]) -> float:
-        """Return the log odds, given the evidence by name."""
-        return self.constant + sum(
-            weight * evidence[name] for name, weight in self.weights.items()
-        )
-
     def probability(self, evidence: Mapping[str, float]) -> float:
         """Return the probability, 0..1, given the evidence by name."""
-        return 1 / (1 + math.exp(-min(max(self.log_odds(evidence), -500.0), 500.0)))
+        odds = self.constant
+        odds += sum(weight * evidence[name] for name, weight in self.weights.items())
+        return 1 / (1 + math.exp(-min(max(odds, -500.0), 500.0)))
 
 
 @dataclass(frozen=True)
@@ -74,45 +80,53 @@ class Margin:
 
 
 @dataclass(frozen=True)
-class GapTest:
+class GapThresholds:
     """
-    Whether recordings differ from the simulation, as a test against campaigns without an effect.
-
-    A campaign is ranked among them by its log odds of a gap (conformal p-value: Bates et al.,
-    Testing for outliers with conformal p-values, 2023).
+    From which evidence on there is a gap.
 
     Attributes
     ----------
-    model : Logistic
+    probability : float
         That there is a gap.
+    excess, excess_per_scatter : float
+        Excess loss. The wrong poses of a campaign leave more loss the more they scatter.
+    agreement : float
+        See `probability.agreement`.
     most_depths : float
-        Most depths per recording of these campaigns.
-    odds_per_fewer : float
-        Fewer depths leave more loss by chance: by how much the log odds are lower for each factor
-        e of depths that are fewer.
-    campaigns : int
-        How many campaigns without an effect there were.
-    largest : tuple of float
-        The largest log odds of them, descending.
-    level : float
-        There is a gap if the p-value is at most this: the rate of false alarms.
+        The thresholds above are those of campaigns with so many depths per recording, or more.
+    odds_per_fewer, excess_per_fewer : float
+        Fewer depths leave more loss by chance. For each factor e of depths that are fewer, by how
+        much the logarithm of the odds and the excess loss must be larger.
 
     """
 
-    model: Logistic
+    probability: float
+    excess: float
+    excess_per_scatter: float
+    agreement: float
     most_depths: float
     odds_per_fewer: float
-    campaigns: int
-    largest: tuple[float, ...]
-    level: float
+    excess_per_fewer: float
 
-    def score(self, log_odds: float, depths: float) -> float:
-        """Return log odds as they would be with most depths; ``depths`` are per recording."""
-        return log_odds - self.odds_per_fewer * fewer_by(depths, self.most_depths)
+    def excess_from(self, scatter: float, depths: float) -> float:
+        """
+        Return the excess loss from which on there is a gap.
 
-    def p_value(self, score: float) -> float:
-        """Return the fraction of campaigns without an effect whose score is as large, or more."""
-        return (1 + sum(one >= score for one in self.largest)) / (1 + self.campaigns)
+        Parameters
+        ----------
+        scatter : float
+            Of the poses.
+        depths : float
+            Per recording.
+
+        """
+        more = self.excess_per_fewer * fewer_by(depths, self.most_depths)
+        return self.excess + self.excess_per_scatter * scatter + more
+
+    def probability_from(self, depths: float) -> float:
+        """Return the probability from which on there is a gap; ``depths`` are per recording."""
+        more = self.odds_per_fewer * fewer_by(depths, self.most_depths)
+        return times_odds(self.probability, math.exp(more))
 
 
 @dataclass(frozen=True)
@@ -122,11 +136,13 @@ class Decisions:
 
     Attributes
     ----------
-    gap : GapTest
-        Whether there is a gap.
+    gap : Logistic
+        That there is a gap.
     effect, rival : Logistic
         Where there is one: that a chosen effect is present; that another one is, which could be in
         place of the last one chosen.
+    thresholds : GapThresholds
+        From which evidence on there is a gap.
     least_effect : float
         Probability from which on effects are named.
     least_alternative : float
@@ -136,9 +152,10 @@ class Decisions:
 
     """
 
-    gap: GapTest
+    gap: Logistic
     effect: Logistic
     rival: Logistic
+    thresholds: GapThresholds
     least_effect: float
     least_alternative: float
     margins: tuple[Margin, ...]
@@ -192,6 +209,11 @@ def fewer_by(depths: float, most: float) -> float:
     return max(math.log(most / depths), 0.0)
 
 
+def times_odds(probability: float, factor: float) -> float:
+    """Return the probability whose odds are so many times as large."""
+    return factor * probability / (1 - probability + factor * probability)
+
+
 @cache
 def calibrated() -> Decisions:
     """Return the rule that the package comes with."""
@@ -211,9 +233,10 @@ def read_decisions(path: Path) -> Decisions:
     table = read_config(path)
     try:
         return Decisions(
-            _gap_test(table['gap']),
-            _logistic(table['effect']),
-            _logistic(table['alternative']),
+            _logistic(table, 'gap'),
+            _logistic(table, 'effect'),
+            _logistic(table, 'alternative'),
+            GapThresholds(**{name: _number(table['gap'], key) for name, key in KEYS.items()}),
             _number(table['effect'], 'threshold'),
             _number(table['alternative'], 'threshold'),
             tuple(
@@ -233,18 +256,8 @@ def read_decisions(path: Path) -> Decisions:
         ) from error
 
 
-def _gap_test(row: Mapping[str, Any]) -> GapTest:
-    return GapTest(
-        _logistic(row),
-        _number(row, 'most_depths'),
-        _number(row, 'odds_per_fewer'),
-        int(row['campaigns']),
-        tuple(float(one) for one in row['largest']),
-        _number(row, 'level'),
-    )
-
-
-def _logistic(row: Mapping[str, Any]) -> Logistic:
+def _logistic(table: Mapping[str, Any], name: str) -> Logistic:
+    row = table[name]
     weights = {str(key): float(value) for key, value in row['weights'].items()}
     return Logistic(_number(row, 'constant'), weights)
 

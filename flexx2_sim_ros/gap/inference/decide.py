@@ -78,8 +78,6 @@ class Decision:
         found, the verdict is ``unknown`` and ``alternatives`` has them all.
     support : Support
         The evidence.
-    p_value : float
-        Fraction of campaigns without an effect with as much evidence of a gap; see `GapTest`.
     why_refused : str
         With ``unknown``, why the effects chosen are not named: ``improbable`` or ``little`` as in
         `Judgement`; ``hidden``, as an effect that the ground truth hides explains about as much;
@@ -100,7 +98,6 @@ class Decision:
     excess: float
     undecided: list[Undecided]
     support: Support
-    p_value: float
     why_refused: str = ''
     unlike: Disagreement | None = None
 
@@ -226,7 +223,6 @@ def decide(
         excess,
         [*(one for one in absorbed if one.effect not in settled | names), *hidden],
         support,
-        said.p_value,
         refused,
     )
 

@@ -1,14 +1,14 @@
 """
-Whether there is a gap, and how probable each effect is, given the evidence.
+How probable a gap and each effect are, given the evidence.
 
 Logistic models of the evidence, fitted to simulated campaigns by
 ``python -m bench.calibrate_decisions``; ``config/decisions.yaml`` has their weights.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.effects import of_role
-from flexx2_sim_ros.gap.calibration.decisions import Decisions, GapTest
+from flexx2_sim_ros.gap.calibration.decisions import Decisions
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.inference.support import Support
 import numpy as np
@@ -27,8 +27,8 @@ class Judgement:
     ----------
     verdict : str
         ``none``, ``unknown``, ``partly`` or ``identified``.
-    p_value : float
-        Fraction of campaigns without an effect with as much evidence of a gap; see `GapTest`.
+    gap : float
+        Probability that there is a gap.
     effects : dict of str to float
         Probability of each effect that was chosen or could be in place of the last chosen one.
     alternatives : frozenset of str
@@ -40,7 +40,7 @@ class Judgement:
     """
 
     verdict: str
-    p_value: float
+    gap: float
     effects: dict[str, float]
     alternatives: frozenset[str]
     refused: str = ''
@@ -58,7 +58,7 @@ def judge(support: Support, rule: Decisions) -> Judgement:
         The calibrated rule.
 
     """
-    p_value = gap_p_value(support, rule.gap)
+    gap = rule.gap.probability(gap_evidence(support))
     chosen, rivals = effect_evidence(support)
     effects = {
         name: model.probability(row)
@@ -67,20 +67,48 @@ def judge(support: Support, rule: Decisions) -> Judgement:
     }
     best = max((effects[one.name] for one in support.chosen), default=0.0)
     refused = ''
-    if p_value > rule.gap.level:
+    if not has_gap(support, gap, rule):
         verdict = 'none'
     elif best < rule.least_effect or explain_little(support):
         verdict = 'unknown'
         refused = 'improbable' if best < rule.least_effect else 'little'
     else:
-        verdict = 'partly' if explain_partly(support, best) else 'identified'
+        verdict = 'partly' if explain_partly(support, best, rule) else 'identified'
     probable = (name for name, one in effects.items() if one >= rule.least_alternative)
-    return Judgement(verdict, p_value, effects, frozenset(probable), refused)
+    return Judgement(verdict, gap, effects, frozenset(probable), refused)
 
 
-def gap_p_value(support: Support, test: GapTest) -> float:
-    """Return the p-value of the evidence of a campaign."""
-    return test.p_value(test.score(test.model.log_odds(gap_evidence(support)), support.depths))
+def has_gap(support: Support, probability: float, rule: Decisions) -> bool:
+    """
+    Return whether the evidence is enough to report a gap, given the gap's probability.
+
+    A large excess loss is reported even if no effect explains it. So are poses that scatter if a
+    pose error explains it best, or may not be named: it leaves little loss, because the pose that
+    is fitted to each recording takes it over.
+    """
+    named = is_posed(support) or _POSE not in {one.name for one in support.considered}
+    return (
+        (named and support.scatter > THRESHOLDS.scattered_alone)
+        or agreement(support) >= rule.thresholds.agreement
+        or _loss_shows_gap(support, probability, rule)
+    )
+
+
+def _loss_shows_gap(support: Support, probability: float, rule: Decisions) -> bool:
+    least, depths = rule.thresholds, support.depths
+    large = support.excess >= least.excess_from(support.scatter, depths)
+    return large or probability >= least.probability_from(depths)
+
+
+def agreement(support: Support) -> float:
+    """
+    Return how much the recordings agree that the chosen effects improve the simulation.
+
+    It finds a gap that leaves no excess loss, because the recordings' own poses can take it over,
+    such as at bare walls.
+    """
+    t = min(max(support.t, 0.0), THRESHOLDS.most_t)
+    return float(np.arcsinh(max(support.gain, 0.0)) * t)
 
 
 def is_posed(support: Support) -> bool:
@@ -94,30 +122,29 @@ def explain_little(support: Support) -> bool:
     return not is_posed(support) and support.left > (1 - THRESHOLDS.unknown) * support.excess
 
 
-def explain_partly(support: Support, best: float) -> bool:
+def explain_partly(support: Support, best: float, rule: Decisions) -> bool:
     """
     Return whether the chosen effects, if they are named, explain the gap only partly.
 
     They do where the probability of the most probable one, ``best``, is low, and where they leave
-    most of the gap.
+    most of the gap and what is left is a gap.
     """
-    return best < THRESHOLDS.likely or support.left > THRESHOLDS.partly * support.excess
+    return best < THRESHOLDS.likely or _leave_gap(support, rule)
+
+
+def _leave_gap(support: Support, rule: Decisions) -> bool:
+    nothing = (0.0,) * support.recordings
+    rest = replace(support, excess=support.left, gain=0.0, improved=nothing, chosen=())
+    probability = rule.gap.probability(gap_evidence(rest))
+    most = support.left > THRESHOLDS.partly * support.excess
+    return most and _loss_shows_gap(rest, probability, rule)
 
 
 def gap_evidence(support: Support) -> dict[str, float]:
-    """
-    Return what tells a gap from none, by name.
-
-    The excess loss; how much the recordings agree that the chosen effects improve the simulation,
-    which finds a gap whose loss the recordings' own poses take over, such as at bare walls;
-    whether a pose error is among them; and by how much the poses scatter more than usual.
-    """
-    t = min(max(support.t, 0.0), THRESHOLDS.most_t)
+    """Return what tells a gap from none, by name."""
     return {
-        'excess': float(np.arcsinh(support.excess)),
-        'agreement': float(np.arcsinh(max(support.gain, 0.0)) * t),
-        'posed': float(is_posed(support)),
-        'scattered': max(support.scatter - THRESHOLDS.scattered_alone, 0.0),
+        name: float(np.arcsinh(getattr(support, name)))
+        for name in ('excess', 'gain', 'least_gain')
     }
 
 

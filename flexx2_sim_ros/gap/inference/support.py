@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.gap.inference.selection import Choice, Selection, Trials
-from flexx2_sim_ros.gap.inference.uncertainty import advantage
+from flexx2_sim_ros.gap.inference.uncertainty import advantage, improvements
 import numpy as np
 
 
@@ -48,6 +48,9 @@ class Support:
         Of the chosen effects together, against the simulation without effects.
     scatter : float
         Spread of the recordings' poses, as a fraction of the usual spread.
+    improved : tuple of float
+        By how much the chosen effects reduce the loss of each left-out recording; their mean minus
+        the cost of the parameters is ``gain``.
     chosen : tuple of EffectSupport
         Each chosen effect against the others without it.
     considered : tuple of EffectSupport
@@ -65,9 +68,17 @@ class Support:
     gain: float
     t: float
     scatter: float
+    improved: tuple[float, ...]
     chosen: tuple[EffectSupport, ...]
     considered: tuple[EffectSupport, ...]
     rivals: tuple[EffectSupport, ...]
+
+    @property
+    def least_gain(self) -> float:
+        """Gain in the recordings without the one that gains most, per recording."""
+        cost = sum(self.improved) / len(self.improved) - self.gain
+        rest = sorted(self.improved)[:-1] or self.improved
+        return sum(rest) / len(rest) - cost
 
     def as_table(self) -> dict[str, Any]:
         """Return it as plain values, rounded to what can matter."""
@@ -82,6 +93,7 @@ class Support:
         return {
             'recordings': self.recordings,
             **{name: _rounded(getattr(self, name)) for name in numbers},
+            'improved': [_rounded(one) for one in self.improved],
             **rows,
         }
 
@@ -92,7 +104,7 @@ def support_from(table: Mapping[str, Any]) -> Support:
         name: tuple(EffectSupport(**one) for one in table[name])
         for name in ('chosen', 'considered', 'rivals')
     }
-    return Support(**{**table, **rows})
+    return Support(**{**table, **rows, 'improved': tuple(table['improved'])})
 
 
 def _rounded(value: float) -> float:
@@ -127,6 +139,7 @@ def support_of(
         chosen.gain / count,
         advantage(chosen.fit, trials.base),
         trials.model.pose_scatter(),
+        tuple(improvements(chosen.fit, trials.base).tolist()),
         tuple(
             EffectSupport(
                 part.effect, (chosen.gain - one.gain) / count, advantage(chosen.fit, one.fit)

@@ -26,12 +26,30 @@ def advantage(one: Fit, other: Fit) -> float:
         Student's t; 0 for a single recording.
 
     """
-    poses = (other.pose_held_out - one.pose_held_out) / len(one.held_out)
-    difference = other.held_out - one.held_out + poses
+    difference = improvements(one, other)
     if len(difference) < 2:
         return 0.0
     error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) + THRESHOLDS.least_error
     return float(difference.mean()) / error
+
+
+def improvements(one: Fit, other: Fit) -> np.ndarray:
+    """
+    Return by how much the loss of each left-out recording is lower with one fit.
+
+    Parameters
+    ----------
+    one, other : Fit
+        Of the same recordings.
+
+    Returns
+    -------
+    numpy.ndarray
+        (R,); each has its part of the loss of the nuisances.
+
+    """
+    poses = (other.pose_held_out - one.pose_held_out) / len(one.held_out)
+    return np.asarray(other.held_out - one.held_out + poses)
 
 
 def ratio_interval(top: np.ndarray, bottom: np.ndarray, least: float = 0.0) -> list[float]:

@@ -333,7 +333,6 @@ def _gap(
     loss = _loss(model, decision, confirmed, motions, dropped)
     headline = measures['distance'] if by_distance else loss
     out: dict[str, Any] = {
-        'p_value': round(decision.p_value, 4),
         'shrink': headline['shrink'],
         'interval': _interval(decision, headline),
         'measured_by': 'distance' if by_distance else 'loss',

@@ -205,16 +205,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
         out += correction(table)
-    if 'p_value' in gap and table['verdict'] != 'too_little':  # older versions do not say it
-        out.append(_significance(gap['p_value']))
     return out + ground_truth(table) + not_decidable(table) + age_words(table['age'])
-
-
-def _significance(p_value: float) -> str:
-    return (
-        f'Of simulated campaigns without an effect, {short(100 * p_value)} % differ as much from '
-        'the simulation (p-value).'
-    )
 
 
 def _calibrated(table: dict[str, Any]) -> list[str]:
