@@ -181,7 +181,7 @@ class Rounds:
         '',
         'over recordings, of a smaller distance that each effect takes off: steps of 1 mm',
         'python -m bench.gap_many --count 8 --seeds 1,4 names the same; test_real_cameras.py: 7.2 '
-        'of the steps of a Kinect, -3 of a filter that it lacks',
+        'of the steps of a Kinect at half of its views, -3 of a filter that it lacks',
     )
     surely: float = constant(2.0, 'loss', 'that is enough where the distance shows nothing')
     sure: float = constant(1.5, '', 'over recordings, of such a loss')
