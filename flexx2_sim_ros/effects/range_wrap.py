@@ -283,10 +283,12 @@ def lattice_step(one: float, other: float) -> np.float32:
 
 def any_apart(frequencies: Sequence[float], errors: np.ndarray) -> np.ndarray:
     """Return (N,) whether two of (F, N) distances, of F frequencies, are apart by half a step."""
+    steps = _steps(frequencies)
     return np.any(
         [
-            on_images(is_apart)(errors[i], errors[j], _ZERO, step)
-            for i, j, step in _pairs(frequencies)
+            on_images(is_apart)(errors[i], errors[j], _ZERO, steps[i, j])
+            for i in range(len(frequencies))
+            for j in range(i)
         ],
         axis=0,
     )
@@ -295,14 +297,6 @@ def any_apart(frequencies: Sequence[float], errors: np.ndarray) -> np.ndarray:
 def _steps(frequencies: Sequence[float]) -> np.ndarray:
     # (F, F) float32, `lattice_step` of each pair.
     return np.array([[lattice_step(one, other) for other in frequencies] for one in frequencies])
-
-
-def _pairs(frequencies: Sequence[float]) -> list[tuple[int, int, np.float32]]:
-    return [
-        (i, j, lattice_step(frequencies[i], frequencies[j]))
-        for i in range(len(frequencies))
-        for j in range(i)
-    ]
 
 
 _wrong_jump = compiled(wrong_jump)
