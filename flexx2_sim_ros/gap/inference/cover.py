@@ -33,21 +33,10 @@ class WhereCondition:
     """
     An interval of one covariate.
 
-    Attributes
-    ----------
-    axis : str
-        Of `ENDLESS`, ``recording`` or ``uptime``.
-    first, last : int
-        Bins of it, inclusive.
-    difference : numpy.ndarray
-        (7,) mean over its pixels that differ.
-    noise : numpy.ndarray
-        (7,) what that is uncertain by.
-    size : numpy.ndarray
-        (7,) what the real camera shows there beyond the plain simulation.
-    bias : float
-        That of the mean depth, metres.
-
+    `axis` is one of `ENDLESS`, ``recording`` or ``uptime``; its bins `first` to `last` are
+    inclusive. Over its pixels that differ there is, each (7,): the mean `difference`, its
+    uncertainty `noise`, and the `size` that the real camera shows beyond the plain simulation.
+    `bias` is that of the mean depth, metres.
     """
 
     axis: str
@@ -82,27 +71,16 @@ def cover(
     """
     Find conditions on covariates that select the pixels that differ, and few others.
 
-    Covariates are added one by one. Each time the one is taken with which the selected pixels
-    have the largest intersection over union with the pixels that differ.
+    Covariates are added one by one. Each time the one is taken with which the selected pixels have
+    the largest intersection over union with the pixels that differ. The conditions of the first
+    covariate come first. The list is empty where nothing differs.
 
-    Parameters
-    ----------
-    recordings : sequence of PixelGroups
-        One for each recording.
-    real : bool
-        Whether to use the difference of the real camera. Otherwise that of the effects.
-    sigma_error : float
-        Fraction by which sigma_z is wrong. It is taken off the real camera's difference.
-    expected : collection of str
-        Axes of which the first is taken, if the data allow it; see `shows_along`.
-    uptimes : sequence of float or None
-        Seconds since power-on of each recording, for the axis ``uptime``.
-
-    Returns
-    -------
-    list of WhereCondition
-        Those of the first covariate, then of the second. Empty where nothing differs.
-
+    * `recordings`: one for each recording.
+    * `real`: whether to use the difference of the real camera. Otherwise that of the effects.
+    * `sigma_error`: fraction by which sigma_z is wrong. It is taken off the real camera's
+      difference.
+    * `expected`: axes of which the first is taken, if the data allow it; see `shows_along`.
+    * `uptimes`: seconds since power-on of each recording, for the axis ``uptime``.
     """
     count = np.concatenate([groups.count for groups in recordings])
     if not len(count):

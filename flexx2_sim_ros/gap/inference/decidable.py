@@ -28,18 +28,10 @@ class Undecided:
     """
     An effect that cannot be decided with this ground truth.
 
-    Attributes
-    ----------
-    effect : str
-        Its name.
-    absorbed : float
-        Fraction of its change that errors of the ground truth can explain.
-    settled_by : str
-        What would decide it.
-    confounded : bool
-        Whether errors of poses and planes look like the effect. Otherwise the accuracy of the
-        surfaces only covers an effect of typical strength, and a stronger one can be found.
-
+    `absorbed` is the fraction of its change that errors of the ground truth can explain,
+    `settled_by` what would decide it. `confounded`: errors of poses and planes look like the
+    effect. Otherwise the accuracy of the surfaces only covers an effect of typical strength, and a
+    stronger one can be found.
     """
 
     effect: str
@@ -55,25 +47,10 @@ def undecided(
     tick: Callable[[], None] = lambda: None,
 ) -> list[Undecided]:
     """
-    List the effects that this ground truth leaves undecided.
+    List the effects that this ground truth leaves undecided, in the order of the catalogue.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings. If none of them gives an accuracy of its ground truth, all effects are
-        decidable.
-    candidates : sequence of Candidate
-        The catalogue.
-    thresholds : Thresholds
-        From when on an effect is a finding.
-    tick : callable
-        Called for each candidate.
-
-    Returns
-    -------
-    list of Undecided
-        One for each effect, in the order of the catalogue.
-
+    All effects are decidable if no recording gives an accuracy of its ground truth. `tick` is
+    called for each candidate.
     """
     covariances = [e.covariance for e in model.evidence]
     inexact = any(e.truth_spread.any() for e in model.evidence)
@@ -118,16 +95,6 @@ def unseen(
 
     At typical strength, without noise, each variant of such an effect leaves less loss than that
     of a gap, after the recordings' own errors are fitted.
-
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    candidates : sequence of Candidate
-        The catalogue.
-    thresholds : Thresholds
-        From when on there is a gap.
-
     """
     least, most = thresholds.gap * len(model.gap), dict[str, float]()
     for one in candidates:
@@ -230,18 +197,11 @@ def _with(covariance: np.ndarray, measured: _Measured) -> np.ndarray:
 
 def decidable_part(candidate: Candidate, hidden: Set[str]) -> Candidate:
     """
-    Return a candidate without the terms that change depth just like a hidden effect does.
+    Return a candidate without the terms that change depth just like one of the `hidden` effects.
 
     The constant of an amplitude bias is such a term where an offset is hidden: the fit would use
-    it for whatever the ground truth leaves open.
-
-    Parameters
-    ----------
-    candidate : Candidate
-        The candidate, of an effect that is not hidden.
-    hidden : set of str
-        Effects that errors of poses and planes look like.
-
+    it for whatever the ground truth leaves open. Hidden are effects that errors of poses and
+    planes look like; `candidate` is of none of them.
     """
     fixed = {
         term.name
@@ -271,22 +231,10 @@ def decidable_candidates(
     model: Model, candidates: Sequence[Candidate], hidden: Sequence[Hidden]
 ) -> tuple[list[Candidate], list[Undecided]]:
     """
-    Return what a campaign can be explained with, and what its ground truth hides.
+    Return the candidates that can explain a campaign, and what its ground truth hides.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    candidates : sequence of Candidate
-        The catalogue.
-    hidden : sequence of Hidden
-        What the campaign's ground truth hides by the way it was made.
-
-    Returns
-    -------
-    tuple of list
-        The candidates that are left, and ``absorbed`` for `decide`.
-
+    `hidden` is what the campaign's ground truth hides by the way it was made. The second list is
+    ``absorbed`` for `decide`.
     """
     names = {one.effect for one in hidden if one.absorbed == 1}  # Fully hidden.
     left = [decidable_part(one, names) for one in candidates if one.effect not in names]

@@ -26,21 +26,10 @@ import numpy as np
 @dataclass(frozen=True)
 class Alternative:
     """
-    An effect that explains about as much in place of a selected one.
+    An effect that explains about as much in place of the selected ones in `instead_of`.
 
-    Attributes
-    ----------
-    fit : Fit
-        The effect is the last of its candidates.
-    instead_of : tuple of str
-        The chosen effects that it replaces.
-    share : float
-        Fraction of the excess loss that it explains.
-    interval : list of float
-        90 % interval of that.
-    confidence : float
-        Probability that it is present.
-
+    It is the last candidate of `fit`. `share` is the fraction of the excess loss that it explains,
+    `interval` its 90 % interval, `confidence` the probability that the effect is present.
     """
 
     fit: Fit
@@ -55,36 +44,25 @@ class Decision:
     """
     Which effects explain the gap, and how well.
 
-    Attributes
-    ----------
-    verdict : str
-        ``none``, ``not_decidable`` (no gap, but this ground truth would hide some effects),
-        ``identified``, ``partly`` or ``unknown``.
-    base, chosen : Fit
-        Without any effect; with those chosen (the best found, if the verdict is ``unknown``).
-    shares, intervals, confidences : list
-        For each chosen effect: the fraction of the excess loss that it explains, the 90 %
-        interval of that, and the probability that it is present.
-    alternatives : list of Alternative
-        Other effects that may be present, best first. In 19 of 20 campaigns they and the chosen
-        effects together contain a true one.
-    considered : list of Choice
-        The best variant of each single effect, best first.
-    excess : float
-        Excess loss: loss of the base simulator minus that of noise alone.
-    undecided : list of Undecided
-        Effects that this ground truth cannot decide. Those that errors of poses and planes look
-        like are not selected; if one of them explains about as much as the effects that were
-        found, the verdict is ``unknown`` and ``alternatives`` has them all.
-    support : Support
-        The evidence.
-    why_refused : str
-        With ``unknown``, why the effects chosen are not named: ``improbable`` or ``little`` as in
-        `Judgement`; ``hidden``, as an effect that the ground truth hides explains about as much;
-        or ``larger``, as they make the gap larger when they are simulated. Otherwise empty.
-    unlike : Disagreement or None
-        An effect that some recordings have and the others lack; None if it was not looked for.
-
+    * `verdict`: ``none``, ``not_decidable`` (no gap, but this ground truth would hide some
+      effects), ``identified``, ``partly`` or ``unknown``.
+    * `base`, `chosen`: without any effect; with those chosen (the best found, if the verdict is
+      ``unknown``).
+    * `shares`, `intervals`, `confidences`: for each chosen effect: the fraction of the excess loss
+      that it explains, the 90 % interval of that, and the probability that it is present.
+    * `alternatives`: other effects that may be present, best first. In 19 of 20 campaigns they and
+      the chosen effects together contain a true one.
+    * `considered`: the best variant of each single effect, best first.
+    * `excess`: loss of the base simulator minus that of noise alone.
+    * `undecided`: effects that this ground truth cannot decide. Those that errors of poses and
+      planes look like are not selected; if one of them explains about as much as the effects that
+      were found, the verdict is ``unknown`` and ``alternatives`` has them all.
+    * `why_refused`: with ``unknown``, why the effects chosen are not named: ``improbable`` or
+      ``little`` as in `Judgement`; ``hidden``, as an effect that the ground truth hides explains
+      about as much; or ``larger``, as they make the gap larger when they are simulated. Otherwise
+      empty.
+    * `unlike`: an effect that some recordings have and the others lack; None if it was not looked
+      for.
     """
 
     verdict: str
@@ -152,24 +130,11 @@ def decide(
     """
     Explain the gap.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    candidates : sequence of Candidate
-        The catalogue.
-    tick : callable
-        Called now and then.
-    thresholds : Thresholds
-        From when on an effect is a finding.
-    absorbed : sequence of Undecided
-        Effects that the ground truth hides because of how it was made: wholly, then they are no
-        candidates, or for the most part. Without a finding the verdict is ``not_decidable``.
-    not_seen : sequence of Undecided, optional
-        The result of `undecided`, which does not depend on the gap; computed when left out.
-    rule : Decisions, optional
-        The rule of the verdict (default: that of ``config/decisions.yaml``).
-
+    * `absorbed`: effects that the ground truth hides because of how it was made: wholly, then they
+      are no candidates, or for the most part. Without a finding the verdict is ``not_decidable``.
+    * `not_seen`: the result of `undecided`, which does not depend on the gap; computed when left
+      out.
+    * `rule`: the rule of the verdict (default: that of ``config/decisions.yaml``).
     """
     if not_seen is None:
         not_seen = undecided(model, candidates, thresholds, tick)
@@ -231,19 +196,9 @@ def with_effects(
     decision: Decision, model: Model, candidates: Sequence[Candidate], values: np.ndarray
 ) -> Decision:
     """
-    Return a decision with another set of effects.
+    Return a decision with `candidates` as its set of effects, and (n,) `values` of their terms.
 
-    Parameters
-    ----------
-    decision : Decision
-        What was decided about the gap.
-    model : Model
-        The recordings.
-    candidates : sequence of Candidate
-        The set. Effects that were chosen before keep their probability.
-    values : numpy.ndarray
-        (n,) of their terms.
-
+    Effects that were chosen before keep their probability.
     """
     trials = Trials(model)
     chosen = _as_in_catalogue(trials, trials.choice(candidates, values))
@@ -279,23 +234,8 @@ def hidden_could_explain(
     """
     Return whether an undecided effect explains about as much as the effects found.
 
-    It may do so alone, or as a part of a selection from all candidates.
-
-    Parameters
-    ----------
-    trials : Trials
-        Of the recordings.
-    found : Choice
-        The effects found.
-    candidates : sequence of Candidate
-        All, those of undecided effects among them.
-    singles : sequence of Choice
-        Each candidate alone.
-    hidden : set of str
-        The undecided effects.
-    tick : callable
-        Called now and then.
-
+    It may do so alone, or as a part of a selection from all `candidates`, which include those of
+    the undecided effects, `hidden`. `singles` has each candidate alone.
     """
     enough = trials.thresholds.alternative * found.gain
     if any(

@@ -20,16 +20,9 @@ import numpy as np
 @dataclass(frozen=True)
 class Disagreement:
     """
-    An effect that only some recordings have.
+    An effect that only some recordings have: `has` says of each whether it does.
 
-    Attributes
-    ----------
-    effect : str
-    has : tuple of bool
-        For each recording, whether it has the effect.
-    gain : float
-        Loss a recording that this takes off, beyond the same for all recordings.
-
+    `gain` is the loss a recording that this takes off, beyond the same effect in all recordings.
     """
 
     effect: str
@@ -47,17 +40,9 @@ def disagreement(
     model: Model, chosen: Fit, candidates: Sequence[Candidate]
 ) -> Disagreement | None:
     """
-    Return the effect by which recordings disagree most clearly, if they do.
+    Return the effect by which recordings disagree most clearly, beside those chosen.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    chosen : Fit
-        What explains them so far.
-    candidates : sequence of Candidate
-        The catalogue.
-
+    None if they do not disagree.
     """
     others: dict[str, Fit] = {}
     begun = []

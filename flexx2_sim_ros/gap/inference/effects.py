@@ -14,43 +14,15 @@ import numpy as np
 
 
 def fitted_effects(model: Model, fit: Fit) -> list[Effect]:
-    """
-    Return the effects of a fit.
-
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    fit : Fit
-        Its candidates and their values.
-
-    Returns
-    -------
-    list of Effect
-        One for each candidate, in the same order. Parameters are clipped to the bounds of the
-        effect.
-
-    """
+    """Return the effect of each candidate of a fit, its parameters clipped to their bounds."""
     return _effects(model, fit, fit.values)
 
 
 def held_out_effects(model: Model, fit: Fit) -> list[list[Effect]]:
     """
-    Return the effects of a fit for each recording, as fitted without that recording.
+    Return `fitted_effects` for each recording, as fitted without that recording.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    fit : Fit
-        Its candidates and their values.
-
-    Returns
-    -------
-    list of list of Effect
-        As from `fitted_effects`, one for each recording. A single recording cannot be left out:
-        its effects are those that were fitted to it.
-
+    A single recording cannot be left out: its effects are those that were fitted to it.
     """
     values = fit.left_out if len(fit.left_out) > 1 else fit.values[None]
     return [_effects(model, fit, row) for row in values]
@@ -86,15 +58,10 @@ def _effect(model: Model, fit: Fit, candidate: Candidate, values: tuple[float, .
 
 def agreed_step(steps: np.ndarray, fitted: float) -> float:
     """
-    Return the step between depths: that of histograms if they agree with each other or the fit.
+    Return the step between depths, metres.
 
-    Parameters
-    ----------
-    steps : numpy.ndarray
-        (R,) metres, from the histogram of each recording's depths.
-    fitted : float
-        Metres, less exact.
-
+    That is the median of `steps`, (R,) from the histogram of each recording's depths, if these
+    agree with each other or with `fitted`, which is less exact; otherwise `fitted`.
     """
     step = float(np.median(steps))
     agree = np.abs(steps / step - 1) < FEATURES.lattice_agreement

@@ -28,24 +28,14 @@ class Fit:
     """
     A set of candidates, fitted.
 
-    Attributes
-    ----------
-    candidates : tuple of Candidate
-        The set.
-    values : numpy.ndarray
-        (n,) of all their terms.
-    left_out : numpy.ndarray
-        (R, n) values fitted without each recording.
-    sigma : float
-        Relative error of the base sigma_z.
-    nuisances : numpy.ndarray
-        (R, N) each recording's pose beyond its registration, in steps; brightness; edges;
-        planes beyond their registration, in steps.
-    loss, held_out : numpy.ndarray
-        (R,) loss of each recording's features, with ``values`` and with ``left_out``.
-    pose_loss, pose_held_out : float
-        Loss of the nuisances and sigma, likewise.
-
+    * `values`: (n,) of all their terms.
+    * `left_out`: (R, n) values fitted without each recording.
+    * `sigma`: relative error of the base sigma_z.
+    * `nuisances`: (R, N) each recording's pose beyond its registration, in steps; brightness;
+      edges; planes beyond their registration, in steps.
+    * `loss`, `held_out`: (R,) loss of each recording's features, with ``values`` and with
+      ``left_out``.
+    * `pose_loss`, `pose_held_out`: loss of the nuisances and sigma, likewise.
     """
 
     candidates: tuple[Candidate, ...]
@@ -110,20 +100,10 @@ def fit(
     """
     Fit a set of candidates robustly, and again without each recording.
 
-    The scale of the loss shrinks from step to step, so that a far start does not make outliers of
-    all features: Blake and Zisserman, Visual Reconstruction, 1987 (graduated non-convexity).
-
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    candidates : sequence of Candidate
-        The set; empty for the base simulator alone.
-    start : numpy.ndarray, optional
-        (n,) values to start from; the neutral ones when left out.
-    scales : sequence of float, optional
-        Scale of the loss in each step, in units of the features' own; at least one.
-
+    No candidates fit the base simulator alone. (n,) `start` is neutral when left out. `scales` is
+    the scale of the loss in each step, in units of the features' own; at least one. It shrinks
+    from step to step, so that a far start does not make outliers of all features: Blake and
+    Zisserman, Visual Reconstruction, 1987 (graduated non-convexity).
     """
     problem = _problem(model, candidates)
     terms = [term for candidate in candidates for term in candidate.terms]
@@ -158,15 +138,10 @@ def fit(
 
 def nuisances_of(model: Model, one: Fit) -> np.ndarray:
     """
-    Return the nuisances of each recording where the shared values are given, (R, N).
+    Return the nuisances of each recording, (R, N), with the shared values of the fit `one`.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings, whose scale of the loss may be another than that of the fit.
-    one : Fit
-        The values, and the nuisances to begin with.
-
+    The fit's own nuisances are the start. The model's scale of the loss may be another than that
+    of the fit.
     """
     problem = _problem(model, one.candidates)
     nuisances = one.nuisances

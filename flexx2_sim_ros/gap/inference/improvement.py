@@ -50,19 +50,8 @@ def all_measured(model: Model, apart: Sequence[Apart]) -> dict[str, Any]:
     """
     Summarise all measures of the gap, and the distance that is made of them.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    apart : sequence of Apart
-        How far each recording is from its simulations.
-
-    Returns
-    -------
-    dict
-        ``worse``, the names of those that the effects make significantly worse; ``distance`` and
-        each of `physical.UNITS` as from `measured`.
-
+    ``worse`` has the names of those that the effects make significantly worse; ``distance`` and
+    each of `physical.UNITS` are as from `measured`.
     """
     limits = tolerances(model)
     units = {
@@ -88,32 +77,18 @@ def simulated_losses(
     common_pose: bool = False,
 ) -> np.ndarray:
     """
-    Return the loss of each recording before and after effects are simulated, and of noise alone.
+    Return losses without effects, with effects simulated, and of noise alone, (R, 3).
 
     The fit of effects adds up their features and interpolates between strengths. Here the effects
     are simulated as they are. Each recording has its part of the loss of poses and other
     nuisances, which are fitted again.
 
-    Parameters
-    ----------
-    without : tuple
-        The recordings, and the fit without effects.
-    fitted : tuple
-        The same with the effects.
-    confirmed : sequence of Outcome
-        Each recording, simulated with the effects.
-    motions : sequence of numpy.ndarray
-        (6 + 3 P,) where its camera and its planes are then, as for `registration.place`.
-    edges : bool
-        Whether features at jumps and sharp bends count; see `counts_edges`.
-    common_pose : bool
-        Whether a pose error is among the effects: what the poses have in common is no loss.
-
-    Returns
-    -------
-    numpy.ndarray
-        (R, 3).
-
+    * `without`, `fitted`: the recordings and their fit, without and with the effects.
+    * `confirmed`: each recording, simulated with the effects.
+    * `motions`: (6 + 3 P,) where its camera and its planes are then, as for `registration.place`.
+    * `edges`: whether features at jumps and sharp bends count; see `counts_edges`.
+    * `common_pose`: whether a pose error is among the effects: what the poses have in common is no
+      loss.
     """
     used = ~_AT_EDGES | edges
     model, accepted = fitted
@@ -134,14 +109,9 @@ def simulated_losses(
 
 def measured(values: np.ndarray, tolerance: float) -> dict[str, Any]:
     """
-    Summarise one measure of all recordings.
+    Summarise one measure of all recordings: (R, 3) before, after, and of two simulations.
 
-    Parameters
-    ----------
-    values : numpy.ndarray
-        (R, 3) before, after, and of two simulations.
-    tolerance : float
-        A smaller change of the mean does not matter.
+    A change of the mean below `tolerance` does not matter.
 
     Returns
     -------
@@ -184,11 +154,7 @@ def taken_off(rise: np.ndarray | None) -> dict[str, Any] | None:
     """
     Return what an effect takes off: means over recordings, each with a 90 % interval.
 
-    Parameters
-    ----------
-    rise : numpy.ndarray or None
-        (R, 4) as from `rounds.Explained`.
-
+    `rise` is (R, 4) as from `rounds.Explained`.
     """
     if rise is None:
         return None

@@ -16,11 +16,15 @@ def as_wrong_as_fitted(together: Settings, without: Sequence[Settings]) -> list[
     """
     Return effects of each recording that are as far from the fitted ones as these from the truth.
 
+    `together` has settings by effect, fitted to all recordings; `without` (R,) the same fitted
+    without each recording.
+
     What poses can take over, a fit leaves open: a lens that is shifted looks like cameras that are
-    turned. A recording that was left out does not show it, because its own pose is fitted with
-    the effects of the others. The jackknife does: where d are the deviations of the values that
-    were fitted without one of n recordings, (n - 1) / n times the sum of d squared is the variance
-    of the fitted values (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, eq. 11.5).
+    turned. A recording that was left out does not show it, because its own pose is fitted with the
+    effects of the others. The jackknife does: where d are the deviations of the values that were
+    fitted without one of n recordings, (n - 1) / n times the sum of d squared is the variance of
+    the fitted values (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, eq. 11.5).
+
     Each recording gets the fitted values plus a sum of all deviations, with factors from a row of
     its own of an orthogonal matrix: the mean of their squares over recordings is this variance.
     With its own deviation alone, the recording that shows an effect most would get the most wrong
@@ -28,16 +32,7 @@ def as_wrong_as_fitted(together: Settings, without: Sequence[Settings]) -> list[
 
     No deviation counts more than all others together. If one recording alone says how large a
     value is, the others do not, and what they say without it is no error of the fit with it.
-
     Effects that poses cannot take over keep the values that were fitted without the recording.
-
-    Parameters
-    ----------
-    together : dict
-        Settings by effect, fitted to all recordings.
-    without : sequence of dict
-        (R,) the same fitted without each recording.
-
     """
     count = len(without)
     factors = math.sqrt(max(count - 1, 0)) * dct(np.eye(count), norm='ortho')

@@ -28,14 +28,8 @@ class Member:
     """
     An effect of the set.
 
-    Attributes
-    ----------
-    name : str
-    candidate : Candidate or None
-        Its numbers, as steps from those of the set; None: none is free.
-    without : str
-        Name of the column of the set without it.
-
+    `candidate` has its numbers, as steps from those of the set, or is None where none is free.
+    `without` is the name of the column of the set without it.
     """
 
     name: str
@@ -48,15 +42,8 @@ class Begin:
     """
     What of the catalogue is in a set from the beginning.
 
-    Attributes
-    ----------
-    found : tuple of Candidate
-        Effects that were found before.
-    values : numpy.ndarray
-        (n,) of their terms.
-    posed : tuple of Candidate
-        A pose error that the recordings have in common, if there is one.
-
+    `found` are effects that were found before, `values` (n,) of their terms; `posed` a pose error
+    that the recordings have in common, if there is one.
     """
 
     found: tuple[Candidate, ...] = ()
@@ -70,28 +57,16 @@ NOTHING = Begin()
 @dataclass(frozen=True)
 class Proposal:
     """
-    What a round could make of a set.
+    What a round could make of a set; `label` says what was done.
 
-    Attributes
-    ----------
-    effects : dict
-        Settings by effect.
-    without : list of dict
-        (R,) the same, fitted without each recording.
-    motions : list of numpy.ndarray
-        (6 + 3 P,) where each recording's camera and planes are then.
-    sigma : float
-        Relative error of the base sigma_z.
-    loss : float
-        On left-out recordings, with the cost of parameters; per recording.
-    forms : dict of str to Candidate
-        Each effect as it is in the catalogue.
-    gains : dict of str to tuple of float
-        The loss a recording that each effect takes off beside the others, and how clearly (t over
-        recordings); empty where that was not measured.
-    label : str
-        What was done.
-
+    * `effects`: settings by effect.
+    * `without`: (R,) the same, fitted without each recording.
+    * `motions`: (6 + 3 P,) where each recording's camera and planes are then.
+    * `sigma`: relative error of the base sigma_z.
+    * `loss`: on left-out recordings, with the cost of parameters; per recording.
+    * `forms`: each effect as it is in the catalogue.
+    * `gains`: the loss a recording that each effect takes off beside the others, and how clearly
+      (t over recordings); empty where that was not measured.
     """
 
     effects: Table
@@ -110,13 +85,7 @@ def around(
     """
     Return what to simulate of a set of effects, and what is free in it.
 
-    Parameters
-    ----------
-    effects : mapping
-        Settings by effect.
-    candidates : sequence of Candidate
-        The catalogue, for the bounds of numbers.
-
+    `effects` has settings by effect; the catalogue says the bounds of numbers.
     """
     columns, members = [], []
     for name, settings in effects.items():
@@ -136,25 +105,9 @@ def proposals(
     """
     Fit a set's numbers again, add what explains more, and take off what explains nothing.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings beside the simulation with the set.
-    now : Proposal
-        The set.
-    members : sequence of Member
-        As from `around`.
-    candidates : sequence of Candidate
-        Other effects.
-    begin : Begin
-        What of them is in it from the beginning.
-
-    Returns
-    -------
-    list of Proposal
-        The set as it is, with new numbers, with one more effect after the other, and then with
-        one less after the other.
-
+    Return the set as it is, with new numbers, with one more effect after the other, and then with
+    one less after the other. `model` has the recordings beside the simulation with the set `now`,
+    `members` is as from `around`, and `candidates` are other effects.
     """
     wide = model.widened(ROUNDS.scale)
     trials = Trials(wide.carrying({one.name: one.without for one in members}))

@@ -36,13 +36,8 @@ class Model:
 
     Parameters
     ----------
-    evidence : sequence of Evidence
-    columns : sequence of Column
-        Of the evidence.
     prior : numpy.ndarray
         (6,) standard deviations of pose errors, metres and degrees.
-    constants : Loss
-        Weights and priors.
     held : bool
         Whether the prior holds poses whose recordings say nothing of them. Otherwise they may
         scatter as much as they do.
@@ -199,13 +194,8 @@ class Model:
         """
         Return each recording's loss, (R,): Cauchy's, summed over features.
 
-        Parameters
-        ----------
-        residual : numpy.ndarray
-            (R, SIZE) what is left of the gap.
-        shift : numpy.ndarray, optional
-            (R, SIZE) what effects change; the scale of the loss grows with it.
-
+        `residual` is (R, SIZE) what is left of the gap, `shift` (R, SIZE) what effects change: the
+        scale of the loss grows with it.
         """
         if shift is None:
             loss = np.log1p(residual**2 / self.scale2)
@@ -230,23 +220,11 @@ class Model:
         self, candidates: Sequence[Candidate], values: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """
-        Return what each recording's nuisances change.
+        Return what each recording's nuisances change, (R, N, SIZE), and the candidates, (R, SIZE).
 
-        These are its pose error, its brightness, which scales what depends on amplitude, its
-        edges, and its planes, where they are known within bounds only.
-
-        Parameters
-        ----------
-        candidates : sequence of Candidate
-            A set of them.
-        values : numpy.ndarray
-            (R, n) values of their terms.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            (R, N, SIZE); and what the candidates change in all, (R, SIZE).
-
+        Nuisances are its pose error, its brightness, which scales what depends on amplitude, its
+        edges, and its planes, where they are known within bounds only. `values` is (R, n), of the
+        candidates' terms.
         """
         total, bright, i = np.zeros_like(self.gap), self._carried_bright.copy(), 0
         for candidate in candidates:
@@ -275,11 +253,7 @@ class Model:
         """
         Return the model of recordings beside a base simulator that has effects.
 
-        Parameters
-        ----------
-        without : mapping
-            For each effect the name of the column of the base simulator without it.
-
+        `without` names for each effect the column of the base simulator without it.
         """
         other = copy(self)
         for name, column in without.items():
@@ -322,17 +296,10 @@ class Model:
         exact: bool = False,
     ) -> 'Model':
         """
-        Return the model of recordings with another gap that were not registered.
+        Return the model of recordings with another gap, (R, SIZE), that were not registered.
 
-        Parameters
-        ----------
-        gap : numpy.ndarray
-            (R, SIZE).
-        covariances : sequence of numpy.ndarray or None, optional
-            What is known of the recordings' own errors; as it is when left out.
-        exact : bool
-            Whether the depth of the ground truth is known without error.
-
+        `covariances` is what is known of the recordings' own errors, as it is when left out.
+        `exact`: the depth of the ground truth is known without error.
         """
         other = self.with_gap(gap)
         known = [e.covariance for e in self.evidence] if covariances is None else covariances

@@ -13,22 +13,13 @@ import numpy as np
 
 def cauchy_weights(weights: np.ndarray, residual: np.ndarray, scale2: np.ndarray) -> np.ndarray:
     """
-    Return the weights of iteratively reweighted least squares for Cauchy's loss.
+    Return (R, F) weights of iteratively reweighted least squares for Cauchy's loss.
 
     With the loss ``log(1 + r^2 / s^2)`` a feature counts ``1 / (s^2 + r^2)``, so that an outlier
-    hardly counts. Huber, Robust Statistics, 1981, chapter 7, defines M-estimators; Holland and
-    Welsch, Robust regression using iteratively reweighted least-squares, Communications in
-    Statistics 6(9), 1977, give the algorithm and the weights.
-
-    Parameters
-    ----------
-    weights : numpy.ndarray
-        (R, F) how much each feature counts; 0 where it is unknown.
-    residual : numpy.ndarray
-        (R, F).
-    scale2 : numpy.ndarray
-        (R, F) squared scale of the loss.
-
+    hardly counts. `weights` is how much each feature counts, 0 where it is unknown; `scale2` the
+    squared scale of the loss. All are (R, F). Huber, Robust Statistics, 1981, chapter 7, defines
+    M-estimators; Holland and Welsch, Robust regression using iteratively reweighted least-squares,
+    Communications in Statistics 6(9), 1977, give the algorithm and the weights.
     """
     return weights / (scale2 + residual**2)
 
@@ -37,20 +28,10 @@ def normal_equations(
     design: np.ndarray, weight: np.ndarray, residual: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return each recording's matrix and right side of the weighted normal equations, float64.
+    Return each recording's matrix, (R, P, P), and right side, (R, P), float64.
 
-    Parameters
-    ----------
-    design : numpy.ndarray
-        (R, P, F) change of the features with each of P parameters.
-    weight, residual : numpy.ndarray
-        (R, F).
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (R, P, P) and (R, P).
-
+    `design` is (R, P, F), the change of the features with each of P parameters; `weight` and
+    `residual` are (R, F).
     """
     weighted = design * weight[:, None]
     normal = (weighted @ design.transpose(0, 2, 1)).astype(float)
@@ -63,17 +44,9 @@ class SharedEquations:
     """
     Each recording's equations for the shared values alone, its nuisances eliminated.
 
-    Attributes
-    ----------
-    normal, right : numpy.ndarray
-        (R, S, S) and (R, S); the sum over recordings is the equations of the shared values.
-    inverse : numpy.ndarray
-        (R, N, N) inverse of the nuisances' own block.
-    mixed : numpy.ndarray
-        (R, N, S) block of nuisances by shared values.
-    nuisance_right : numpy.ndarray
-        (R, N) the nuisances' own right side.
-
+    `normal`, (R, S, S), and `right`, (R, S), summed over recordings are the equations of the
+    shared values. Of the nuisances' own block there are the `inverse`, (R, N, N), the block
+    `mixed` with the shared values, (R, N, S), and the right side, (R, N).
     """
 
     normal: np.ndarray
@@ -93,17 +66,10 @@ def eliminate_nuisances(normal: np.ndarray, right: np.ndarray, shared: int) -> S
     """
     Eliminate each recording's nuisances by the Schur complement.
 
-    The matrix of all parameters is an arrow: nuisances of different recordings have nothing in
-    common. So each recording is reduced alone, as in bundle adjustment: Triggs et al., Bundle
-    adjustment - a modern synthesis, 2000, section 6.
-
-    Parameters
-    ----------
-    normal, right : numpy.ndarray
-        (R, S + N, S + N) and (R, S + N), shared values first.
-    shared : int
-        S.
-
+    `normal` is (R, S + N, S + N), `right` (R, S + N), with the S `shared` values first. The matrix
+    of all parameters is an arrow: nuisances of different recordings have nothing in common. So
+    each recording is reduced alone, as in bundle adjustment: Triggs et al., Bundle adjustment - a
+    modern synthesis, 2000, section 6.
     """
     inverse = np.linalg.inv(normal[:, shared:, shared:])
     across = normal[:, :shared, shared:] @ inverse
@@ -118,15 +84,7 @@ def eliminate_nuisances(normal: np.ndarray, right: np.ndarray, shared: int) -> S
 
 
 def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """
-    Solve the normal equations after scaling the parameters alike.
-
-    Parameters
-    ----------
-    matrix, right : numpy.ndarray
-        (P, P) and (P,); P may be 0.
-
-    """
+    """Solve normal equations, (P, P) and (P,), parameters scaled alike; P may be 0."""
     if not len(right):
         return right
     size = np.maximum(np.sqrt(np.diag(matrix)), 1e-12)
@@ -135,41 +93,18 @@ def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def solve_given_last(matrix: np.ndarray, right: np.ndarray, last: float) -> np.ndarray:
-    """
-    Solve for all parameters but the last one, whose value is given.
-
-    Parameters
-    ----------
-    matrix, right : numpy.ndarray
-        (P, P) and (P,).
-    last : float
-        Value of the last parameter.
-
-    """
+    """Solve (P, P) and (P,) for all parameters but the last one, whose value is given."""
     rest = len(right) - 1
     return solve(matrix[:rest, :rest], right[:rest] - matrix[:rest, rest] * last)
 
 
 def leave_one_out_steps(equations: SharedEquations, last: float) -> np.ndarray:
     """
-    Return the step of the shared values without each recording, the last value given.
+    Return (R, S - 1) steps of the shared values without each recording, the last step given.
 
-    One step of the common fit with a recording's equations taken off stands for a whole fit
-    without that recording: Pregibon, Logistic regression diagnostics, Annals of Statistics 9(4),
-    1981, the one-step approximation.
-
-    Parameters
-    ----------
-    equations : SharedEquations
-        Of all recordings, in the last iteration of the common fit.
-    last : float
-        Step of the last shared value.
-
-    Returns
-    -------
-    numpy.ndarray
-        (R, S - 1).
-
+    One step of the common fit, in its last iteration, with a recording's equations taken off
+    stands for a whole fit without that recording: Pregibon, Logistic regression diagnostics,
+    Annals of Statistics 9(4), 1981, the one-step approximation.
     """
     normal, right = equations.normal, equations.right
     all_normal, all_right = normal.sum(axis=0), right.sum(axis=0)

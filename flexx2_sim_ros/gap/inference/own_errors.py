@@ -24,30 +24,14 @@ class OwnErrors:
     """
     The recordings' own errors, and what is known of them beforehand.
 
-    Parameters
-    ----------
-    evidence : sequence of Evidence
-        The recordings.
-    covariances : sequence of numpy.ndarray or None
-        For each, as from `prior.covariance_of`.
-    constants : Loss
-        Weights and priors.
-    registered : bool
-        Whether registration has taken something off.
+    `covariances` are as from `prior.covariance_of`. `registered`: registration has taken something
+    off.
 
-    Attributes
-    ----------
-    count : int
-        N, of each recording; those with fewer planes have some that change nothing.
-    pose : numpy.ndarray
-        (R, 6) what registration has taken off, in steps.
-    planes : numpy.ndarray
-        (R, N - 11) likewise.
-    posed : numpy.ndarray
-        (R,) bool, whether a recording's pose may be wrong.
-    centre : numpy.ndarray or None
-        (6,) about which those poses lie that may be wrong, in steps, if that is known.
-
+    * `count`: N, of each recording; those with fewer planes have some that change nothing.
+    * `pose`: (R, 6) what registration has taken off, in steps.
+    * `planes`: (R, N - 11) likewise.
+    * `posed`: (R,) bool, whether a recording's pose may be wrong.
+    * `centre`: (6,) about which those poses lie that may be wrong, in steps, if that is known.
     """
 
     def __init__(
@@ -78,11 +62,7 @@ class OwnErrors:
         """
         Return each recording's pose and planes in all, as `registration.place` takes them.
 
-        Parameters
-        ----------
-        amounts : numpy.ndarray
-            (R, N) beyond registration, in steps.
-
+        `amounts` is (R, N) beyond registration, in steps.
         """
         pose = (self.pose + amounts[:, :POSE]) * STEPS
         steps = np.resize(PLANE_STEPS, self.planes.shape[1])
@@ -101,23 +81,20 @@ class OwnErrors:
         """
         Return the poses at which it shows what effects do in other scenes.
 
+        `motions` are (6 + 3 P,) where each recording's camera and planes are, as for
+        `registration.place`.
+
         The pose of each recording is fitted. Poses can take over a part of what the recordings
         have in common, such as a bias; then effects that only imitate the cause seem to fit. In
         other scenes, poses do not err in the same direction. So what the fitted poses have in
         common is taken off, as far as it is more than their scatter explains: their mean m with
         the standard error e times 1 - (t e / m)^2 if that is positive, for each of the six motions
         (the garrote of Breiman, 1995). t is the quantile of Student's t that scatter alone exceeds
-        in one of the six motions of one set of poses in 20 (Bonferroni). If a pose error is among
-        the effects, other poses are as wrong, and nothing simulates it: the given ones are
-        returned. A recording that says how exact its pose is keeps its own.
+        in one of the six motions of one set of poses in 20 (Bonferroni).
 
-        Parameters
-        ----------
-        motions : sequence of numpy.ndarray
-            (6 + 3 P,) where each recording's camera and planes are, as for `registration.place`.
-        posed : bool
-            Whether a pose error is among the effects.
-
+        If a pose error is among the effects (`posed`), other poses are as wrong, and nothing
+        simulates it: the given ones are returned. A recording that says how exact its pose is
+        keeps its own.
         """
         out = [np.array(one) for one in motions]
         free = [one for one, usual in zip(out, self._usual, strict=True) if usual]
@@ -132,11 +109,7 @@ class OwnErrors:
         """
         Return the same errors of recordings that were moved there; the inverse of `found`.
 
-        Parameters
-        ----------
-        motions : sequence of numpy.ndarray
-            (6 + 3 P,) each recording's pose and planes in all.
-
+        `motions` are (6 + 3 P,), each recording's pose and planes in all.
         """
         other = copy(self)
         other.pose = np.array([one[:POSE] for one in motions]) / STEPS
@@ -148,19 +121,11 @@ class OwnErrors:
 
     def loss(self, amounts: np.ndarray, common_pose: bool, held_out: bool = False) -> float:
         """
-        Return the penalty for the errors.
+        Return the penalty for the errors, (R, N) `amounts`.
 
-        Poses without a covariance are penalised by the logarithm of their spread.
-
-        Parameters
-        ----------
-        amounts : numpy.ndarray
-            (R, N).
-        common_pose : bool
-            Whether the recordings may share a pose error, which is not penalised.
-        held_out : bool
-            Whether the shared pose error of each recording is estimated from the others.
-
+        Poses without a covariance are penalised by the logarithm of their spread. With
+        `common_pose` the recordings may share a pose error, which is not penalised; with
+        `held_out` that of each recording is estimated from the others.
         """
         q, about = self._off(amounts, common_pose), self._about
         if common_pose and held_out and self.centre is None:
@@ -182,20 +147,10 @@ class OwnErrors:
 
     def prior(self, amounts: np.ndarray, common_pose: bool) -> tuple[np.ndarray, np.ndarray]:
         """
-        Return the prior, linearised for one step of least squares.
+        Return the prior, linearised at (R, N) `amounts` for one step of least squares.
 
-        Parameters
-        ----------
-        amounts : numpy.ndarray
-            (R, N) the present ones.
-        common_pose : bool
-            Whether all recordings may have a pose error in common.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            (R, N, N) stiffness, and (R, N) by how much it pulls back, for the right side.
-
+        It is a stiffness, (R, N, N), and by how much it pulls back, (R, N), for the right side.
+        With `common_pose` all recordings may have a pose error in common.
         """
         q = self._off(amounts, common_pose)
         usual = q[self._usual]
@@ -231,18 +186,10 @@ class OwnErrors:
 
 def common_motion(poses: np.ndarray) -> np.ndarray:
     """
-    Return the mean of motions as far as it is more than their scatter explains.
+    Return the mean of motions, (6,), as far as it is more than their scatter explains.
 
-    Parameters
-    ----------
-    poses : numpy.ndarray
-        (R, 6) of at least two recordings.
-
-    Returns
-    -------
-    numpy.ndarray
-        (6,) between 0 and the mean; see `OwnErrors.elsewhere`.
-
+    `poses` is (R, 6) of at least two recordings. The result is between 0 and the mean; see
+    `OwnErrors.elsewhere`.
     """
     count = len(poses)
     mean, error = poses.mean(axis=0), poses.std(axis=0, ddof=1) / np.sqrt(count)

@@ -17,22 +17,12 @@ _CHANNELS = ('bias', 'log_variance', 'invalid')
 @dataclass(frozen=True)
 class Patch:
     """
-    A correction without a cause.
+    A correction without a cause, as fitted to all recordings: its bins are over `covariate`.
 
-    Attributes
-    ----------
-    effect : Effect
-        As fitted to all recordings.
-    covariate : str
-        What its bins are over.
-    shrink : float
-        The fraction by which its table reduces the gap in bias, noise and invalid pixels over all
-        three covariates; computed, not simulated. Of several recordings, each takes the
-        correction that was fitted without it.
-    without : list of Effect
-        For each recording, the correction as fitted without it. A single recording cannot be left
-        out.
-
+    `shrink` is the fraction by which its table reduces the gap in bias, noise and invalid pixels
+    over all three covariates; computed, not simulated. There each of several recordings takes the
+    correction that was fitted without it, which is in `without`. A single recording cannot be left
+    out.
     """
 
     effect: Effect
@@ -45,13 +35,7 @@ def fit_patch(model: Model, residual: np.ndarray) -> Patch:
     """
     Fit the patch over the one covariate with which it reduces the gap most.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    residual : numpy.ndarray
-        (R, SIZE) real minus simulated features.
-
+    `residual` is (R, SIZE) real minus simulated features.
     """
     count = len(residual)
     others = [np.arange(count) != r if count > 1 else slice(None) for r in range(count)]

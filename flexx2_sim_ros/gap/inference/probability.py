@@ -23,20 +23,13 @@ class Judgement:
     """
     What the evidence says.
 
-    Attributes
-    ----------
-    verdict : str
-        ``none``, ``unknown``, ``partly`` or ``identified``.
-    gap : float
-        Probability that there is a gap.
-    effects : dict of str to float
-        Probability of each effect that was chosen or could be in place of the last chosen one.
-    alternatives : frozenset of str
-        Effects that are probable enough to be listed as alternatives.
-    refused : str
-        With ``unknown``, why the chosen effects are not named: ``improbable``, or ``little``, as
-        they explain too little of the gap; otherwise empty.
-
+    * `verdict`: ``none``, ``unknown``, ``partly`` or ``identified``.
+    * `gap`: probability that there is a gap.
+    * `effects`: probability of each effect that was chosen or could be in place of the last chosen
+      one.
+    * `alternatives`: effects that are probable enough to be listed as alternatives.
+    * `refused`: with ``unknown``, why the chosen effects are not named: ``improbable``, or
+      ``little``, as they explain too little of the gap; otherwise empty.
     """
 
     verdict: str
@@ -47,17 +40,7 @@ class Judgement:
 
 
 def judge(support: Support, rule: Decisions) -> Judgement:
-    """
-    Judge the evidence of a campaign.
-
-    Parameters
-    ----------
-    support : Support
-        The evidence.
-    rule : Decisions
-        The calibrated rule.
-
-    """
+    """Judge the evidence of a campaign by the calibrated rule."""
     gap = rule.gap.probability(gap_evidence(support))
     chosen, rivals = effect_evidence(support)
     effects = {
@@ -150,21 +133,12 @@ def gap_evidence(support: Support) -> dict[str, float]:
 
 def effect_evidence(support: Support) -> tuple[Rows, Rows]:
     """
-    Return what tells effects that are present from others.
+    Return what tells effects that are present from others: rows of the chosen, and of rivals.
 
-    Parameters
-    ----------
-    support : Support
-        The evidence of a campaign.
-
-    Returns
-    -------
-    tuple of dict of str to dict of str to float
-        For each chosen effect, and for each other one that could be in place of the last one:
-        ``gain``, its gain; ``lead``, by how much it is better than the best other explanation
-        (negative: worse); ``left``, the fraction of the excess loss that the chosen effects leave;
-        ``scatter`` of the poses.
-
+    Each chosen effect, and each other one that could be in place of the last one, has ``gain``,
+    its gain; ``lead``, by how much it is better than the best other explanation (negative: worse);
+    ``left``, the fraction of the excess loss that the chosen effects leave; ``scatter`` of the
+    poses.
     """
     if not support.chosen:
         return {}, {}

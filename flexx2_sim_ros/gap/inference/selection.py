@@ -20,15 +20,9 @@ import numpy as np
 @dataclass(frozen=True)
 class Choice:
     """
-    A set of candidates and what it gains.
+    A set of candidates, fitted, and what it gains.
 
-    Attributes
-    ----------
-    fit : Fit
-        The fit of the set.
-    gain : float
-        Reduction of the loss on left-out recordings, minus a cost for each parameter.
-
+    `gain` is the reduction of the loss on left-out recordings, minus a cost for each parameter.
     """
 
     fit: Fit
@@ -40,15 +34,8 @@ class Selection:
     """
     Effects selected so far.
 
-    Attributes
-    ----------
-    chosen : Choice
-        The set.
-    rivals : tuple of Choice
-        Sets with another effect in place of the last one, best first.
-    gained : float
-        Gain without the last effect.
-
+    `rivals` are sets with another effect in place of the last one, best first; `gained` is the
+    gain without the last effect.
     """
 
     chosen: Choice
@@ -60,26 +47,8 @@ class Trials:
     """
     Fits of candidate sets, each weighed against the base simulator.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    thresholds : Thresholds
-        From when on an effect is a finding.
-
-    Attributes
-    ----------
-    model : Model
-        The recordings.
-    thresholds : Thresholds
-        Likewise.
-    count : int
-        How many there are.
-    base : Fit
-        Without any effect.
-    null : float
-        Loss of recordings that are nothing but the base simulator's.
-
+    Of the recordings there are `count`, `base`, the fit without any effect, and `null`, the loss
+    of recordings that are nothing but the base simulator's.
     """
 
     def __init__(self, model: Model, thresholds: Thresholds = THRESHOLDS) -> None:
@@ -124,21 +93,7 @@ def select(
     singles: Sequence[Choice],
     tick: Callable[[], None],
 ) -> Selection:
-    """
-    Select effects that explain the gap.
-
-    Parameters
-    ----------
-    trials : Trials
-        Of the recordings.
-    candidates : sequence of Candidate
-        The catalogue.
-    singles : sequence of Choice
-        Each candidate alone.
-    tick : callable
-        Called now and then.
-
-    """
+    """Select effects that explain the gap; `singles` has each candidate alone."""
     about, posed = trials.thresholds, [c for c in candidates if c.kind.role == 'pose']
     considered = _simplest_first(best_of_each(singles), about)
     other = bool(considered) and considered[0].gain >= about.least_gain * trials.count

@@ -14,16 +14,9 @@ class EffectSupport:
     """
     What speaks for one effect, or for one set of effects, against another explanation.
 
-    Attributes
-    ----------
-    name : str
-        The effect.
-    gain : float
-        Reduction of the loss of left-out recordings, minus the cost of the effect's parameters;
-        per recording.
-    t : float
-        The reduction of the loss over its standard error (paired over recordings).
-
+    `gain` is the reduction of the loss of left-out recordings, minus the cost of the effect's
+    parameters; per recording. `t` is the reduction over its standard error (paired over
+    recordings).
     """
 
     name: str
@@ -36,29 +29,17 @@ class Support:
     """
     The evidence of a campaign. Losses and gains are per recording.
 
-    Attributes
-    ----------
-    recordings : int
-        How many there are.
-    depths : float
-        Pixels of an image times frames, valid or not: per recording.
-    excess, left : float
-        Excess loss without effects, and with the chosen ones.
-    gain, t : float
-        Of the chosen effects together, against the simulation without effects.
-    scatter : float
-        Spread of the recordings' poses, as a fraction of the usual spread.
-    improved : tuple of float
-        By how much the chosen effects reduce the loss of each left-out recording; their mean minus
-        the cost of the parameters is ``gain``.
-    chosen : tuple of EffectSupport
-        Each chosen effect against the others without it.
-    considered : tuple of EffectSupport
-        Each effect of the catalogue alone against no effect, best first.
-    rivals : tuple of EffectSupport
-        Other effects in place of the last chosen one, best first: their gain there, and how
-        clearly (t) the chosen set is better.
-
+    * `recordings`: how many there are.
+    * `depths`: pixels of an image times frames, valid or not: per recording.
+    * `excess`, `left`: excess loss without effects, and with the chosen ones.
+    * `gain`, `t`: of the chosen effects together, against the simulation without effects.
+    * `scatter`: spread of the recordings' poses, as a fraction of the usual spread.
+    * `improved`: by how much the chosen effects reduce the loss of each left-out recording; their
+      mean minus the cost of the parameters is ``gain``.
+    * `chosen`: each chosen effect against the others without it.
+    * `considered`: each effect of the catalogue alone against no effect, best first.
+    * `rivals`: other effects in place of the last chosen one, best first: their gain there, and
+      how clearly (t) the chosen set is better.
     """
 
     recordings: int
@@ -117,17 +98,8 @@ def support_of(
     """
     Collect the evidence of a campaign.
 
-    Parameters
-    ----------
-    trials : Trials
-        Of the recordings.
-    selection : Selection
-        The chosen effects, and what could be in place of the last one.
-    without : sequence of Choice
-        The chosen effects without each one in turn.
-    considered : sequence of Choice
-        Each effect alone, best first.
-
+    `without` has the chosen effects without each one in turn, `considered` each effect alone, best
+    first.
     """
     count, chosen = trials.count, selection.chosen
     evidence = trials.model.evidence

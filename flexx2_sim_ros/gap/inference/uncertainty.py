@@ -10,21 +10,10 @@ from scipy import stats
 
 def advantage(one: Fit, other: Fit) -> float:
     """
-    Return how clearly one fit explains new recordings better than another one.
+    Return how clearly one fit explains new recordings better than another one of the same.
 
-    The mean difference of the losses of held-out recordings over its standard error, as in a
-    paired t-test.
-
-    Parameters
-    ----------
-    one, other : Fit
-        Of the same recordings.
-
-    Returns
-    -------
-    float
-        Student's t; 0 for a single recording.
-
+    It is Student's t, as in a paired t-test: the mean difference of the losses of held-out
+    recordings over its standard error. It is 0 for a single recording.
     """
     difference = improvements(one, other)
     if len(difference) < 2:
@@ -35,18 +24,9 @@ def advantage(one: Fit, other: Fit) -> float:
 
 def improvements(one: Fit, other: Fit) -> np.ndarray:
     """
-    Return by how much the loss of each left-out recording is lower with one fit.
+    Return by how much the loss of each left-out recording is lower with fit `one`, (R,).
 
-    Parameters
-    ----------
-    one, other : Fit
-        Of the same recordings.
-
-    Returns
-    -------
-    numpy.ndarray
-        (R,); each has its part of the loss of the nuisances.
-
+    Each has its part of the loss of the nuisances.
     """
     poses = (other.pose_held_out - one.pose_held_out) / len(one.held_out)
     return np.asarray(other.held_out - one.held_out + poses)
@@ -56,17 +36,10 @@ def ratio_interval(top: np.ndarray, bottom: np.ndarray, least: float = 0.0) -> l
     """
     Return the 90 % interval of sum(top) / sum(bottom) in as many new recordings.
 
-    The jackknife (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11) gives
-    the ratio's standard error over sets of recordings; it counts twice, because both what is
-    predicted and what is found in the new set vary.
-
-    Parameters
-    ----------
-    top, bottom : numpy.ndarray
-        (R,) one value a recording.
-    least : float
-        Smallest value that the ratio can have; 1 is the largest.
-
+    `top` and `bottom` are (R,), one value a recording. The ratio is from `least` to 1. The
+    jackknife (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11) gives its
+    standard error over sets of recordings; it counts twice, because both what is predicted and
+    what is found in the new set vary.
     """
     count = len(top)
     whole = top.sum() / max(bottom.sum(), 1e-9)
@@ -79,20 +52,7 @@ def ratio_interval(top: np.ndarray, bottom: np.ndarray, least: float = 0.0) -> l
 
 
 def mean_interval(values: np.ndarray) -> list[float] | None:
-    """
-    Return the 90 % interval of the mean over recordings, by Student's t.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        (R,) one value a recording.
-
-    Returns
-    -------
-    list of float or None
-        Lower and upper end; None with one recording.
-
-    """
+    """Return the 90 % interval of the mean of (R,) values, by Student's t; None for one value."""
     count = len(values)
     if count < 2:
         return None

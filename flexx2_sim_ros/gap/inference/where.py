@@ -30,30 +30,18 @@ def places(
     """
     List where real and simulated differ by more than what matters.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    difference : numpy.ndarray
-        (R, SIZE) real minus simulated features, or the change by the effects if they explain it.
-    shown : numpy.ndarray
-        (R, SIZE) real minus simulated features, from which the listed sizes come.
-    groups : sequence of PixelGroups
-        One for each recording, from the simulation with the effects found.
-    exact : bool
-        Whether effects explain the difference. Then their change is listed, which has no noise.
-    sigma_error : float
-        Fraction by which sigma_z was found to be wrong.
-    named : collection of type of Effect
-        The effects that explain the difference or a part of it.
+    First are the conditions of the covariate that the difference depends on most, see `cover`;
+    then the others, and what differs in whole images and where no surface is. In both parts the
+    largest difference is first.
 
-    Returns
-    -------
-    list of dict
-        Conditions that select the pixels that differ, first those of the covariate that the
-        difference depends on most, see `cover`; and what differs in whole images and where no
-        surface is. The largest difference is first, of the first covariate and of the others.
-
+    * `difference`: (R, SIZE) real minus simulated features, or the change by the effects if they
+      explain it.
+    * `shown`: (R, SIZE) real minus simulated features, from which the listed sizes come.
+    * `groups`: one for each recording, from the simulation with the effects found.
+    * `exact`: whether effects explain the difference. Then their change is listed, which has no
+      noise.
+    * `sigma_error`: fraction by which sigma_z was found to be wrong.
+    * `named`: the effects that explain the difference or a part of it.
     """
     names, axes = [e.name for e in model.evidence], model.evidence[0].axes
     expected = {axis for one in named for axis in shows_along(one)}
@@ -122,22 +110,8 @@ def beside(
     """
     List what differs by more than the tolerance in whole images, and where no surface is.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    difference : numpy.ndarray
-        (R, SIZE) real minus simulated features.
-    exact : bool
-        Whether the difference has no noise, as the change by effects.
-    shown : numpy.ndarray
-        (R, SIZE) from which the listed sizes come.
-
-    Returns
-    -------
-    list of tuple
-        The difference as a multiple of the tolerance; and the row.
-
+    `difference` and `shown` are as for `places`. With `exact` the difference has no noise, as the
+    change by effects. Each row comes with its difference as a multiple of the tolerance.
     """
     good, tolerance = model.good[:, _BESIDE], TOLERANCE[_BESIDE]
     count = good.sum(axis=0)
@@ -205,21 +179,11 @@ def _bounds(axes: Axes, name: str, first: int, last: int) -> dict[str, Any]:
 
 def unexplained(model: Model, residual: np.ndarray, base: np.ndarray) -> list[dict[str, Any]]:
     """
-    Sum the remaining loss of each channel.
+    Sum the remaining loss of each channel, the largest first.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    residual, base : numpy.ndarray
-        (R, SIZE) remaining difference; (SIZE,) loss by noise alone.
-
-    Returns
-    -------
-    list of dict
-        ``structure`` (the channel), ``loss`` above that of noise, and ``share``, its fraction of
-        the whole remaining loss.
-
+    `residual` is the remaining difference, (R, SIZE); `base` the loss by noise alone, (SIZE,). A
+    row has ``structure`` (the channel), ``loss`` above that of noise, and ``share``, its fraction
+    of the whole remaining loss.
     """
     loss = (model.weights * np.log1p(residual**2 / model.scale2)).sum(axis=0) - base
     names = [*CHANNEL_UNITS, *STRUCTURE_UNITS]
