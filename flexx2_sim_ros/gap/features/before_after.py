@@ -18,24 +18,10 @@ def before_after(
     """
     Compare a recording with the simulation of its scene, without and with effects.
 
-    Parameters
-    ----------
-    recording : RecordingData
-        The recording.
-    motions : tuple of numpy.ndarray
-        (6 + 3 P,) where its camera and its planes are, fitted without and with the effects, as for
-        `registration.place`. Neither simulation is compared at the pose that suits the other one.
-    effects : dict
-        Parameters by effect.
-    seed : int
-        Of the simulations, which have common random numbers.
-
-    Returns
-    -------
-    dict
-        For each of `physical.UNITS`: before, after, and the difference of two simulations with
-        the effects.
-
+    `motions` are (6 + 3 P,) where its camera and its planes are, fitted without and with the
+    effects, as for `registration.place`. Neither simulation is compared at the pose that suits the
+    other one. All simulations have common random numbers. Each of `physical.UNITS` gets three
+    values: before, after, and the difference of two simulations with the effects.
     """
     seeds = [seed * 1000 + 500 + k for k in range(SIMULATION.confirm_seeds)]
     simulated = []

@@ -22,15 +22,7 @@ class Decaying(NamedTuple):
     """
     A column that decays with the time since power-on.
 
-    Attributes
-    ----------
-    column : str
-        What is simulated.
-    factor : float
-        On that, at power-on.
-    tau : float
-        Time constant, seconds.
-
+    `factor` is on what `column` simulates, at power-on; `tau` is the time constant, seconds.
     """
 
     column: str
@@ -41,20 +33,11 @@ class Decaying(NamedTuple):
 @dataclass(frozen=True)
 class CandidateTerm:
     """
-    One parameter of a candidate.
+    One parameter of a candidate, `name` for people.
 
-    Attributes
-    ----------
-    name : str
-        For people.
-    nodes : tuple of (float, str or Decaying)
-        Values at which the shift of all features was simulated, and the column's name; between
-        them and zero it is interpolated, beyond them extrapolated.
-    low, high : float
-        Bounds of the value.
-    neutral : float
-        Value at which nothing is changed.
-
+    The shift of all features was simulated at the values of `nodes`, each with the column's name.
+    Between them and zero it is interpolated, beyond them extrapolated. `low` and `high` bound the
+    value; at `neutral` nothing is changed.
     """
 
     name: str
@@ -69,22 +52,13 @@ class Candidate:
     """
     An effect in one of its variants.
 
-    Attributes
-    ----------
-    effect, label : str
-        The effect's name; which variant.
-    terms : tuple of CandidateTerm
-    build : callable
-        From the terms' values to the effect's parameters.
-    given : Candidate or None
-        What stands for it in the outcome: phase is measured along the ray, the catalogue's effects
-        act along the optical axis. An effect is recognised in either form, and given in the
-        catalogue's, fitted as that.
-    kind : type of Effect
-        The effect's definition; `Effect` itself for a set of effects.
-    steps : bool
-        Whether its values are steps from those that the base simulator has.
-
+    * `label`: which variant.
+    * `build`: from the terms' values to the effect's parameters.
+    * `given`: what stands for it in the outcome: phase is measured along the ray, the catalogue's
+      effects act along the optical axis. An effect is recognised in either form, and given in the
+      catalogue's, fitted as that.
+    * `kind`: the effect's definition; `Effect` itself for a set of effects.
+    * `steps`: whether its values are steps from those that the base simulator has.
     """
 
     effect: str
@@ -99,17 +73,9 @@ class Candidate:
 @dataclass(frozen=True)
 class Column:
     """
-    A simulation to make: effects, and whether a few frames are enough.
+    A simulation to make: parameters by effect, and whether a few frames are enough.
 
-    Attributes
-    ----------
-    name : str
-    effects : dict
-        Parameters by effect.
-    few : bool
-    without : tuple of str
-        Effects of the base simulator that it lacks.
-
+    `without` are effects of the base simulator that it lacks.
     """
 
     name: str
@@ -128,15 +94,8 @@ class Nuisances:
     """
     Columns of the errors that any campaign has, and the values at which they are simulated.
 
-    Attributes
-    ----------
-    bias, ray_bias : str
-        An offset, of depth and along the ray.
-    more, less : str
-        A base sigma that is too small, and one that is too large.
-    more_by, less_by : float
-        Fraction by which it is too small, or too large.
-
+    `bias` and `ray_bias` are an offset, of depth and along the ray; `more` and `less` a base sigma
+    that is too small, and one that is too large, by the fractions `more_by` and `less_by`.
     """
 
     bias: str
@@ -158,16 +117,8 @@ def catalogue(
     """
     Return what to simulate and what to explain a gap with.
 
-    Parameters
-    ----------
-    without : collection of str
-        Effects to leave out.
-    modulation : bool
-        Whether the modulation frequencies are known; if not, effects that need them are left
-        out.
-    found : mapping
-        What is known of the camera's inside, as from `search.search`.
-
+    Effects in `without` are left out, and those that need modulation frequencies if these are not
+    known. `found` is what is known of the camera's inside, as from `search.search`.
     """
     columns = {column.name: column for column in _nuisance_columns()}
     candidates: list[Candidate] = []

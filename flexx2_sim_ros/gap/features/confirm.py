@@ -25,17 +25,11 @@ NOISE = {
 
 class Apart(NamedTuple):
     """
-    How far a recording is from its simulations, in physical units.
+    How far a recording is from its simulations.
 
-    Attributes
-    ----------
-    physical : dict
-        For each of `physical.UNITS`: before, after, and the difference of two simulations with
-        the effects.
-    gap : float
-        `physical.distance` of the recording and the simulation without effects, less that of two
-        simulations; in all of the image, jumps included.
-
+    `physical` has for each of `physical.UNITS`: before, after, and the difference of two
+    simulations with the effects. `gap` is `physical.distance` of the recording and the simulation
+    without effects, less that of two simulations; in all of the image, jumps included.
     """
 
     physical: dict[str, list[float]]
@@ -47,30 +41,18 @@ class Outcome:
     """
     A recording against the simulation without and with a set of effects.
 
-    Attributes
-    ----------
-    name : str
-    apart : Apart
-        At the fitted pose.
-    elsewhere : Apart
-        As it is expected in other scenes: with effects that are as wrong as their fit leaves
-        open, at the pose that `OwnErrors.elsewhere` gives.
-    seen : numpy.ndarray
-        (3, SIZE) float32 features of the recording, and simulated without and with the effects.
-    noise : numpy.ndarray
-        (SIZE,) float32 difference that noise alone makes between a recording and the mean of the
-        simulations with the effects, estimated from the difference of two of these.
-    counts : numpy.ndarray
-        (BINS,) float32 pixels looked at.
-    maps : dict of str to numpy.ndarray
-        (h, w) images for the report: mean error in sigma of real, before and after.
-    groups : PixelGroups
-        What differs in small groups of pixels.
-    grain : numpy.ndarray
-        (h, w) float16 static pattern simulated with the effects, in sigma.
-    frame : SingleFrame or None
-        A frame to show, if one was asked for.
-
+    * `apart`: at the fitted pose.
+    * `elsewhere`: as it is expected in other scenes: with effects that are as wrong as their fit
+      leaves open, at the pose that `OwnErrors.elsewhere` gives.
+    * `seen`: (3, SIZE) float32 features of the recording, and simulated without and with the
+      effects.
+    * `noise`: (SIZE,) float32 difference that noise alone makes between a recording and the mean
+      of the simulations with the effects, estimated from the difference of two of these.
+    * `counts`: (BINS,) float32 pixels looked at.
+    * `maps`: (h, w) images for the report: mean error in sigma of real, before and after.
+    * `groups`: what differs in small groups of pixels.
+    * `grain`: (h, w) float16 static pattern simulated with the effects, in sigma.
+    * `frame`: a frame to show, if one was asked for.
     """
 
     name: str
@@ -110,22 +92,11 @@ def confirm(
     """
     Simulate a recording's scene with and without effects.
 
-    Parameters
-    ----------
-    scene : PlacedScene
-        The recording's, from where its camera and its planes really were.
-    effects : dict
-        Parameters by effect.
-    wrong : dict
-        The same, as wrong as their fit leaves open.
-    seed : int
-        Of the simulations.
-    show : bool
-        Whether the outcome has a frame to show.
-    bare : numpy.ndarray, optional
-        (6 + 3 P,) where the camera and the planes are without effects, if that is elsewhere: an
-        effect moves planes that were not measured, and that is no gap to be closed.
-
+    * `scene`: from where its camera and its planes really were.
+    * `effects`, `wrong`: parameters by effect; the same, as wrong as their fit leaves open.
+    * `show`: whether the outcome has a frame to show.
+    * `bare`: (6 + 3 P,) where the camera and the planes are without effects, if that is elsewhere:
+      an effect moves planes that were not measured, and that is no gap to be closed.
     """
     recording, placed, scenes = scene.recording, scene.placed, scene.covariates
     grouped = GroupSums(recording, placed.clean, placed.reflectivity, scenes)
@@ -194,23 +165,9 @@ def how_far(scene: PlacedScene, effects: dict[str, Any], seed: int) -> list[floa
     """
     Return how far a recording is from its simulation with effects, in tolerances.
 
-    Errors of depth, lost pixels and noise count, jumps included.
-
-    Parameters
-    ----------
-    scene : PlacedScene
-        The recording's, from where its camera and its planes are.
-    effects : dict
-        Parameters by effect.
-    seed : int
-        Of the simulation.
-
-    Returns
-    -------
-    list of float
-        `physical.distance`; of it, depth in millimetres and lost pixels in percent; and the
-        difference of the noise and its correlations, the sum of `NOISE`, each over its tolerance.
-
+    Errors of depth, lost pixels and noise count, jumps included. The values are
+    `physical.distance`; of it, depth in millimetres and lost pixels in percent; and the difference
+    of the noise and its correlations, the sum of `NOISE`, each over its tolerance.
     """
     depth = next(simulated(scene, effects, seed))
     real, other = (

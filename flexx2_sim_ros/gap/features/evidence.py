@@ -45,56 +45,33 @@ class Evidence:
     """
     A recording's summary; all that is decided is decided from these.
 
-    Attributes
-    ----------
-    name : str
-    real, base, base_variance, noise : numpy.ndarray
-        (SIZE,) features of the recording; mean of those of the base simulator, the variance of
-        that mean; the variance of one simulated recording.
-    nulls : numpy.ndarray
-        (S, SIZE) the single simulations.
-    columns : numpy.ndarray
-        (C, SIZE) float32, what each simulated effect changes.
-    pose_columns : numpy.ndarray
-        (6, SIZE) per step of `pose.STEPS`.
-    edge_columns : numpy.ndarray
-        (2, SIZE) per pixel by which edges lie lower (as with pitch) or farther right (yaw).
-    displaced : numpy.ndarray
-        (SIZE,) variance from edges that are known to a part of a pixel only.
-    plane_columns : numpy.ndarray
-        (3 P, SIZE) per step of `planes.PLANE_STEPS`, of planes known within bounds only.
-    truth_spread : numpy.ndarray
-        (SIZE,) what errors of the ground truth as large as its standard deviation change.
-    pose : numpy.ndarray
-        (6,) metres and degrees: how the real camera was moved, as first fitted.
-    sure_pose : numpy.ndarray
-        (6,) what of it is beyond doubt.
-    planes : numpy.ndarray
-        (3 P,) metres and radians: how the planes were moved, as first fitted.
-    covariance : numpy.ndarray or None
-        Of both, as from `prior.covariance_of`.
-    uptime : float or None
-        Mean seconds since power-on.
-    step : float
-        Lattice step that stands out, metres.
-    grain, null_grain : numpy.ndarray
-        (H, W) float16 static pattern in sigma, of the recording and of a simulated one.
-    fingerprint : numpy.ndarray
-        (N,) float16 the first frame's noise; see `grain.fingerprint`.
-    sigma, counts : numpy.ndarray
-        (BINS,) mean sigma_z of the depths that are compared, metres; pixels looked at.
-    compared : int
-        Depths on surfaces that are compared: see `covariates.trusted_sigma`.
-    frames, moving : int, bool
-    notes : tuple of str
-        What of the recording was converted or assumed.
-    axes : dict of str to Axis
-        The camera's.
-    accuracy : Accuracy
-        Of its ground truth.
-    checksum : str
-        SHA-256 of its measured depth.
-
+    * `real`, `base`, `base_variance`, `noise`: (SIZE,) features of the recording; mean of those of
+      the base simulator, the variance of that mean; the variance of one simulated recording.
+    * `nulls`: (S, SIZE) the single simulations.
+    * `columns`: (C, SIZE) float32, what each simulated effect changes.
+    * `pose_columns`: (6, SIZE) per step of `pose.STEPS`.
+    * `edge_columns`: (2, SIZE) per pixel by which edges lie lower (as with pitch) or farther right
+      (yaw).
+    * `displaced`: (SIZE,) variance from edges that are known to a part of a pixel only.
+    * `plane_columns`: (3 P, SIZE) per step of `planes.PLANE_STEPS`, of planes known within bounds
+      only.
+    * `truth_spread`: (SIZE,) what errors of the ground truth as large as its standard deviation
+      change.
+    * `pose`: (6,) metres and degrees: how the real camera was moved, as first fitted.
+    * `sure_pose`: (6,) what of it is beyond doubt.
+    * `planes`: (3 P,) metres and radians: how the planes were moved, as first fitted.
+    * `covariance`: of both, as from `prior.covariance_of`.
+    * `uptime`: mean seconds since power-on.
+    * `step`: lattice step that stands out, metres.
+    * `grain`, `null_grain`: (H, W) float16 static pattern in sigma, of the recording and of a
+      simulated one.
+    * `fingerprint`: (N,) float16 the first frame's noise; see `grain.fingerprint`.
+    * `sigma`, `counts`: (BINS,) mean sigma_z of the depths that are compared, metres; pixels
+      looked at.
+    * `compared`: depths on surfaces that are compared: see `covariates.trusted_sigma`.
+    * `notes`: what of the recording was converted or assumed.
+    * `accuracy`: of its ground truth.
+    * `checksum`: SHA-256 of its measured depth.
     """
 
     name: str
@@ -161,21 +138,9 @@ def gather(
     """
     Look at a recording and simulate everything that could explain it.
 
-    Parameters
-    ----------
-    recording : RecordingData
-        The recording.
-    columns : sequence of Column
-        What to simulate.
-    seed : int
-        Of the simulations.
-    prior : numpy.ndarray
-        (6,) standard deviations of the pose error, metres and degrees.
-    found : mapping
-        What is known of the camera's inside, as from `search.search`.
-    motion : numpy.ndarray, optional
-        (6 + 3 P,) where its camera and its planes are; it is registered when left out.
-
+    `prior` is (6,) standard deviations of the pose error, metres and degrees; `found` what is
+    known of the camera's inside, as from `search.search`; `motion` (6 + 3 P,) where its camera and
+    its planes are. It is registered when left out.
     """
     if motion is None:
         motion, sure = register(recording, prior, *of_registration(found))

@@ -95,23 +95,10 @@ def features(
     sums: Sums, lattice_base: np.ndarray | None = None, enough: int = ENOUGH
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Turn sums into features.
+    Turn sums into features, (SIZE,), and their variance if pixels are independent, (SIZE,).
 
-    Parameters
-    ----------
-    sums : Sums
-        Of a recording.
-    lattice_base : numpy.ndarray, optional
-        Spectrum of the depths of the base simulator, with which the lattice is compared.
-    enough : int
-        A bin with fewer samples is unknown.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (SIZE,) values, NaN where there are too few samples, and their variance if pixels are
-        independent.
-
+    Values are NaN where there are too few samples: a bin with fewer than `enough` is unknown. The
+    lattice is compared with `lattice_base`, the spectrum of the depths of the base simulator.
     """
     s = sums.bins.T
     with np.errstate(invalid='ignore', divide='ignore'):

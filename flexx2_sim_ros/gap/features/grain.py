@@ -34,19 +34,9 @@ def fingerprint(depth: np.ndarray, scenes: Sequence[PixelCovariates]) -> np.ndar
     """
     Return what the first frame's noise is, by which the same noise is known in another recording.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (T, H, W) float32 metres, NaN where invalid.
-    scenes : sequence of PixelCovariates
-        One, or one a frame.
-
-    Returns
-    -------
-    numpy.ndarray
-        (N,) float16, sigma: the first frame's errors less their mean over frames, of some of the
-        pixels; NaN where there is none, all of them in a single frame.
-
+    `depth` is (T, H, W) float32 metres, NaN where invalid. The result is (N,) float16, sigma: the
+    first frame's errors less their mean over frames, of some of the pixels; NaN where there is
+    none, all of them in a single frame.
     """
     clean = np.stack([scene.clean for scene in scenes])
     with np.errstate(invalid='ignore'):

@@ -17,25 +17,15 @@ def count_at_jumps(depth, clean, sigma, ends, follows, sides, out):
     Count depths between the surfaces at a jump, and changes from one surface to the other.
 
     The pixels around a jump are counted together, so that an edge that lies elsewhere by a part of
-    a pixel changes little.
+    a pixel changes little. `depth` is one frame, NaN where invalid; `depth`, `clean` and `sigma`
+    are (H, W) float32 metres.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (H, W) float32 metres, NaN where invalid: one frame.
-    clean, sigma : numpy.ndarray
-        (H, W) float32 metres.
-    ends : numpy.ndarray
-        (2, H, W) float32 metres, how near and how far the surfaces around a pixel are; NaN for
-        pixels that do not count.
-    follows : bool
-        Whether ``sides`` is of the frame before, with the same clean depth.
-    sides : numpy.ndarray
-        (H, W) int8, changed: 1 on the near surface, 2 on the far one, 0 unknown.
-    out : numpy.ndarray
-        (4,) float64, added to: valid depths, depths that no surface around has, pairs of
-        successive depths, and those of them that switch to the other surface.
-
+    * `ends`: (2, H, W) float32 metres, how near and how far the surfaces around a pixel are; NaN
+      for pixels that do not count.
+    * `follows`: whether ``sides`` is of the frame before, with the same clean depth.
+    * `sides`: (H, W) int8, changed: 1 on the near surface, 2 on the far one, 0 unknown.
+    * `out`: (4,) float64, added to: valid depths, depths that no surface around has, pairs of
+      successive depths, and those of them that switch to the other surface.
     """
     height, width = depth.shape
     for y in range(height):

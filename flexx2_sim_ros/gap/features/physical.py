@@ -48,23 +48,15 @@ class Measures:
     """
     Distributions of a recording's errors.
 
-    Attributes
-    ----------
-    millimetres : numpy.ndarray
-        (regions, bins) histogram of depth errors.
-    normal : numpy.ndarray
-        (regions or tiles, bins) histogram of errors in sigma_z, clipped at 6.
-    edges : numpy.ndarray
-        (bins,) the same of pixels at jumps and sharp bends, in the whole image.
-    invalid : numpy.ndarray
-        (2, B) pixels, and invalid pixels, in each bin of distance, amplitude and incidence.
-    noise : numpy.ndarray
-        (2, B) pairs of frames, and the log temporal variance, in sigma_z squared, likewise.
-    correlation, lag : float
-        Correlation of the noise with that of the next pixel, and of the frame before.
-    growth : numpy.ndarray
-        (3,) see `noise_growth`; counted in small tiles only, else 0.
-
+    * `millimetres`: (regions, bins) histogram of depth errors.
+    * `normal`: (regions or tiles, bins) histogram of errors in sigma_z, clipped at 6.
+    * `edges`: (bins,) the same of pixels at jumps and sharp bends, in the whole image.
+    * `invalid`: (2, B) pixels, and invalid pixels, in each bin of distance, amplitude and
+      incidence.
+    * `noise`: (2, B) pairs of frames, and the log temporal variance, in sigma_z squared, likewise.
+    * `correlation`, `lag`: correlation of the noise with that of the next pixel, and of the frame
+      before.
+    * `growth`: (3,) see `noise_growth`; counted in small tiles only, else 0.
     """
 
     millimetres: np.ndarray
@@ -90,23 +82,14 @@ def histogram(
     at_edges: bool = True,
 ) -> Measures:
     """
-    Count errors of a recording's frames.
+    Count errors of a recording's frames, (T, H, W) metres, NaN where invalid.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (T, H, W) metres, NaN where invalid.
-    scenes : sequence of PixelCovariates
-        One for a still scene, otherwise one for each frame.
-    sums : Sums
-        Of the same frames.
-    side : int, optional
-        Errors in sigma_z are counted in tiles of so many pixels a side, in all frames. Without, in
-        12 regions of the image, in a third of the frames: that is enough there.
-    at_edges : bool
-        Whether errors at jumps and sharp bends are counted in the regions or tiles as well. A
-        fitted pose puts jumps a part of a pixel aside, and that error is not the camera's.
-
+    * `scenes`: one for a still scene, otherwise one for each frame.
+    * `sums`: of the same frames.
+    * `side`: errors in sigma_z are counted in tiles of so many pixels a side, in all frames.
+      Without, in 12 regions of the image, in a third of the frames: that is enough there.
+    * `at_edges`: whether errors at jumps and sharp bends are counted in the regions or tiles as
+      well. A fitted pose puts jumps a part of a pixel aside, and that error is not the camera's.
     """
     height, width = depth.shape[1:]
     v, u = np.mgrid[:height, :width]
@@ -141,25 +124,13 @@ def histogram(
 
 def noise_growth(depth: np.ndarray, scenes: Sequence[PixelCovariates]) -> np.ndarray:
     """
-    Return how noise differs between frames the farther these are apart.
+    Return how noise differs between frames the farther these are apart, (3,).
 
-    It tells one filter over frames from another: without any, frames that follow each other
-    differ as much as others.
-
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (T, H, W) metres, NaN where invalid.
-    scenes : sequence of PixelCovariates
-        One for a still scene, otherwise one for each frame.
-
-    Returns
-    -------
-    numpy.ndarray
-        (3,) ln of the mean squared difference of the errors in sigma_z of a pixel, 2, 3 and 4
-        frames apart, over that of frames that follow each other; 0 with fewer than 6 frames or
-        too few pixels. On surfaces, without errors beyond 6 sigma_z.
-
+    It tells one filter over frames from another: without any, frames that follow each other differ
+    as much as others. The values are ln of the mean squared difference of the errors in sigma_z of
+    a pixel, 2, 3 and 4 frames apart, over that of frames that follow each other; 0 with fewer than
+    6 frames or too few pixels. They are of surfaces, without errors beyond 6 sigma_z. `depth` is
+    (T, H, W) metres, NaN where invalid.
     """
     if len(depth) < MEASURES.apart[-1] + 2:
         return np.zeros(len(MEASURES.apart))
@@ -194,22 +165,17 @@ _SEEN = np.concatenate([_SURFACES, _bins_of('edge', 'beyond')])
 
 def distances(real: Measures, other: Measures) -> dict[str, float]:
     """
-    Return how far two recordings of one scene are apart.
+    Return how far two recordings of one scene are apart, in each of `UNITS`.
 
-    Returns
-    -------
-    dict
-        For each of `UNITS`. ``wasserstein_mm``, ``wasserstein_sigma``: Wasserstein-1 distance of
-        the depth errors in each of 12 regions of the image, in millimetres, and in sigma_z
-        (errors are clipped at 6 sigma_z; in small tiles if the histograms are), mean over
-        regions; ``edge_sigma``: the same at jumps
-        and sharp bends; ``invalid_rate``: mean absolute difference of the fraction of invalid
-        pixels over bins of distance, amplitude, incidence, edges and beyond range;
-        ``log_variance``: mean absolute difference of the log temporal variance over bins of
-        distance, amplitude and incidence; ``correlation``, ``lag``: absolute difference of the
-        correlation with the next pixel, and with the frame before; ``kl_nats``:
-        Kullback-Leibler divergence of the real normalised errors from the simulated ones.
-
+    ``wasserstein_mm``, ``wasserstein_sigma``: Wasserstein-1 distance of the depth errors in each
+    of 12 regions of the image, in millimetres, and in sigma_z (errors are clipped at 6 sigma_z; in
+    small tiles if the histograms are), mean over regions; ``edge_sigma``: the same at jumps and
+    sharp bends; ``invalid_rate``: mean absolute difference of the fraction of invalid pixels over
+    bins of distance, amplitude, incidence, edges and beyond range; ``log_variance``: mean absolute
+    difference of the log temporal variance over bins of distance, amplitude and incidence;
+    ``correlation``, ``lag``: absolute difference of the correlation with the next pixel, and with
+    the frame before; ``kl_nats``: Kullback-Leibler divergence of the real normalised errors from
+    the simulated ones.
     """
     edges = [one[None] for one in (real.edges, other.edges)]
     return {
@@ -226,17 +192,11 @@ def distances(real: Measures, other: Measures) -> dict[str, float]:
 
 def distance(apart: Mapping[str, float]) -> float:
     """
-    Return how far two recordings are apart as one number.
+    Return how far two recordings are apart as one number, from their `distances`.
 
     It is the Wasserstein distance in units of 0.1 sigma_z plus the difference of the fraction of
     invalid pixels in units of 0.8 %, the diagnosis' tolerances. Below 1 a difference does not
     matter.
-
-    Parameters
-    ----------
-    apart : mapping
-        As from `distances`.
-
     """
     return sum(apart[unit] / tolerance for unit, tolerance in COUNTED.items())
 
@@ -245,17 +205,13 @@ def mismatch(real: Measures, other: Measures) -> float:
     """
     Return a smooth counterpart of `distance`, to fit parameters by.
 
-    The Wasserstein distance of two samples of one distribution is not zero and hides small
-    shifts. In the energy distance (Szekely and Rizzo 2013), the square of a small shift is added
-    to what noise leaves. Regions far apart count in proportion, and not by their square.
+    The Wasserstein distance of two samples of one distribution is not zero and hides small shifts.
+    In the energy distance (Szekely and Rizzo 2013), the square of a small shift is added to what
+    noise leaves. Regions far apart count in proportion, and not by their square.
 
-    Returns
-    -------
-    float
-        Mean over regions or tiles of the energy distance of errors in sigma_z, plus mean over bins
-        of the squared difference of the fraction of invalid pixels, plus that of `noise_growth`;
-        all in squared tolerances, and as a pseudo-Huber loss.
-
+    It is the mean over regions or tiles of the energy distance of errors in sigma_z, plus the mean
+    over bins of the squared difference of the fraction of invalid pixels, plus that of
+    `noise_growth`; all in squared tolerances, and as a pseudo-Huber loss.
     """
     shifted = COUNTED['wasserstein_sigma'] ** 2 / math.sqrt(math.pi)
     to_energy = 2 * (2 * _SIGMAS / _NORMAL) / shifted

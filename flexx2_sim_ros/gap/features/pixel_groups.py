@@ -30,20 +30,13 @@ class PixelGroups:
     """
     The groups of a recording.
 
-    Attributes
-    ----------
-    count : numpy.ndarray
-        (N,) pixels, over all frames.
-    effect, real : numpy.ndarray
-        (N, 7) what effects change and what the real camera shows beyond the plain simulation;
-        `GROUP_CHANNELS`.
-    bias : numpy.ndarray
-        (N,) how much farther the real camera's mean depth is, metres.
-    limit, real_limit : numpy.ndarray
-        (N, 7) beyond which a difference matters and is no noise.
-    samples : numpy.ndarray
-        (N, 12, A) int16: bins of some of their pixels along `ENDLESS`, -1 where there are fewer.
-
+    * `count`: (N,) pixels, over all frames.
+    * `effect`, `real`: (N, 7) what effects change and what the real camera shows beyond the plain
+      simulation; `GROUP_CHANNELS`.
+    * `bias`: (N,) how much farther the real camera's mean depth is, metres.
+    * `limit`, `real_limit`: (N, 7) beyond which a difference matters and is no noise.
+    * `samples`: (N, 12, A) int16: bins of some of their pixels along `ENDLESS`, -1 where there are
+      fewer.
     """
 
     count: np.ndarray
@@ -59,15 +52,8 @@ class GroupSums:
     """
     Which group each pixel belongs to, and sums over them.
 
-    Parameters
-    ----------
-    recording : RecordingData
-        The recording.
-    clean, reflectivity : numpy.ndarray
-        (H, W) or (T, H, W) as the camera really stood; reflectivity may be None.
-    scenes : sequence of PixelCovariates
-        Their covariates.
-
+    `clean` and `reflectivity` are (H, W) or (T, H, W) as the camera really stood, `scenes` their
+    covariates; reflectivity may be None.
     """
 
     def __init__(
@@ -134,17 +120,10 @@ class GroupSums:
         frames: int,
     ) -> PixelGroups:
         """
-        Compare.
+        Compare sums of the recording with those of simulations, all of so many `frames`.
 
-        Parameters
-        ----------
-        real : numpy.ndarray
-            Sums of the recording.
-        before, after : sequence of numpy.ndarray
-            Of simulations without and with effects, each pair with the same random numbers.
-        frames : int
-            That were summed up.
-
+        Each pair of simulations `before` and `after`, without and with effects, has the same
+        random numbers.
         """
         enough = real[:, 0] >= max(_PER_FRAME * frames, _FEWEST)
         plain = [_features(sums[enough]) for sums in before]

@@ -38,22 +38,13 @@ def count_errors(depth, clean, sigma, surface, regions, tiles, at_edges, counts,
     """
     Count the errors of a frame.
 
-    Parameters
-    ----------
-    depth, clean, sigma : numpy.ndarray
-        (H, W) float32 metres, NaN where invalid or where nothing is seen.
-    surface : numpy.ndarray
-        (H, W) bool, pixels away from jumps and sharp bends.
-    regions, tiles : numpy.ndarray
-        (H, W) int64, the row of ``counts`` and of ``normal`` for each pixel.
-    at_edges : bool
-        Whether pixels that are not on a surface are counted there as well.
-    counts : numpy.ndarray
-        (R, 2 half + 1) int64, added to: errors in bins of `MEASURES.bin_mm`.
-    normal, edges : numpy.ndarray
-        (N, B) and (B,) int64, added to: errors in sigma_z, clipped; ``edges`` of pixels that are
-        not on a surface.
-
+    * `depth`, `clean`, `sigma`: (H, W) float32 metres, NaN where invalid or where nothing is seen.
+    * `surface`: (H, W) bool, pixels away from jumps and sharp bends.
+    * `regions`, `tiles`: (H, W) int64, the row of ``counts`` and of ``normal`` for each pixel.
+    * `at_edges`: whether pixels that are not on a surface are counted there as well.
+    * `counts`: (R, 2 half + 1) int64, added to: errors in bins of `MEASURES.bin_mm`.
+    * `normal`, `edges`: (N, B) and (B,) int64, added to: errors in sigma_z, clipped; ``edges`` of
+      pixels that are not on a surface.
     """
     for y in range(depth.shape[0]):
         for x in range(depth.shape[1]):

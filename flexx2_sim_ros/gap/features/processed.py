@@ -27,14 +27,8 @@ class Processed(NamedTuple):
     """
     A recording against its simulations, all of them processed.
 
-    Attributes
-    ----------
-    apart : Apart
-        Without and with the effects.
-    rises : dict of str to numpy.ndarray
-        (3,) by how much it is farther from the simulation without each effect; see
-        `confirm.how_far`.
-
+    `apart` is without and with the effects; `rises`, (3,), by how much it is farther from the
+    simulation without each effect: see `confirm.how_far`.
     """
 
     apart: Apart
@@ -49,28 +43,11 @@ def process_both(
     bare: np.ndarray | None = None,
 ) -> Processed:
     """
-    Process a recording and its simulations, and compare them.
+    Process a recording and its simulations, and compare them; parameters as for `confirm.confirm`.
 
-    The random numbers are those of `confirm.confirm`.
-
-    Parameters
-    ----------
-    scene : PlacedScene
-        The recording's, from where its camera and its planes were.
-    effects : dict
-        Parameters by effect.
-    stages : sequence of Stage
-        What the robot's program does to depth; metres throughout.
-    seed : int
-        Of the simulations.
-    bare : numpy.ndarray, optional
-        As for `confirm.confirm`.
-
-    Raises
-    ------
-    InputError
-        When the images are too small for the stages, or too few depths are left.
-
+    The random numbers are those of `confirm.confirm`, too. `stages` is what the robot's program
+    does to depth; metres throughout. Raises `InputError` when the images are too small for the
+    stages, or too few depths are left.
     """
     side = ProcessedScene.of(scene, stages)
 
@@ -103,15 +80,8 @@ class ProcessedScene:
     """
     The scene of a recording as the processed images show it.
 
-    Attributes
-    ----------
-    scene : PlacedScene
-        With the lens, the frames and the clean depth of the processed images. Clean depth is
-        processed as depth is.
-    stages : tuple of Stage
-    unprocessed : PlacedScene
-        The recording's.
-
+    `scene` has the lens, the frames and the clean depth of the processed images; clean depth is
+    processed as depth is. `unprocessed` is the recording's.
     """
 
     scene: PlacedScene

@@ -39,15 +39,8 @@ class RowSurfaces(NamedTuple):
     """
     What of a clean image the sums need; see `PixelCovariates`.
 
-    Attributes
-    ----------
-    clean, sigma : numpy.ndarray
-        (H, W) float32 metres.
-    inside : numpy.ndarray
-        (H, W) bool, surfaces away from jumps.
-    first, runs : numpy.ndarray
-        (H + 1,) int32 and (N, 3) int16: runs of pixels in one bin, row by row.
-
+    `clean` and `sigma` are (H, W) float32 metres; `inside` (H, W) bool, surfaces away from jumps;
+    `first`, (H + 1,) int32, and `runs`, (N, 3) int16, the runs of pixels in one bin, row by row.
     """
 
     clean: np.ndarray
@@ -59,17 +52,10 @@ class RowSurfaces(NamedTuple):
 
 class FrameTimes(NamedTuple):
     """
-    Which frames are summed.
+    Which frames are summed, each (T,).
 
-    Attributes
-    ----------
-    start : numpy.ndarray
-        (T,) bool, frames that do not follow the one before.
-    use : numpy.ndarray
-        (T,) bool, frames that are summed.
-    times : numpy.ndarray
-        (T,) float32, -0.5 to 0.5 over the recording.
-
+    `start` is bool, frames that do not follow the one before; `use` bool, frames that are summed;
+    `times` float32, -0.5 to 0.5 over the recording.
     """
 
     start: np.ndarray
@@ -81,15 +67,9 @@ class FrameSums(NamedTuple):
     """
     Sums of each frame's surfaces, of differences to the frame before unless it says otherwise.
 
-    Attributes
-    ----------
-    rows, columns : numpy.ndarray
-        (T, 2, H) and (T, 2, W) float32: sum and number in each row and column.
-    squares : numpy.ndarray
-        (T,) float64 sum of squares.
-    invalid : numpy.ndarray
-        (T, H) float64 invalid pixels of the frame itself.
-
+    `rows`, (T, 2, H), and `columns`, (T, 2, W) float32, are sum and number in each row and column;
+    `squares`, (T,) float64, the sum of squares; `invalid`, (T, H) float64, the invalid pixels of
+    the frame itself.
     """
 
     rows: np.ndarray
@@ -102,17 +82,10 @@ class PixelSums(NamedTuple):
     """
     Sums over all frames.
 
-    Attributes
-    ----------
-    bins : numpy.ndarray
-        (BINS, WIDTH) float64, columns as numbered above.
-    mean : numpy.ndarray
-        (2, H, W) float32: per pixel the sum of errors (metres), and their number.
-    sigma : numpy.ndarray
-        (H, W) float32 sum of sigma_z.
-    errors : numpy.ndarray
-        (3, H, W) float32 memory: errors in sigma of the last frame and the two before.
-
+    * `bins`: (BINS, WIDTH) float64, columns as numbered above.
+    * `mean`: (2, H, W) float32: per pixel the sum of errors (metres), and their number.
+    * `sigma`: (H, W) float32 sum of sigma_z.
+    * `errors`: (3, H, W) float32 memory: errors in sigma of the last frame and the two before.
     """
 
     bins: np.ndarray
@@ -128,24 +101,8 @@ def gather_rows(depth, surfaces, frames, frame_sums, pixel_sums, passing, step):
 
     Row by row; loops are short so that they become vector code. A row's sums run on from pixel to
     pixel, so that a bin's part is the difference between the ends of each run of pixels in it.
-
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (T, H, W) float32 metres, NaN where invalid.
-    surfaces : RowSurfaces
-        The clean image.
-    frames : FrameTimes
-        Which frames count.
-    frame_sums : FrameSums
-        Added to.
-    pixel_sums : PixelSums
-        Added to.
-    passing : bool
-        Whether the next frame has another clean image.
-    step : int
-        Every which row is summed.
-
+    `depth` is (T, H, W) float32 metres, NaN where invalid. `passing`: the next frame has another
+    clean image. Every `step`-th row is summed.
     """
     _, height, width = depth.shape
     zero = np.float32(0)

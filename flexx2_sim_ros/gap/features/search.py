@@ -23,20 +23,9 @@ _USUAL = (4,), (1,), (1, 2), (1, 2, 3, 4)  # harmonics of the profile that the c
 
 def search(clues: Sequence[Clues], mode: Mode) -> Found:
     """
-    Return what the recordings of one camera show of its inside.
+    Return what the recordings of one camera show of its inside, by internal.
 
-    Parameters
-    ----------
-    clues : sequence of Clues
-        One for each recording.
-    mode : Mode
-        The camera's, as in its profile.
-
-    Returns
-    -------
-    mapping of str to tuple of float
-        By internal, only those that stand out and are not in the profile.
-
+    Only what stands out and is not in the profile, whose mode is `mode`.
     """
     found = {name: one(clues, mode) for name, one in SEARCHES.items()}
     return {name: values for name, values in found.items() if values}
@@ -44,17 +33,12 @@ def search(clues: Sequence[Clues], mode: Mode) -> Found:
 
 def wave(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     """
-    Find the period of a bias over the range.
+    Find the period of a bias over the range, metres.
 
-    A sine and its second harmonic are fitted to the errors at every period, together with the
-    pose of each recording, a line over range and a latency (as for Lomb-Scargle periodograms).
-    The period is the one that explains most of the errors of recordings left out of the fit.
-
-    Returns
-    -------
-    tuple of float
-        The period, metres; empty if the harmonics of the profile explain about as much.
-
+    A sine and its second harmonic are fitted to the errors at every period, together with the pose
+    of each recording, a line over range and a latency (as for Lomb-Scargle periodograms). The
+    period is the one that explains most of the errors of recordings left out of the fit. It is
+    empty if the harmonics of the profile explain about as much.
     """
     parts = _parts(clues, slice(None))
     if len(parts) < 2:
@@ -78,11 +62,7 @@ def stretch(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     """
     Find a bias in proportion to distance, which the fit of a pose would take for a motion.
 
-    Returns
-    -------
-    tuple of float
-        The fraction of the distance; empty if it is small, or explains little.
-
+    It is a fraction of the distance; empty if it is small, or explains little.
     """
     parts = _parts(clues, [i for i in range(clues[0].own.shape[1]) if i != LINE])
     if len(parts) < 2:
@@ -195,11 +175,7 @@ def fold(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     """
     Find the range after which distances repeat: the most frequent jump of depths that are short.
 
-    Returns
-    -------
-    tuple of float
-        Metres along the ray; empty if jumps do not have a length in common.
-
+    It is in metres along the ray; empty if jumps do not have a length in common.
     """
     jumps, measured, beyond = _jumps(clues)
     looked = sum(one.looked for one in clues)
@@ -239,13 +215,8 @@ def latency(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     Find how old the images of moving scenes are, by comparing them with earlier and later ones.
 
     A filter over frames makes what moves late, too. It shows in still scenes, whose frames it
-    makes alike.
-
-    Returns
-    -------
-    tuple of float
-        Seconds; empty if none explains more than the stamps do, or if a filter explains it.
-
+    makes alike. The latency is in seconds; empty if none explains more than the stamps do, or if a
+    filter explains it.
     """
     losses = [one.late for one in clues if len(one.late) and np.isfinite(one.late).any()]
     if not losses:
@@ -282,11 +253,8 @@ def glare(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     """
     Find the amplitude above which depths are lost, with light that surfaces reflect head-on.
 
-    Returns
-    -------
-    tuple of float
-        Amplitude in 1/m^2, slope, gloss and the width of its lobe, degrees; or nothing.
-
+    The values are the amplitude in 1/m^2, slope, gloss and the width of its lobe, degrees; or
+    nothing.
     """
     expected, lost = np.sum([one.light for one in clues], axis=0)
     angles = _middles(np.array(SEARCH.incidences))

@@ -23,17 +23,8 @@ class PlacedScene:
     """
     A recording with its registered scene.
 
-    Attributes
-    ----------
-    recording : RecordingData
-        The recording.
-    placed : Placed
-        Clean depth and reflectivity from the fitted pose.
-    covariates : sequence of PixelCovariates
-        One for a still scene, otherwise one for each frame.
-    warm : int
-        How many frames after a gap are left out.
-
+    `placed` is clean depth and reflectivity from the fitted pose; `covariates` is one for a still
+    scene, otherwise one for each frame. `warm` frames after a gap are left out.
     """
 
     recording: RecordingData
@@ -62,17 +53,7 @@ class PlacedScene:
 
 
 class Scenes(Sequence[PixelCovariates]):
-    """
-    The covariates of each frame, or of the one image of a still scene, made when first asked for.
-
-    Parameters
-    ----------
-    recording : RecordingData
-        The recording.
-    placed : Placed
-        Its registered scene.
-
-    """
+    """Covariates of each frame, or of the image of a still scene, made when asked for."""
 
     def __init__(self, recording: RecordingData, placed: Placed) -> None:
         """Remember what they are made of."""
@@ -172,26 +153,10 @@ def counts_edges(effects: Any) -> bool:
 
 class PartialSimulation:
     """
-    Some of a recording's frames, simulated with common random numbers.
+    Some of a recording's frames, (N,) `frames`, simulated with common random numbers.
 
-    Parameters
-    ----------
-    scene : PlacedScene
-        The recording's.
-    frames : numpy.ndarray
-        (N,) which frames.
-    seed : int
-        Of the simulation.
-    spectrum : numpy.ndarray
-        Of the base simulator's depths; see `features`.
-    warm : int
-        How many frames after a gap are left out.
-
-    Attributes
-    ----------
-    base : numpy.ndarray
-        (SIZE,) features without effects but the given ones.
-
+    `spectrum` is that of the base simulator's depths, see `features`; `warm` frames after a gap
+    are left out. `base` is (SIZE,) features without effects but the given ones.
     """
 
     def __init__(

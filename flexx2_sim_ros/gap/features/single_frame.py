@@ -16,16 +16,9 @@ class SingleFrame:
     """
     One frame, and the same simulated without and with effects.
 
-    Attributes
-    ----------
-    index : int
-        Which of the recording's frames.
-    depth : numpy.ndarray
-        (3, h, w) float32 metres, NaN where invalid: real, without and with effects; at most 224
-        pixels wide and high.
-    places : dict of str to numpy.ndarray
-        (h, w) int8 bin of each pixel along each of `AXES` but ``tile``, -1 for none.
-
+    `index` is its place in the recording. `depth` is (3, h, w) float32 metres, NaN where invalid:
+    real, without and with effects; at most 224 pixels wide and high. `places` is (h, w) int8 bin
+    of each pixel along each of `AXES` but ``tile``, -1 for none.
     """
 
     index: int
@@ -39,15 +32,7 @@ def single_frame(
     """
     Put together what the report shows of a frame.
 
-    Parameters
-    ----------
-    index : int
-        Which of the recording's frames.
-    depths : sequence of numpy.ndarray
-        (H, W) metres: real, without and with effects.
-    scenes : sequence of PixelCovariates
-        One, or one a frame.
-
+    `depths` are (H, W) metres: real, without and with effects; `scenes` is one, or one a frame.
     """
     scene = scenes[index] if len(scenes) > 1 else scenes[0]
     step = -(-max(scene.clean.shape) // _WIDEST)

@@ -23,28 +23,18 @@ class Sums:
     """
     Sums over the pixels and frames of a recording. Sums of two parts of it can be added.
 
-    Attributes
-    ----------
-    bins : numpy.ndarray
-        (BINS, WIDTH) float64, see `row_sums`.
-    pairs : numpy.ndarray
-        (7,) float64, of the differences between frames: (sum^2 - sum of squares) and the number
-        of pairs, over whole frames, rows and columns; and the sum of squares.
-    losses : numpy.ndarray
-        (2,) float64: how much the squared change of the number of invalid pixels in a row exceeds
-        that of independent pixels, and the number of pairs of pixels.
-    spread : numpy.ndarray
-        (3,) float64: sum, sum of squares and count of each frame's log mean squared difference.
-    mean : numpy.ndarray
-        (2, H, W) float32: per pixel the sum of errors (metres), and count.
-    sigma : numpy.ndarray
-        (H, W) float32, sum of sigma_z where ``mean`` counts.
-    lattice : numpy.ndarray or None
-        (2, N) histograms of depth and of distance along the ray. Steps of a phase are steps of
-        that distance.
-    jumps : numpy.ndarray
-        (4,) float64 numbers of depths at jumps; see `jumps.count_at_jumps`.
-
+    * `bins`: (BINS, WIDTH) float64, see `row_sums`.
+    * `pairs`: (7,) float64, of the differences between frames: (sum^2 - sum of squares) and the
+      number of pairs, over whole frames, rows and columns; and the sum of squares.
+    * `losses`: (2,) float64: how much the squared change of the number of invalid pixels in a row
+      exceeds that of independent pixels, and the number of pairs of pixels.
+    * `spread`: (3,) float64: sum, sum of squares and count of each frame's log mean squared
+      difference.
+    * `mean`: (2, H, W) float32: per pixel the sum of errors (metres), and count.
+    * `sigma`: (H, W) float32, sum of sigma_z where ``mean`` counts.
+    * `lattice`: (2, N) histograms of depth and of distance along the ray. Steps of a phase are
+      steps of that distance.
+    * `jumps`: (4,) float64 numbers of depths at jumps; see `jumps.count_at_jumps`.
     """
 
     bins: np.ndarray
@@ -66,28 +56,11 @@ def accumulate(
     thin: bool = False,
 ) -> Sums:
     """
-    Sum the frames of a recording.
+    Sum the frames of a recording, (T, H, W) float32 metres, NaN where invalid.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (T, H, W) float32 metres, NaN where invalid.
-    scenes : sequence of PixelCovariates
-        One, or one a frame.
-    fresh : numpy.ndarray
-        (T,) bool, frames that do not directly follow the one before.
-    warm : int
-        How many frames after a fresh one are left out, while filters of the camera settle.
-    lattice : bool
-        Whether to make the histograms of depth.
-    thin : bool
-        Whether to use every second row only.
-
-    Returns
-    -------
-    Sums
-        Of these frames.
-
+    `scenes` is one, or one a frame. (T,) bool `fresh` marks frames that do not directly follow the
+    one before; `warm` frames after them are left out, while filters of the camera settle. With
+    `lattice` the histograms of depth are made; `thin` uses every second row only.
     """
     frames = _frame_times(fresh, warm)
     frame_sums, pixel_sums = _sum_frames(depth, scenes, frames, thin)
