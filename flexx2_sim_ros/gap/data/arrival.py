@@ -10,13 +10,9 @@ import numpy as np
 @dataclass(frozen=True)
 class Arrival:
     """
-    The time from the stamp of a frame to its arrival, over the frames of a recording.
+    Seconds from the stamp of a frame to its arrival, over the frames of a recording.
 
-    Attributes
-    ----------
-    median, low, high : float
-        Seconds; 5 % of the frames are below ``low``, and 5 % above ``high``.
-
+    5 % of the frames are below `low`, and 5 % above `high`.
     """
 
     median: float
@@ -26,21 +22,10 @@ class Arrival:
 
 def find_arrival(reader: RecordingReader, notes: list[str]) -> Arrival | None:
     """
-    Return how late the frames of a recording arrived.
+    Return how late the frames of a recording arrived; None where the recording does not say.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        The recording.
-    notes : list of str
-        Gets a note where the times are of another clock than the stamps.
-
-    Returns
-    -------
-    Arrival or None
-        None where the recording does not say, or where the times are of another clock: the median
-        is negative or above a second.
-
+    It is also None where the times are of another clock than the stamps, with a note in `notes`:
+    the median is negative or above a second.
     """
     received = reader.received_ns
     if received is None:

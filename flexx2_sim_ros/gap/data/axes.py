@@ -16,18 +16,9 @@ class Axis:
     """
     One covariate and its bins.
 
-    Attributes
-    ----------
-    name, unit : str
-    edges : tuple of float
-        Limits between bins, one fewer than bins. Empty if the bins are classes, and in `AXES` if
-        the edges depend on the camera.
-    bins : int
-    start : int
-        Index of its first bin among the bins of all axes.
-    full : bool
-        Whether all channels are measured along it; otherwise only bias and invalid pixels.
-
+    `edges` are limits between bins, one fewer than bins; empty if the bins are classes, and in
+    `AXES` if the edges depend on the camera. `start` is the index of its first bin among those of
+    all axes. `full`: all channels are measured along it; otherwise only bias and invalid pixels.
     """
 
     name: str
@@ -91,12 +82,8 @@ def axes_of(camera: Profile) -> Axes:
     """
     Return the axes with the bins of a camera.
 
-    Parameters
-    ----------
-    camera : Profile
-        Its range over all modes gives the bins of ``distance``. Its highest modulation frequency
-        gives those of ``fine_distance``, or its range if it has no modulation frequency.
-
+    Its range over all modes gives the bins of ``distance``. Its highest modulation frequency gives
+    those of ``fine_distance``, or its range if it has no modulation frequency.
     """
     return _axes_between(
         min(mode.range_min for mode in camera.modes),

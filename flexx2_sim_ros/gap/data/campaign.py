@@ -28,20 +28,10 @@ class Found:
     """
     A recording of the campaign.
 
-    Attributes
-    ----------
-    path : pathlib.Path
-    mode : Mode
-    notes : tuple of str
-        Irregularities of the recording, for people.
-    brightest : float
-        Largest floating-point amplitude of the recording; 0 where no scale has to be guessed.
-    full_scale : float or None
-        The floating-point amplitude that is the camera's full scale; None: guessed from the
-        recording alone, if at all.
-    arrival : Arrival or None
-        How late its frames arrived, where it says so.
-
+    `notes` are its irregularities, for people. `brightest` is its largest floating-point
+    amplitude, 0 where no scale has to be guessed; `full_scale` the floating-point amplitude that
+    is the camera's full scale (None: guessed from the recording alone, if at all). `arrival` is
+    how late its frames arrived, where it says so.
     """
 
     path: Path
@@ -67,29 +57,12 @@ def of_one_mode(
     full_scale: float | None = None,
 ) -> tuple[list[Found], list[tuple[str, str]]]:
     """
-    Choose the recordings of the mode that most of them have.
+    Choose the recordings of the mode that most of them have, and give them their full scale.
 
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        The campaign.
-    paths : sequence of pathlib.Path
-        What is in it.
-    checked : sequence of Found or str
-        What `check` says of each.
-    full_scale : float, optional
-        Full scale of a floating-point amplitude (default: guessed from all these recordings).
-
-    Returns
-    -------
-    tuple
-        These recordings, with their full scale; names and reasons of those left out.
-
-    Raises
-    ------
-    InputError
-        When none can be used; the message names every file and what is wrong.
-
+    `checked` is what `check` says of each path; `full_scale` that of a floating-point amplitude,
+    guessed from all these recordings when left out. The second list has names and reasons of those
+    left out. Raises `InputError` when none can be used; the message names every file and what is
+    wrong.
     """
     found = [one for one in checked if isinstance(one, Found)]
     left_out = [
@@ -181,20 +154,9 @@ def read(found: Found, profile: Profile | None, known: Table | None = None) -> R
     """
     Read what the diagnosis needs of a recording. Long recordings are read in part.
 
-    Parameters
-    ----------
-    found : Found
-        The recording.
-    profile : Profile or None
-        The camera, the Flexx2 if None.
-    known : mapping, optional
-        Effects that the base simulator has: parameters by name.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read or compared; the message names the file and the key.
-
+    The camera is the Flexx2 if `profile` is None. `known` are effects that the base simulator has,
+    parameters by name. Raises `InputError` when the recording cannot be read or compared; the
+    message names the file and the key.
     """
     path = found.path
     reader = open_recording(path, profile=profile)

@@ -19,36 +19,22 @@ class Clues:
     """
     What one recording shows. Samples are pixels on surfaces, of the mean over a still scene.
 
-    Attributes
-    ----------
-    error : numpy.ndarray
-        (N,) metres, measured less clean depth.
-    sigma : numpy.ndarray
-        (N,) metres, of the errors.
-    own : numpy.ndarray
-        (N, 9) metres: what a small motion of the camera, an offset of range, a depth scale and a
-        latency change.
-    length : numpy.ndarray
-        (N,) length of each pixel's ray, as a multiple of its depth.
-    distance : numpy.ndarray
-        (N,) metres along the ray.
-    light : numpy.ndarray
-        (2, B, A) expected and lost depths, by the logarithm of the amplitude, see `light_edges`,
-        and the angle of incidence, see `SEARCH.incidences`.
-    folds : numpy.ndarray
-        (2, F) metres along the ray, true and measured, of pixels whose depth is too short by more
-        than a decimetre.
-    beyond : int
-        How many pixels have a depth that is too long by as much.
-    looked : int
-        How many valid depths were looked at for both.
-    late : numpy.ndarray
-        (L,) loss at each latency of `SEARCH.latencies` over that of the same frames at their
-        stamps; empty for a still scene.
-    lag : float
-        Age that a filter over frames gives to what moves, seconds, by how alike the frames of a
-        still scene are; NaN where that is not known.
-
+    * `error`: (N,) metres, measured less clean depth.
+    * `sigma`: (N,) metres, of the errors.
+    * `own`: (N, 9) metres: what a small motion of the camera, an offset of range, a depth scale
+      and a latency change.
+    * `length`: (N,) length of each pixel's ray, as a multiple of its depth.
+    * `distance`: (N,) metres along the ray.
+    * `light`: (2, B, A) expected and lost depths, by the logarithm of the amplitude, see
+      `light_edges`, and the angle of incidence, see `SEARCH.incidences`.
+    * `folds`: (2, F) metres along the ray, true and measured, of pixels whose depth is too short
+      by more than a decimetre.
+    * `beyond`: how many pixels have a depth that is too long by as much.
+    * `looked`: how many valid depths were looked at for both.
+    * `late`: (L,) loss at each latency of `SEARCH.latencies` over that of the same frames at their
+      stamps; empty for a still scene.
+    * `lag`: age that a filter over frames gives to what moves, seconds, by how alike the frames of
+      a still scene are; NaN where that is not known.
     """
 
     error: np.ndarray

@@ -32,31 +32,19 @@ class PixelCovariates:
     """
     The covariates of one clean frame.
 
-    Attributes
-    ----------
-    runs : numpy.ndarray
-        (N, 3) int16, sorted by row. Each run is a stretch of a row in the same bin: first column,
-        column after the last, and index among the bins of all axes.
-    first : numpy.ndarray
-        (H + 1,) int32, index of the first run of each row.
-    sigma : numpy.ndarray
-        (H, W) float32, the base model's sigma_z, metres.
-    trusted : float
-        Largest sigma_z, metres, that says how depth errors are distributed: see `trusted_sigma`.
-    clean : numpy.ndarray
-        (H, W) float32, NaN where the mode measures nothing.
-    inside : numpy.ndarray
-        (H, W) bool, surfaces away from jumps and sharp bends.
-    ray : numpy.ndarray
-        (H, W) float32, distance along the pixel's ray as a multiple of its depth.
-    compared : numpy.ndarray
-        (H, W) bool, pixels that are compared: ground truth is known at and around them.
-    at_jump : numpy.ndarray
-        (H, W) bool, compared pixels up to 3 px from a jump.
-    ends : numpy.ndarray
-        (2, H, W) float32 metres, how near and how far the surfaces around these pixels are; NaN
-        elsewhere.
-
+    * `runs`: (N, 3) int16, sorted by row. Each run is a stretch of a row in the same bin: first
+      column, column after the last, and index among the bins of all axes.
+    * `first`: (H + 1,) int32, index of the first run of each row.
+    * `sigma`: (H, W) float32, the base model's sigma_z, metres.
+    * `trusted`: largest sigma_z, metres, that says how depth errors are distributed: see
+      `trusted_sigma`.
+    * `clean`: (H, W) float32, NaN where the mode measures nothing.
+    * `inside`: (H, W) bool, surfaces away from jumps and sharp bends.
+    * `ray`: (H, W) float32, distance along the pixel's ray as a multiple of its depth.
+    * `compared`: (H, W) bool, pixels that are compared: ground truth is known at and around them.
+    * `at_jump`: (H, W) bool, compared pixels up to 3 px from a jump.
+    * `ends`: (2, H, W) float32 metres, how near and how far the surfaces around these pixels are;
+      NaN elsewhere.
     """
 
     runs: np.ndarray
@@ -99,33 +87,13 @@ def look_at(
     """
     Sort the pixels of a frame into the bins of all axes.
 
-    Parameters
-    ----------
-    clean : numpy.ndarray
-        (H, W) float32 metres.
-    before : numpy.ndarray or None
-        (H, W) float32 metres, the frame before it, if the scene moves.
-    interval : float
-        Seconds between the two.
-    reflectivity : numpy.ndarray or None
-        (H, W) in 0..1.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
-    mode : Mode
-        For its range, noise and sensor.
-    axes : dict of str to Axis
-        The camera's.
-    border : int
-        Width of the image's border that is left out, pixels.
-    known : numpy.ndarray, optional
-        (H, W) bool, where ``clean`` is known. Elsewhere its values are filled in and not
-        compared. Everywhere when left out.
-
-    Returns
-    -------
-    PixelCovariates
-        Of the frame.
-
+    * `clean`: (H, W) float32 metres.
+    * `before`: (H, W) float32 metres, the frame `interval` seconds before it, if the scene moves.
+    * `reflectivity`: (H, W) in 0..1.
+    * `K`: (3, 3) camera matrix.
+    * `border`: width of the image's border that is left out, pixels.
+    * `known`: (H, W) bool, where `clean` is known; everywhere when left out. Elsewhere its values
+      are filled in and not compared.
     """
     height, width = clean.shape
     lens = Intrinsics.from_matrix(K, width, height)
@@ -268,26 +236,9 @@ def sort_everywhere(
     """
     Sort all pixels of a frame along `ENDLESS`, including edges and depth out of range.
 
-    Parameters
-    ----------
-    clean : numpy.ndarray
-        (H, W) float32 metres.
-    speed : numpy.ndarray or None
-        (H, W) m/s as from `speed_of`; None in a scene that stands still.
-    reflectivity : numpy.ndarray or None
-        (H, W) in 0..1.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
-    sensor : Sensor
-        For its thresholds of depth jumps.
-    axes : dict of str to Axis
-        The camera's.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (A, H, W) int16 bins, -1 for none, and (H, W) incidence in degrees.
-
+    `clean` is (H, W) float32 metres; `speed` (H, W) m/s as from `speed_of`, or None in a scene
+    that stands still; `reflectivity` (H, W) in 0..1 or None. Return (A, H, W) int16 bins, -1 for
+    none, and (H, W) incidence in degrees.
     """
     height, width = clean.shape
     surface = analyse(

@@ -8,21 +8,10 @@ MOST_FRAMES, _SEGMENT = READING.most_frames, READING.segment
 
 def choose_frames(count: int, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
     """
-    Choose the frames of a recording that the diagnosis reads.
+    Choose the frames of a recording that the diagnosis reads; more are read of small images.
 
-    Parameters
-    ----------
-    count : int
-        Frames of the recording.
-    height, width : int
-        Of its images. More frames are read of small images.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Indices of the chosen frames; and for each whether it starts a segment, so that it does not
-        follow the chosen frame before it.
-
+    Return the indices of the chosen frames; and for each whether it starts a segment, so that it
+    does not follow the chosen frame before it.
     """
     if count <= max(MOST_FRAMES, min(READING.most_small, READING.pixels // (height * width))):
         fresh = np.zeros(count, bool)

@@ -15,26 +15,12 @@ Table = Mapping[str, Mapping[str, Any]]
 
 def given_effects(known: Table, uptime: float | None = None) -> tuple[Effect, ...]:
     """
-    Return the effects that the base simulator has.
+    Return the effects that the base simulator has, in the order of light.
 
-    Parameters
-    ----------
-    known : mapping
-        Parameters by effect.
-    uptime : float or None
-        A recording's time since power-on, seconds; effects keep their own if None.
-
-    Returns
-    -------
-    tuple of Effect
-        In the order of light, without a `TimeOffset` that only delays images: it changes none of
-        them, and says nothing of their latency.
-
-    Raises
-    ------
-    InputError
-        When an effect or a parameter cannot be used, or is a pose error.
-
+    A `TimeOffset` that only delays images is left out: it changes none of them, and says nothing
+    of their latency. `known` has parameters by effect; `uptime` is a recording's time since
+    power-on, seconds, effects keep their own if None. Raises `InputError` when an effect or a
+    parameter cannot be used, or is a pose error.
     """
     table = {name: dict(values) for name, values in known.items()}
     if uptime is not None:
@@ -52,15 +38,9 @@ def given_effects(known: Table, uptime: float | None = None) -> tuple[Effect, ..
 
 def at_size(known: Table, height: int, width: int) -> Table:
     """
-    Return given effects for images of another size, in which a camera is simulated.
+    Return given effects for images of another size in pixels, in which a camera is simulated.
 
-    Parameters
-    ----------
-    known : mapping
-        Parameters by effect, maps as `PixelMap`.
-    height, width : int
-        Of the images, pixels.
-
+    `known` has parameters by effect, maps as `PixelMap`.
     """
     return {
         name: {
@@ -73,22 +53,12 @@ def at_size(known: Table, height: int, width: int) -> Table:
 
 def together(given: tuple[Effect, ...], effects: Any) -> tuple[Effect, ...]:
     """
-    Return effects of a simulation with those that are given.
+    Return effects of a simulation with those that are given, in the order of light.
 
-    Parameters
-    ----------
-    given : tuple of Effect
-        From `given_effects`.
-    effects : mapping or iterable of Effect
-        What the simulation adds. A bias or a factor on sigma_z that is given as well counts twice:
-        the biases are added, the factors multiplied. With a curve, one acts after the other; such
-        a pair has no settings of its own (`in_one_table`).
-
-    Returns
-    -------
-    tuple of Effect
-        In the order of light.
-
+    `given` is from `given_effects`; `effects`, a mapping or effects, is what the simulation adds.
+    A bias or a factor on sigma_z that is given as well counts twice: the biases are added, the
+    factors multiplied. With a curve, one acts after the other; such a pair has no settings of its
+    own (`in_one_table`).
     """
     if isinstance(effects, Mapping):
         effects = parse_effects(effects)
@@ -103,16 +73,8 @@ def in_one_table(given: tuple[Effect, ...], effects: Any) -> dict[str, dict[str,
     """
     Return the settings of what `together` returns, by effect.
 
-    Parameters
-    ----------
-    given, effects
-        As for `together`.
-
-    Raises
-    ------
-    InputError
-        When an effect is in both, unless it is a bias or a factor on sigma_z without a curve.
-
+    Raises `InputError` when an effect is in both, unless it is a bias or a factor on sigma_z
+    without a curve.
     """
     both = together(given, effects)
     for one in both:

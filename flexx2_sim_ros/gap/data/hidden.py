@@ -17,15 +17,8 @@ class Hidden(NamedTuple):
     """
     An effect that ground truth hides by the way it was made.
 
-    Attributes
-    ----------
-    effect : str
-    absorbed : float
-        Fraction of the effect that is in `clean_depth` and so not in the difference to it.
-    settled_by : str
-        What would decide it.
-    reason : str
-
+    `absorbed` is the fraction of the effect that is in `clean_depth` and so not in the difference
+    to it, `settled_by` what would decide it.
     """
 
     effect: str
@@ -36,21 +29,11 @@ class Hidden(NamedTuple):
 
 def hidden_effects(folder: str | Path) -> list[Hidden]:
     """
-    Return what `flexx2 gap truth` wrote down that its ground truth hides.
+    Return what `flexx2 gap truth` wrote down that the ground truth of a campaign hides.
 
-    Rows without ``absorbed`` are left out: the diagnosis decides these from the accuracy of the
-    ground truth.
-
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        The campaign. Without ``truth.yaml`` nothing is hidden.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read or does not say it as it should.
-
+    Without ``truth.yaml`` in the folder nothing is hidden. Rows without ``absorbed`` are left out:
+    the diagnosis decides these from the accuracy of the ground truth. Raises `InputError` when the
+    file cannot be read or does not say it as it should.
     """
     path = Path(folder) / TRUTH_FILE
     if not is_regular_file(path):

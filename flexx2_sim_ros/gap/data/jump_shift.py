@@ -20,17 +20,11 @@ class Jumps:
     """
     Depth jumps of a clean frame, each looked at along its row or column.
 
-    Attributes
-    ----------
-    across : numpy.ndarray
-        (N, 2 reach) int, flat indices of the pixels across each jump, from front to back; the
-        first half is on the surface in front.
-    middle : numpy.ndarray
-        (N,) metres, between the depths on either side.
-    slopes : numpy.ndarray
-        (6, N) pixels by which the surface in front reaches farther, per metre and per degree of
-        motion of the camera, as in `pose.moved`.
-
+    * `across`: (N, 2 reach) int, flat indices of the pixels across each jump, from front to back;
+      the first half is on the surface in front.
+    * `middle`: (N,) metres, between the depths on either side.
+    * `slopes`: (6, N) pixels by which the surface in front reaches farther, per metre and per
+      degree of motion of the camera, as in `pose.moved`.
     """
 
     across: np.ndarray
@@ -41,16 +35,8 @@ class Jumps:
         """
         Return by how many pixels the surface in front reaches farther than in the clean frame.
 
-        Parameters
-        ----------
-        depth : numpy.ndarray
-            (H, W) metres, NaN where invalid.
-
-        Returns
-        -------
-        numpy.ndarray
-            (N,), NaN where the pixels do not show one jump.
-
+        `depth` is (H, W) metres, NaN where invalid; the result (N,), NaN where the pixels do not
+        show one jump.
         """
         seen = depth.ravel()[self.across]
         unknown = ~np.isfinite(seen)
@@ -73,19 +59,9 @@ def jumps_of(
     """
     Find the jumps of a clean frame that have one surface on each side.
 
-    Parameters
-    ----------
-    clean : numpy.ndarray
-        (H, W) float32 metres.
-    sigma : numpy.ndarray
-        (H, W) metres, standard deviation of a depth. A jump is larger than several of them.
-    compared : numpy.ndarray
-        (H, W) bool, where ``clean`` is known.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
-    sensor : Sensor
-        For its thresholds of depth jumps.
-
+    `clean` is (H, W) float32 metres, known where `compared`, (H, W) bool; `K` is the (3, 3) camera
+    matrix. A jump is larger than several times `sigma`, (H, W) metres, the standard deviation of a
+    depth.
     """
     height, width = clean.shape
     lens = Intrinsics.from_matrix(K, width, height)

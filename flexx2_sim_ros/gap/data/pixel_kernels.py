@@ -14,24 +14,11 @@ _CREASE_NEAR, _BEND = BINNING.near_crease, np.float32(BINNING.bend)
 @loop()
 def put_in_bins(values, where, edges, start, out):
     """
-    Write the bin of each value: ``start`` plus the number of edges below it.
+    Write the bin of each value: `start` plus the number of edges below it.
 
     The result is that of `numpy.searchsorted`; NaN is in the last bin. Each search starts at the
-    bin of the previous pixel, because neighbours are mostly in the same bin.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        (H, W) of a covariate.
-    where : numpy.ndarray
-        (H, W) bool.
-    edges : numpy.ndarray
-        (E,) ascending, in the unit of the values.
-    start : int
-        Index of the first bin.
-    out : numpy.ndarray
-        (H, W) int16, written where ``where`` is True.
-
+    bin of the previous pixel, because neighbours are mostly in the same bin. `values`, `where`
+    (bool) and `out` (int16, written where `where` is True) are (H, W); `edges` is (E,) ascending.
     """
     i = 0
     for y in range(out.shape[0]):
@@ -48,21 +35,11 @@ def put_in_bins(values, where, edges, start, out):
 @loop()
 def surfaces_at(clean, where):
     """
-    Return how near and how far the surfaces around pixels are.
+    Return how near and how far the surfaces around pixels are, (2, H, W) float32 metres.
 
-    Parameters
-    ----------
-    clean : numpy.ndarray
-        (H, W) float32 metres, NaN where there is no surface.
-    where : numpy.ndarray
-        (H, W) bool, pixels that are asked for.
-
-    Returns
-    -------
-    numpy.ndarray
-        (2, H, W) float32 metres, the smallest and the largest depth up to `EDGE_REACH` pixels
-        away; NaN elsewhere.
-
+    That is the smallest and the largest depth up to `EDGE_REACH` pixels away; NaN where the pixel
+    is not in `where`, (H, W) bool. `clean` is (H, W) float32 metres, NaN where there is no
+    surface.
     """
     height, width = clean.shape
     out = np.full((2, height, width), np.float32(np.nan))
@@ -83,18 +60,9 @@ def surfaces_at(clean, where):
 @loop()
 def runs_of(bins):
     """
-    Return runs: stretches of a row whose pixels are in the same bin.
+    Return ``runs`` and ``first`` of `covariates.PixelCovariates`, stretches of a row in one bin.
 
-    Parameters
-    ----------
-    bins : numpy.ndarray
-        (A, H, W) int16, the bin of each pixel along each axis, -1 for none.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        ``runs`` and ``first``, as in `covariates.PixelCovariates`.
-
+    `bins` is (A, H, W) int16, the bin of each pixel along each axis, -1 for none.
     """
     axes, height, width = bins.shape
     first = np.zeros(height + 1, np.int32)
@@ -118,19 +86,13 @@ def mark_edges(p, row_jumps, column_jumps, edge, near):
     """
     Mark the pixels at depth jumps.
 
-    Parameters
-    ----------
-    p : numpy.ndarray
-        (H + 2 PAD, W + 2 PAD) float32 inverse depth, 1/m, 0 where there is none.
-    row_jumps, column_jumps : numpy.ndarray
-        (H, W) uint8, 1 at a jump to the pixel on the right, to the pixel below.
-    edge : numpy.ndarray
-        (H, W) int16, set to the class at jumps: 4 x direction + 2 x side + distance. Direction,
-        in which the other surface lies: 0 right, 1 left, 2 below, 3 above. Side: 0 near, 1 far.
-        Distance: 0 next to the jump, 1 two to three pixels away.
-    near : numpy.ndarray
-        (H, W) bool, set where a jump is too near for a pixel to count as surface.
-
+    * `p`: (H + 2 PAD, W + 2 PAD) float32 inverse depth, 1/m, 0 where there is none.
+    * `row_jumps`, `column_jumps`: (H, W) uint8, 1 at a jump to the pixel on the right, to the
+      pixel below.
+    * `edge`: (H, W) int16, set to the class at jumps: 4 x direction + 2 x side + distance.
+      Direction, in which the other surface lies: 0 right, 1 left, 2 below, 3 above. Side: 0 near,
+      1 far. Distance: 0 next to the jump, 1 two to three pixels away.
+    * `near`: (H, W) bool, set where a jump is too near for a pixel to count as surface.
     """
     height, width = edge.shape
     reach = EDGE_REACH
@@ -159,19 +121,10 @@ def mark_edges(p, row_jumps, column_jumps, edge, near):
 @loop()
 def mark_creases(p, fraction, near):
     """
-    Mark the pixels near sharp bends of a surface.
+    Mark the pixels near sharp bends of a surface in `near`, (H, W) bool.
 
-    A small pose error decides whether such a bend is seen as a jump.
-
-    Parameters
-    ----------
-    p : numpy.ndarray
-        (H + 2 PAD, W + 2 PAD) float32 inverse depth, 1/m, 0 where there is none.
-    fraction : float
-        Of the inverse depth; a larger second difference is a sharp bend.
-    near : numpy.ndarray
-        (H, W) bool, set near such bends.
-
+    A small pose error decides whether such a bend is seen as a jump. `p` is as for `mark_edges`; a
+    second difference larger than `fraction` of the inverse depth is a sharp bend.
     """
     height, width = near.shape
     reach = _CREASE_NEAR
@@ -203,19 +156,9 @@ def concavity(p, step):
     """
     Return how far a pixel lies behind the mean of its neighbours, as a fraction of its distance.
 
-    Parameters
-    ----------
-    p : numpy.ndarray
-        (H + 2 PAD, W + 2 PAD) float32 inverse depth, 1/m, 0 where there is none.
-    step : int
-        Distance of the four neighbours, pixels.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) float32, positive in concave corners, 0 on planes, NaN where a neighbour is missing
-        or on another surface.
-
+    The four neighbours are `step` pixels away; `p` is as for `mark_edges`. The result is (H, W)
+    float32, positive in concave corners, 0 on planes, NaN where a neighbour is missing or on
+    another surface.
     """
     height, width = p.shape[0] - 2 * PAD, p.shape[1] - 2 * PAD
     out = np.full((height, width), np.nan, np.float32)

@@ -15,32 +15,18 @@ def plane_shifts(
     clean: np.ndarray, plane: np.ndarray, lens: Intrinsics, count: int, known: np.ndarray
 ) -> np.ndarray:
     """
-    Return the derivatives of depth with respect to the parameters of planes.
+    Return the derivatives of depth with respect to the parameters of planes, (3 P, H, W) float32.
 
     Each plane has three parameters: an offset along its normal in metres, and right-handed turns
     about its first and second in-plane axis in radians. The normal points away from the camera, so
     a positive offset moves the plane away. The axes go through the mean of the plane's points. The
     first axis is the image's x axis projected onto the plane (the y axis if the plane faces along
-    x). The second is the cross product of normal and first axis.
+    x). The second is the cross product of normal and first axis. Values are metres of depth per
+    metre or radian, 0 outside of the plane.
 
-    Parameters
-    ----------
-    clean : numpy.ndarray
-        (H, W) metres, NaN for no return; unknown pixels are filled.
-    plane : numpy.ndarray
-        (H, W) uint8: 0 for no plane, k for the k-th.
-    lens : Intrinsics
-        With its distortion.
-    count : int
-        How many planes there are.
-    known : numpy.ndarray
-        (H, W) bool. Unknown pixels move with the plane of the nearest known one.
-
-    Returns
-    -------
-    numpy.ndarray
-        (3 P, H, W) float32, metres of depth per metre or radian, 0 outside of the plane.
-
+    `clean` is (H, W) metres, NaN for no return, unknown pixels filled; `plane` (H, W) uint8: 0 for
+    no plane, k for the k-th of `count`; `known` (H, W) bool. Unknown pixels move with the plane of
+    the nearest known one.
     """
     out = np.zeros((3 * count, *clean.shape), np.float32)
     rays = np.stack([*pixel_rays(lens), np.ones(clean.shape)], axis=-1)

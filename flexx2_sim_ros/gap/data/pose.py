@@ -29,21 +29,10 @@ def moved(
     pose: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """
-    Return clean depth and reflectivity as seen from another pose.
+    Return clean depth and reflectivity as seen from another pose, (6,) metres and degrees.
 
-    Parameters
-    ----------
-    clean : numpy.ndarray
-        (H, W) or (T, H, W) float32 metres.
-    reflectivity : numpy.ndarray or None
-        The same shape.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
-    mode : Mode
-        The camera's.
-    pose : numpy.ndarray
-        (6,) metres and degrees.
-
+    `clean` is (H, W) or (T, H, W) float32 metres, `reflectivity` of the same shape or None; `K` is
+    the (3, 3) camera matrix.
     """
     if not pose.any():
         return clean, reflectivity
@@ -74,15 +63,7 @@ def unknown_border(pose: np.ndarray, clean: np.ndarray, K: np.ndarray) -> int:  
     """
     Return the width of the border of a moved image that the given pose did not show, pixels.
 
-    Parameters
-    ----------
-    pose : numpy.ndarray
-        (6,) metres and degrees, as for `moved`.
-    clean : numpy.ndarray
-        (..., H, W) metres.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
-
+    `pose` is as for `moved`, `clean` (..., H, W) metres.
     """
     distance = clean[clean > 0]
     if not pose.any() or not distance.size:
@@ -100,19 +81,12 @@ class Differences:
     """
     Where a frame differs from its clean depth.
 
-    Attributes
-    ----------
-    error : numpy.ndarray
-        (H, W) measured minus clean depth, metres, NaN for pixels that are not used.
-    clean, sigma : numpy.ndarray
-        (H, W) the clean depth and the standard deviation of errors, metres.
-    jump_slopes : numpy.ndarray
-        (6, N) pixels by which jumps are displaced; see `jump_shift.Jumps`.
-    jump_shifts : numpy.ndarray
-        (N,) pixels by which the frame shows them displaced, NaN where it cannot be said.
-    jump_others : numpy.ndarray
-        (m, N) pixels by which effects displace them, 0 where it cannot be said.
-
+    * `error`: (H, W) measured minus clean depth, metres, NaN for pixels that are not used.
+    * `clean`, `sigma`: (H, W) the clean depth and the standard deviation of errors, metres.
+    * `jump_slopes`: (6, N) pixels by which jumps are displaced; see `jump_shift.Jumps`.
+    * `jump_shifts`: (N,) pixels by which the frame shows them displaced, NaN where it cannot be
+      said.
+    * `jump_others`: (m, N) pixels by which effects displace them, 0 where it cannot be said.
     """
 
     error: np.ndarray
@@ -139,26 +113,13 @@ def fit_plane_motion(
     What surfaces leave open, such as a motion along surfaces that face the camera, the places of
     depth jumps decide.
 
-    Parameters
-    ----------
-    frames : sequence of Differences
-        The frames.
-    others : numpy.ndarray
-        (N, m, H, W) metres: change of depth by effects at typical size. They are nuisance
-        parameters, so that an effect is not mistaken for a motion.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
-    spread : numpy.ndarray
-        (n, n), as from `prior.factor`, of the motion: six of the camera, metres and degrees, and
-        three for each plane.
-    shifts : numpy.ndarray
-        (n - 6, H, W), as from `planes.plane_shifts`.
-    before : numpy.ndarray
-        (n,) the motion that earlier rounds found.
-    profile : Profile
-        For its modulation frequencies and thresholds of depth jumps.
-    waves : sequence of float
-        Periods along the ray of biases that the recordings have besides, metres.
+    * `others`: (N, m, H, W) metres: change of depth by effects at typical size, in each of N
+      frames. They are nuisance parameters, so that an effect is not mistaken for a motion.
+    * `spread`: (n, n), as from `prior.factor`, of the motion: six of the camera, metres and
+      degrees, and three for each plane.
+    * `shifts`: (n - 6, H, W), as from `planes.plane_shifts`.
+    * `before`: (n,) the motion that earlier rounds found.
+    * `waves`: periods along the ray of biases that the recordings have besides, metres.
 
     Returns
     -------
@@ -275,24 +236,11 @@ def _others(
 
 def pose_columns(depth: np.ndarray, K: np.ndarray, sensor: Sensor) -> np.ndarray:  # noqa: N803
     """
-    Return how depth changes with a small motion of the camera.
+    Return how depth, (H, W) float32 metres, changes with a small motion of the camera.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (H, W) float32 clean depth, metres.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
-    sensor : Sensor
-        For its thresholds of depth jumps.
-
-    Returns
-    -------
-    numpy.ndarray
-        (6, ceil(H / 2), ceil(W / 2)) of every other row and column: metres per metre and per
-        degree. A plane n . X = 1, seen from a camera moved by t and turned by w, has the depth
-        z - z n . t - z^2 w . (ray x n).
-
+    The result is (6, ceil(H / 2), ceil(W / 2)) of every other row and column: metres per metre and
+    per degree. A plane n . X = 1, seen from a camera moved by t and turned by w, has the depth z -
+    z n . t - z^2 w . (ray x n).
     """
     inverse, across, down = tangents(depth, sensor)
     here, across, down = inverse[2:-2:2, 2:-2:2], across[::2, ::2], down[::2, ::2]
@@ -318,17 +266,8 @@ def base_camera(mode: Mode, profile: Profile | None, seed: int, recording: str) 
     """
     Return a simulated camera in a mode, with noise that no other recording's simulation has.
 
-    Parameters
-    ----------
-    mode : Mode
-        The camera's.
-    profile : Profile or None
-        The camera; the Flexx2 if None.
-    seed : int
-        Of the noise.
-    recording : str
-        The recording's name. The same recording as a file and as a bag has the same noise.
-
+    It is the Flexx2 if `profile` is None. The same recording as a file and as a bag has the same
+    noise.
     """
     for suffix in ('.npz', *BAG_FILES):
         recording = recording.removesuffix(suffix)

@@ -12,22 +12,11 @@ def covariance_of(truth: Truth, usual: np.ndarray) -> np.ndarray | None:
     """
     Return the prior covariance of a recording's own errors, if its ground truth gives one.
 
-    Planes are given in the camera's frame, so an error of the pose is an error of the planes. The
-    pose is therefore exact if the recording has planes and no covariance of the pose.
-
-    Parameters
-    ----------
-    truth : Truth
-        The recording's.
-    usual : numpy.ndarray
-        (6,) standard deviations of a pose whose covariance is not given, metres and degrees.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        (6 + 3 P, 6 + 3 P): pose in metres and degrees, planes in metres and radians. None where
-        the truth has neither `pose_covariance` nor planes.
-
+    It is (6 + 3 P, 6 + 3 P): pose in metres and degrees, planes in metres and radians; None where
+    the truth has neither `pose_covariance` nor planes. Planes are given in the camera's frame, so
+    an error of the pose is an error of the planes. The pose is therefore exact if the recording
+    has planes and no covariance of the pose. `usual` is (6,) standard deviations of a pose whose
+    covariance is not given, metres and degrees.
     """
     pose, planes = truth.pose_covariance, truth.plane_covariance
     if pose is None and planes is None:
@@ -46,18 +35,7 @@ def spread_of(truth: Truth, usual: np.ndarray) -> np.ndarray:
     """
     Return the prior of a recording's own errors as standard deviations in independent directions.
 
-    Parameters
-    ----------
-    truth : Truth
-        The recording's.
-    usual : numpy.ndarray
-        (6,) as for `covariance_of`.
-
-    Returns
-    -------
-    numpy.ndarray
-        (6 + 3 P, 6 + 3 P) as from `factor`.
-
+    It is (6 + 3 P, 6 + 3 P) as from `factor`; `usual` is as for `covariance_of`.
     """
     covariance = covariance_of(truth, usual)
     return np.diag(usual) if covariance is None else factor(covariance)
@@ -76,11 +54,7 @@ def free_planes(covariance: np.ndarray | None) -> bool:
     """
     Return whether a recording has planes that were not measured, or not better than biases are.
 
-    Parameters
-    ----------
-    covariance : numpy.ndarray or None
-        (6 + 3 P, 6 + 3 P) as from `covariance_of`.
-
+    `covariance` is as from `covariance_of`.
     """
     offsets = np.zeros(0) if covariance is None else np.diag(covariance)[POSE::3]
     return bool(offsets.max(initial=0) > REGISTRATION.smooth[0] ** 2)

@@ -32,34 +32,18 @@ class RecordingData:
     """
     What the diagnosis needs of a recording.
 
-    Attributes
-    ----------
-    name : str
-        The file's.
-    depth : numpy.ndarray
-        (T, H, W) float32 metres, NaN where invalid.
-    clean : numpy.ndarray
-        (H, W) or (T, H, W) float32.
-    reflectivity : numpy.ndarray or None
-        Like ``clean``.
-    K : numpy.ndarray
-    stamp : numpy.ndarray
-        (T,) int64 nanoseconds.
-    fresh : numpy.ndarray
-        (T,) bool, frames that do not directly follow the frame before them.
-    uptime : float or None
-        Seconds since power-on at the first of the frames.
-    mode : Mode
-    profile : Profile or None
-    notes : tuple of str
-        What was converted or assumed.
-    truth : Truth
-        How well ``clean`` is known. Where it is unknown (``truth.known``), it is filled.
-    plane_shifts : numpy.ndarray or None
-        As from `planes.plane_shifts`; None without planes.
-    given : tuple of Effect
-        Effects that the base simulator has, as from `given.given_effects`.
-
+    * `name`: the file's.
+    * `depth`: (T, H, W) float32 metres, NaN where invalid.
+    * `clean`: (H, W) or (T, H, W) float32.
+    * `reflectivity`: like ``clean``.
+    * `K`: (3, 3) camera matrix.
+    * `stamp`: (T,) int64 nanoseconds.
+    * `fresh`: (T,) bool, frames that do not directly follow the frame before them.
+    * `uptime`: seconds since power-on at the first of the frames.
+    * `notes`: what was converted or assumed.
+    * `truth`: how well ``clean`` is known. Where it is unknown (``truth.known``), it is filled.
+    * `plane_shifts`: as from `planes.plane_shifts`; None without planes.
+    * `given`: effects that the base simulator has, as from `given.given_effects`.
     """
 
     name: str
@@ -93,17 +77,9 @@ class Placed:
     """
     A recording's scene from the fitted pose of its camera.
 
-    Attributes
-    ----------
-    clean : numpy.ndarray
-        (H, W) or (T, H, W) float32 metres.
-    reflectivity : numpy.ndarray or None
-        Like ``clean``.
-    known : numpy.ndarray or None
-        (H, W) or (T, H, W) bool, where ``clean`` is known; None for everywhere.
-    border : int
-        Width of the image's border that is filled because the given pose did not show it, pixels.
-
+    All images are (H, W) or (T, H, W): `clean` float32 metres, `reflectivity` or None, and
+    `known`, bool, where `clean` is known; None for everywhere. `border` is the width of the
+    image's border that is filled because the given pose did not show it, pixels.
     """
 
     clean: np.ndarray
@@ -116,14 +92,8 @@ def place(recording: RecordingData, motion: np.ndarray) -> Placed:
     """
     Return a recording's scene from another pose and with its planes moved.
 
-    Parameters
-    ----------
-    recording : RecordingData
-        The recording.
-    motion : numpy.ndarray
-        (6 + 3 P,) by which the camera is moved, metres and degrees, and the planes, metres and
-        radians.
-
+    `motion` is (6 + 3 P,) by which the camera is moved, metres and degrees, and the planes, metres
+    and radians.
     """
     K, mode, pose = recording.K, recording.mode, motion[:POSE]  # noqa: N806
     shown = _with_planes(recording, motion)
@@ -165,20 +135,13 @@ def register(
     """
     Find the small motion of the camera, and of planes, that best explains a recording.
 
-    Parameters
-    ----------
-    recording : RecordingData
-        The recording.
-    prior : numpy.ndarray
-        (6,) standard deviations of a pose whose covariance the recording does not give, metres
-        and degrees.
-    waves : sequence of float
-        Periods along the ray of biases that the recordings have, metres: a pose error is not to
-        take them up.
-    latency : float
-        Age of the images of a moving scene at their stamps to start from, seconds.
-    stretch : float
-        Fraction by which the recordings' depths are too long, about; a pose is not to take it up.
+    * `prior`: (6,) standard deviations of a pose whose covariance the recording does not give,
+      metres and degrees.
+    * `waves`: periods along the ray of biases that the recordings have, metres: a pose error is
+      not to take them up.
+    * `latency`: age of the images of a moving scene at their stamps to start from, seconds.
+    * `stretch`: fraction by which the recordings' depths are too long, about; a pose is not to
+      take it up.
 
     Returns
     -------

@@ -16,19 +16,7 @@ def of_frames(truth: Truth, chosen: np.ndarray) -> Truth:
 
 
 def known_in(frames: np.ndarray, clean: np.ndarray, truth: Truth) -> Truth:
-    """
-    Return a truth that is unknown in all other frames.
-
-    Parameters
-    ----------
-    frames : numpy.ndarray
-        (T,) bool.
-    clean : numpy.ndarray
-        (T, H, W) the clean depth.
-    truth : Truth
-        Of these frames.
-
-    """
+    """Return a truth that is unknown outside of (T,) bool `frames`; `clean` is (T, H, W)."""
     if frames.all():
         return truth
     known = np.broadcast_to(frames[:, None, None], clean.shape)

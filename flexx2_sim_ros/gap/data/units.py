@@ -34,34 +34,17 @@ def reflectivity_from(
     notes: list[str],
 ) -> np.ndarray | None:
     """
-    Return the reflectivity that the amplitude implies.
+    Return the reflectivity that the amplitude implies, like `clean`, 0 where unknown.
 
     Full scale (8 or 16 bits) is taken for a white pixel of the camera's gray image. The result may
-    exceed 1, because the amplitude has the camera's own unit.
+    exceed 1, because the amplitude has the camera's own unit. It is None if the amplitude is on an
+    unknown scale.
 
-    Parameters
-    ----------
-    amplitude : numpy.ndarray
-        (H, W) or (T, H, W), whole numbers or floating point.
-    clean : numpy.ndarray
-        (H, W) or (T, H, W) float32 metres, NaN where unknown.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
-    mode : Mode
-        The camera's.
-    full_scale : float or None
-        The floating-point amplitude that is the camera's full scale; None: guessed from these
-        values.
-    path : pathlib.Path
-        The recording's, for the notes.
-    notes : list of str
-        What was assumed is added.
-
-    Returns
-    -------
-    numpy.ndarray or None
-        Like ``clean``, 0 where unknown; None if the amplitude is on an unknown scale.
-
+    * `amplitude`: (H, W) or (T, H, W), whole numbers or floating point.
+    * `clean`: (H, W) or (T, H, W) float32 metres, NaN where unknown.
+    * `full_scale`: the floating-point amplitude that is the camera's full scale; None: guessed
+      from these values.
+    * `notes`: what was assumed is added, with the recording's path.
     """
     sensor = mode.sensor
     if amplitude.dtype.kind in 'iu':

@@ -12,20 +12,8 @@ def fill(clean: np.ndarray, known: np.ndarray, sensor: Sensor) -> np.ndarray:
     """
     Fill unknown pixels: continue the nearest known surface, or its absence.
 
-    Parameters
-    ----------
-    clean : numpy.ndarray
-        (H, W) or (T, H, W) float32 metres, NaN for no return.
-    known : numpy.ndarray
-        (H, W) or (T, H, W) bool.
-    sensor : Sensor
-        For its thresholds of depth jumps.
-
-    Returns
-    -------
-    numpy.ndarray
-        Like ``clean``; unchanged where known.
-
+    `clean` is (H, W) or (T, H, W) float32 metres, NaN for no return; `known` likewise, bool. Known
+    pixels are unchanged.
     """
     if clean.ndim == 2:
         return _fill(clean, known, sensor)
@@ -64,24 +52,12 @@ def _fill(clean: np.ndarray, known: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 def judged(known: np.ndarray, near: int) -> np.ndarray:
     """
-    Return the pixels that may be compared: known pixels that are far enough from unknown ones.
+    Return the pixels that may be compared, (H, W) bool: known ones far enough from unknown ones.
 
     The 8 neighbours of each unknown pixel are left out. An unknown area that is at least 3 pixels
-    wide may hide an object with a depth jump, so ``near`` pixels around it are left out. In images
-    of a few pixels these margins would leave nothing; they shrink with the image.
-
-    Parameters
-    ----------
-    known : numpy.ndarray
-        (H, W) bool.
-    near : int
-        Distance from a depth jump within which pixels do not count as surface, pixels.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) bool.
-
+    wide may hide an object with a depth jump, so `near` pixels around it are left out: within this
+    distance from a jump pixels do not count as surface. In images of a few pixels these margins
+    would leave nothing; they shrink with the image.
     """
     if known.all():
         return known
