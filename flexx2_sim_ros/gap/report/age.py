@@ -19,20 +19,9 @@ def age_table(effects: Sequence[Effect], used: Sequence[Found]) -> dict[str, Any
     """
     Return the age of the images of a campaign, for ``diagnosis.json``.
 
-    Parameters
-    ----------
-    effects : sequence of Effect
-        The effects that explain the gap.
-    used : sequence of Found
-        The recordings.
-
-    Returns
-    -------
-    dict
-        ``latency``: seconds from the exposure to the stamp, as in `TimeOffset`; 0 if it explains
-        nothing. ``delay``: an `Arrival`, each number the median over recordings; None if no
-        recording says so.
-
+    ``latency``: seconds from the exposure to the stamp, as in `TimeOffset`; 0 if it explains
+    nothing. ``delay``: an `Arrival`, each number the median over recordings; None if no recording
+    says so.
     """
     rows = [list(asdict(one.arrival).values()) for one in used if one.arrival is not None]
     delay = None
@@ -51,11 +40,7 @@ def arrival_of(age: Any) -> Arrival | None:
     """
     Return the delay of an `age_table`; None where it is not known.
 
-    Raises
-    ------
-    InputError
-        When it is not what a diagnosis writes.
-
+    Raises `InputError` when it is not what a diagnosis writes.
     """
     try:
         delay = None if age is None else age['delay']

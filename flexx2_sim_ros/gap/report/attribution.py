@@ -19,16 +19,8 @@ def attribution(table: dict[str, Any]) -> list[tuple[str, ...]]:
     """
     Return a row for each named effect, the largest first, and one for what is left of the gap.
 
-    Parameters
-    ----------
-    table : dict
-        What `flexx2_sim_ros.gap.diagnose` returns.
-
-    Returns
-    -------
-    list of tuple of str
-        Cells below `HEADS`; none without effects.
-
+    Cells are below `HEADS`; there are none without effects. `table` is that of
+    `flexx2_sim_ros.gap.diagnose`.
     """
     if not table['effects']:
         return []

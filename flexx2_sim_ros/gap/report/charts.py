@@ -52,13 +52,7 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> html.Html:
     """
     Return maps of the mean depth error, and of the channel that differs most otherwise, as HTML.
 
-    Parameters
-    ----------
-    confirmed : sequence of Outcome
-        The recordings.
-    explained : bool
-        Whether the diagnosis has effects; if so, images with them are drawn, too.
-
+    If the diagnosis has effects (`explained`), images with them are drawn, too.
     """
     pairs = [(1, 'before', 'real minus simulated')]
     if explained:
@@ -120,15 +114,7 @@ def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> html.Ht
     """
     Return curves of real and simulated depth along the covariates that show the gap best, as HTML.
 
-    Parameters
-    ----------
-    confirmed : sequence of Outcome
-        The recordings.
-    explained : bool
-        Whether the diagnosis has effects; if so, curves with them are drawn, too.
-    axes : dict of str to Axis
-        The camera's.
-
+    If the diagnosis has effects (`explained`), curves with them are drawn, too.
     """
     found = []
     for name in _ALONG:

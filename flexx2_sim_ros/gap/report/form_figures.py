@@ -29,15 +29,7 @@ def figures(
     """
     Return curves, maps and numbers of forms as HTML.
 
-    Parameters
-    ----------
-    verdicts : sequence of FormVerdict
-        The forms.
-    looked : sequence of Looked
-        The recordings.
-    names : tuple of str
-        What to call an effect without the form, and with it.
-
+    `names` is what to call an effect without the form, and with it.
     """
     return html.join(*(_figure(one.proposal, looked, names) for one in verdicts))
 

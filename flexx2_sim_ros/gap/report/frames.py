@@ -33,17 +33,8 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> h
     """
     Return one frame of up to `MOST_FRAMES` recordings, real and simulated, as HTML.
 
-    The two with the largest gap come first; the others are folded.
-
-    Parameters
-    ----------
-    table : dict
-        The diagnosis.
-    confirmed : sequence of Outcome
-        The recordings; those with a frame are shown.
-    axes : dict of str to Axis
-        The camera's.
-
+    Recordings with a frame are shown. The two with the largest gap come first; the others are
+    folded.
     """
     shown = [(index, one.frame) for index, one in enumerate(confirmed) if one.frame is not None]
     largest = [index for _, index in sorted((-confirmed[i].apart.gap, i) for i, _ in shown)][

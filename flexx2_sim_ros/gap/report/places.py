@@ -87,15 +87,7 @@ _MORE_OR_LESS = {
 
 
 def finding(cell: dict[str, Any]) -> str:
-    """
-    Return a row of `where` as sentences: what differs from the simulation, and what to do next.
-
-    Parameters
-    ----------
-    cell : dict
-        A row of ``where`` of a diagnosis.
-
-    """
+    """Return a row of ``where`` as sentences: what differs from the simulation, what to do now."""
     covariate = cell['covariate'].removeprefix('fine_')
     step = _NEXT_STEPS.get('region' if covariate.startswith('image') else covariate, '')
     said = _said(cell)

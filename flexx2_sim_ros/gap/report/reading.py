@@ -26,31 +26,18 @@ class Diagnosed:
     """
     An earlier diagnosis.
 
-    Attributes
-    ----------
-    verdict : str
-        As in ``diagnosis.json``.
-    effects : tuple of Effect
-        The effects of ``effects.yaml`` that change images.
-    known : dict
-        Effects that were taken as given: parameters by name.
-    pose_prior : tuple of float
-        Standard deviations of pose errors: metres and degrees.
-    pose_held : bool
-        Whether they were stated, so that they hold the poses.
-    full_scale : float or None
-        The floating-point amplitude that was taken for the camera's full scale, if any.
-    checksums : dict of str to str
-        Names of the recordings that the effects were fitted to, by checksum.
-    unsummed : frozenset of str
-        Names of recordings without a checksum (diagnoses of older versions).
-    arrival : Arrival or None
-        How late images arrive; None where the diagnosis does not say.
-    noise_factor : float
-        sigma_z of the camera over that of its profile.
-    table : dict
-        The whole content of ``diagnosis.json``.
-
+    * `verdict`: as in ``diagnosis.json``.
+    * `effects`: the effects of ``effects.yaml`` that change images.
+    * `known`: effects that were taken as given: parameters by name.
+    * `pose_prior`: standard deviations of pose errors: metres and degrees.
+    * `pose_held`: whether they were stated, so that they hold the poses.
+    * `full_scale`: the floating-point amplitude that was taken for the camera's full scale, if
+      any.
+    * `checksums`: names of the recordings that the effects were fitted to, by checksum.
+    * `unsummed`: names of recordings without a checksum (diagnoses of older versions).
+    * `arrival`: how late images arrive; None where the diagnosis does not say.
+    * `noise_factor`: sigma_z of the camera over that of its profile.
+    * `table`: the whole content of ``diagnosis.json``.
     """
 
     verdict: str
@@ -69,11 +56,7 @@ class Diagnosed:
         """
         Return the effects that change images: all except pose errors.
 
-        Raises
-        ------
-        InputError
-            When there is no such effect.
-
+        Raises `InputError` when there is no such effect.
         """
         effects = tuple(effect for effect in self.effects if effect.role != 'pose')
         if not effects:
@@ -89,11 +72,7 @@ class Diagnosed:
         """
         Return `effects` in the form of the catalogue, those that the diagnosis calibrated as well.
 
-        Raises
-        ------
-        InputError
-            When the calibration is not what a diagnosis writes.
-
+        Raises `InputError` when the calibration is not what a diagnosis writes.
         """
         try:
             rows = (self.table.get('calibration') or {}).get('effects', [])
@@ -106,18 +85,9 @@ class Diagnosed:
 
 def read_diagnosis(folder: Path) -> Diagnosed:
     """
-    Read ``diagnosis.json`` and ``effects.yaml``.
+    Read ``diagnosis.json`` and ``effects.yaml`` of a folder of `flexx2 gap diagnose`.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        A folder that `flexx2 gap diagnose` has written.
-
-    Raises
-    ------
-    InputError
-        When a file is missing, cannot be read, or is not what a diagnosis writes.
-
+    Raises `InputError` when a file is missing, cannot be read, or is not what a diagnosis writes.
     """
     path = folder / 'diagnosis.json'
     table = _read_json(path)
@@ -130,20 +100,9 @@ def read_diagnosis(folder: Path) -> Diagnosed:
 
 def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
     """
-    Return what a diagnosis found.
+    Return what a diagnosis found, from ``diagnosis.json`` and the effects of ``effects.yaml``.
 
-    Parameters
-    ----------
-    table : dict
-        The content of ``diagnosis.json``.
-    effects : iterable of Effect
-        Those of ``effects.yaml``.
-
-    Raises
-    ------
-    InputError
-        When the table is not what a diagnosis writes.
-
+    Raises `InputError` when the table is not what a diagnosis writes.
     """
     if not isinstance(table, dict) or table.get('schema') not in _SCHEMAS:
         got = table.get('schema') if isinstance(table, dict) else table

@@ -42,31 +42,17 @@ def diagnosis_table(
     rises: Mapping[str, np.ndarray],
 ) -> dict[str, Any]:
     """
-    Return the result of a diagnosis as a table for JSON.
+    Return the result of a diagnosis as a table for JSON, described in ``docs/diagnosis.md``.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    decision : Decision
-        Which effects explain the gap.
-    effects : list of Effect
-        These effects with their parameters.
-    confirmed : list of Outcome
-        The comparison of each recording with its simulation with these effects.
-    used : list of Found
-        The recordings, in the order of the model.
-    left_out : list of tuple of str
-        Name of each recording that was not used, and the reason.
-    rises : mapping
-        By how much recordings are farther apart without each effect; see `rounds.Explained`.
+    It lacks ``not_considered``, ``patch``, ``version``, ``seconds`` and ``peak_mb``. No effect is
+    calibrated.
 
-    Returns
-    -------
-    dict
-        The table that ``docs/diagnosis.md`` describes, without ``not_considered``, ``patch``,
-        ``version``, ``seconds`` and ``peak_mb``. No effect is calibrated.
-
+    * `effects`: those that explain the gap, with their parameters.
+    * `confirmed`: the comparison of each recording with its simulation with these effects.
+    * `used`: the recordings, in the order of the model.
+    * `left_out`: name of each recording that was not used, and the reason.
+    * `rises`: by how much recordings are farther apart without each effect; see
+      `rounds.Explained`.
     """
     age = age_table(effects, used)
     residual = decision.accepted.residual(model)
@@ -141,21 +127,9 @@ def calibrated_table(
     """
     Return a diagnosis with the forms of effects that are taken, and the gap that they leave.
 
-    What was decided, and where the gap lies, stays.
-
-    Parameters
-    ----------
-    table : dict
-        As from `diagnosis_table`.
-    model, decision
-        As for `diagnosis_table`.
-    calibrated : Calibrated
-        The forms that were tried.
-    confirmed : list of Outcome
-        The comparison of each recording with its simulation with the forms that are taken.
-    motions : sequence of numpy.ndarray
-        (6 + 3 P,) where the camera of each recording was then.
-
+    What was decided, and where the gap lies, stays. `table` is as from `diagnosis_table`;
+    `confirmed` compares each recording with its simulation with these forms; `motions` are (6 + 3
+    P,) where the camera of each recording was then.
     """
     late = with_delay(parse_effects(calibrated.explained.effects), arrival_of(table['age']))
     forms = {one.name: plain(one.settings) for one in late}
@@ -188,17 +162,8 @@ def patch_table(patch: Patch, model: Model, patched: list[Outcome]) -> dict[str,
     """
     Return what a correction without a cause does, and whether it is offered.
 
-    It is offered if the mean distance gets smaller and a measure significantly better.
-
-    Parameters
-    ----------
-    patch : Patch
-        The correction.
-    model : Model
-        The recordings.
-    patched : list of Outcome
-        The comparison of each recording with its simulation with the correction.
-
+    It is offered if the mean distance gets smaller and a measure significantly better. `patched`
+    compares each recording with its simulation with the correction.
     """
     measures = all_measured(model, [one.apart for one in patched])
     helps = any(measures[unit]['better'] for unit in UNITS)

@@ -33,17 +33,9 @@ def percent(fraction: float) -> str:
 
 def moved(share: float, what: str, ending: str = 's') -> str:
     """
-    Return that a fraction is taken away from something, or added to it.
+    Return that a fraction is taken away from `what`, or added to it (`share` below 0).
 
-    Parameters
-    ----------
-    share : float
-        The fraction; below 0 it is added.
-    what : str
-        What it is a fraction of.
-    ending : str
-        Of the verb: empty after several subjects, or after ``would``.
-
+    `ending` is that of the verb: empty after several subjects, or after ``would``.
     """
     if round(share, 2) < 0:
         return f'add{ending} {percent(-share)} to {what}'

@@ -32,26 +32,10 @@ def write(
     """
     Write ``diagnosis.json``, ``effects.yaml`` and ``report.html``.
 
-    Maps are in files beside these, as `save_effects` names them. ``effects.yaml`` has the effects
-    of the camera: a pose error that was found belongs to these recordings, and is different in
-    others.
-
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Created if it does not exist; the files in it are replaced.
-    table : dict
-        The diagnosis.
-    effects : sequence of Effect
-        The effects that explain the gap.
-    model, decision, confirmed, calibrated
-        Parts of the report.
-
-    Raises
-    ------
-    InputError
-        When the folder cannot be written to.
-
+    The folder is created if it does not exist; the files in it are replaced. Maps are in files
+    beside these, as `save_effects` names them. ``effects.yaml`` has the effects of the camera: a
+    pose error that was found belongs to these recordings, and is different in others. Raises
+    `InputError` when the folder cannot be written to.
     """
     with whole_files(output_folder(folder)) as part:
         write_text(part / FILES[0], as_json(_with_files(table, effects)))
