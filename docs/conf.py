@@ -42,7 +42,7 @@ apidoc_modules = [
     }
 ]
 apidoc_automodule_options = {'members'}  # A class's docstring describes its fields.
-autodoc_typehints = 'none'  # The docstrings say types, shapes and units.
+autodoc_typehints = 'signature'  # The docstrings say shapes and units.
 autodoc_member_order = 'bysource'
 autodoc_preserve_defaults = True  # `edges=EDGES`, not the array's numbers.
 add_module_names = False

@@ -18,21 +18,11 @@ Basis = Callable[[np.ndarray], np.ndarray]
 @dataclass(frozen=True)
 class Form:
     """
-    One form that a bias may have, linear in its coefficients.
+    One form that a bias may have, linear in its coefficients; `label` is for people.
 
-    Attributes
-    ----------
-    effect : str
-        Whose curve it is.
-    label : str
-        For people.
-    basis : callable
-        (N,) values of that to (K, N) metres along the ray, for a coefficient of 1 each.
-    knots : numpy.ndarray
-        Where its curve has knots.
-    stiffness : float
-        Penalty on second differences of the coefficients; 0: none.
-
+    `basis` gives (K, N) metres along the ray at (N,) values, for a coefficient of 1 each. The
+    curve of `effect` has `knots`. `stiffness` is a penalty on second differences of the
+    coefficients; 0: none.
     """
 
     effect: str

@@ -17,16 +17,8 @@ class FittedForms:
     """
     Coefficients of some forms.
 
-    Attributes
-    ----------
-    forms : tuple of Form
-    together : numpy.ndarray
-        (K,) fitted to all recordings.
-    without : numpy.ndarray
-        (R, K) fitted to all but one.
-    losses : numpy.ndarray
-        (R,) of each recording with the coefficients that it had no part in; chi squared a sample.
-
+    (K,) `together` are fitted to all recordings, (R, K) `without` to all but one. (R,) `losses`
+    are of each recording with the coefficients that it had no part in; chi squared a sample.
     """
 
     forms: tuple[Form, ...]
@@ -43,16 +35,10 @@ class FittedForms:
 
 class BiasFit:
     """
-    Recordings to fit forms of a bias to.
+    Recordings to fit forms of a bias to; `samples` has one for each.
 
     Each recording's own pose and planes are fitted at the same time, held by their prior, and
     eliminated from the normal equations: fitted first, they would take up most of the bias.
-
-    Parameters
-    ----------
-    samples : sequence of Samples
-        One for each recording.
-
     """
 
     def __init__(self, samples: Sequence[Samples]) -> None:
@@ -78,18 +64,9 @@ class BiasFit:
         """
         Fit shared coefficients to all recordings, and to all but one.
 
-        Parameters
-        ----------
-        columns : sequence of numpy.ndarray
-            (K, N) metres of depth for a coefficient of 1 each, for each recording.
-        penalty : numpy.ndarray
-            (K, K) on the coefficients.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            (K,), (R, K) and (R,): `together`, `without` and `losses` of `FittedForms`.
-
+        `columns` are (K, N) metres of depth for a coefficient of 1 each, for each recording;
+        `penalty` is (K, K) on the coefficients. Return `together`, `without` and `losses` of
+        `FittedForms`.
         """
         parts = [part.equations(own) for own, part in zip(columns, self._parts, strict=True)]
         S, s = (sum(part[i] for part in parts) for i in (0, 1))  # noqa: N806
@@ -102,15 +79,10 @@ class BiasFit:
 
     def with_usual_poses(self, columns: Sequence[np.ndarray], penalty: np.ndarray) -> 'BiasFit':
         """
-        Return the same with priors of the poses as wide as the fitted poses are.
+        Return the same with priors of the poses as wide as the fitted poses are; never wider.
 
-        A wider prior lets the poses take up what a wrong lens does. It never becomes wider.
-
-        Parameters
-        ----------
-        columns, penalty
-            As for `solve`, of what is fitted at the same time.
-
+        A wider prior lets the poses take up what a wrong lens does. Parameters are those of
+        `solve`, of what is fitted at the same time.
         """
         out = copy(self)
         for _ in range(FORMS.iterations):  # Expectation and maximisation.
@@ -128,15 +100,10 @@ class BiasFit:
 
     def best(self, groups: Sequence[Sequence[Form]], others: Sequence[Form] = ()) -> FittedForms:
         """
-        Return the form that left-out recordings pay for, fitted.
+        Return the form that left-out recordings pay for, fitted together with `others`.
 
-        Parameters
-        ----------
-        groups : sequence of sequence of Form
-            From simple to flexible; see `bias.forms_of`.
-        others : sequence of Form
-            Forms of other effects that are fitted at the same time.
-
+        `groups` go from simple to flexible, see `bias.forms_of`; `others` are forms of other
+        effects.
         """
         chosen: FittedForms | None = None
         for group in groups:
@@ -159,16 +126,8 @@ def own_motion(samples: Samples, error: np.ndarray, registered: np.ndarray) -> n
     """
     Return where a recording's camera and planes were if so much is left of the errors.
 
-    Parameters
-    ----------
-    samples : Samples
-        The recording's.
-    error : numpy.ndarray
-        (N,) metres that no effect explains.
-    registered : numpy.ndarray
-        (6 + 3 P,) the motion as from `register`. What surfaces leave open stays as it is there:
-        it comes from outlines.
-
+    (N,) `error`, metres, is what no effect explains. What surfaces leave open stays as it is in
+    `registered`, the (6 + 3 P,) motion as from `register`: it comes from outlines.
     """
     own, target, _, ridge = _whitened(samples, error)
     start = np.linalg.pinv(samples.spread) @ (samples.motion - registered)
@@ -199,20 +158,9 @@ def usual_factor(samples: Sequence[Samples]) -> float:
 
 def misfit(samples: Samples, error: np.ndarray) -> float:
     """
-    Return how badly a recording's motion explains errors, at the motion that does it best.
+    Return how badly a recording's motion explains errors, (N,) metres, at the best motion.
 
-    Parameters
-    ----------
-    samples : Samples
-        The recording's.
-    error : numpy.ndarray
-        (N,) metres.
-
-    Returns
-    -------
-    float
-        Squares of the motion in standard deviations, and as many as the errors are worth.
-
+    That is squares of the motion in standard deviations, and as many as the errors are worth.
     """
     own, target, start, ridge = _whitened(samples, error)
     step, _ = _robust_step(own, target, start, ridge)

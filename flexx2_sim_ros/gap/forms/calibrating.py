@@ -44,17 +44,9 @@ class FormedSet:
     """
     An explanation with the forms that were tried for its effects.
 
-    Attributes
-    ----------
-    looked : list of Looked
-        The recordings, looked at with these effects.
-    effects : dict
-        Settings by effect, with the forms that are taken.
-    verdicts : list of FormVerdict
-        One for each effect that can have a form, in the order of fitting.
-    now : list of dict
-        (R,) the settings, with each form fitted without the recording.
-
+    `looked` are the recordings, looked at with these effects. `effects` has settings by effect,
+    with the forms that are taken; `now`, (R,), the same with each form fitted without the
+    recording. `verdicts` has one for each effect that can have a form, in the order of fitting.
     """
 
     looked: list[Looked]
@@ -85,13 +77,7 @@ class Calibrated:
     """
     Named effects with their forms, and what is left of the gap with them.
 
-    Attributes
-    ----------
-    explained : FormedSet
-        The forms that were tried.
-    typical : dict
-        Settings by effect in the form of the catalogue.
-
+    `typical` has settings by effect in the form of the catalogue.
     """
 
     explained: FormedSet
@@ -125,29 +111,11 @@ def calibrate_named(
     """
     Fit the forms of named effects.
 
-    Parameters
-    ----------
-    used : sequence of Found
-        The recordings.
-    motions : sequence of numpy.ndarray
-        (6 + 3 P,) where each one's camera and planes are as far as is known, as for
-        `registration.place`.
-    named : sequence of Effect
-        As fitted to all recordings.
-    held_out : sequence of sequence of Effect
-        As fitted without each recording.
-    simulator : Simulator
-        How the recordings are simulated.
-    step : callable
-        Called after each recording.
-    quick : bool
-        Whether only forms that need no search by simulation, or a quick one, are fitted.
-
-    Returns
-    -------
-    Calibrated or None
-        None where no effect has such a form, or where too few recordings can be left out.
-
+    None where no effect has such a form, or where too few recordings can be left out. `motions`
+    are (6 + 3 P,) where each recording's camera and planes are as far as is known, as for
+    `registration.place`. The effects are as fitted to all recordings, and without each recording
+    (`held_out`). `step` is called after each recording. With `quick` only forms that need no
+    search by simulation, or a quick one, are fitted.
     """
     effects = of_camera(named)
     names = calibratable(effects, quick)

@@ -15,17 +15,9 @@ import numpy as np
 @dataclass(frozen=True)
 class DropoutTable:
     """
-    One kind of table that a dropout may have.
+    One kind of table that a dropout may have, in a field of the effect.
 
-    Attributes
-    ----------
-    field : str
-        Of the effect.
-    over : str
-        ``incidence``, ``slant`` or ``light``.
-    rises : bool
-        Whether the probability rises with it.
-
+    It is over ``incidence``, ``slant`` or ``light``; `rises`: the probability rises with that.
     """
 
     field: str
@@ -51,13 +43,9 @@ _EDGES = {
 @dataclass(frozen=True)
 class Counts:
     """
-    How many pixels of a recording's surfaces there are, and how many are invalid.
+    Pixels of a recording's surfaces (`seen`), and how many of them are invalid (`lost`).
 
-    Attributes
-    ----------
-    seen, lost : dict of str to numpy.ndarray
-        (B,) over ``incidence``, ``slant`` and ``light``.
-
+    Both are (B,) over ``incidence``, ``slant`` and ``light``.
     """
 
     seen: dict[str, np.ndarray]

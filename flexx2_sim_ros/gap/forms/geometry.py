@@ -32,22 +32,10 @@ def slopes_of(
     scene: PlacedScene, place: np.ndarray, effects: Mapping[str, Any]
 ) -> dict[str, np.ndarray]:
     """
-    Return how depth changes with the parameters of effects on geometry.
+    Return how depth changes with the parameters of effects on geometry, by effect.
 
-    Parameters
-    ----------
-    scene : PlacedScene
-        Of the recording.
-    place : numpy.ndarray
-        (N,) index into the flat images of `samples.shift_of`.
-    effects : mapping
-        Settings by effect.
-
-    Returns
-    -------
-    dict of str to numpy.ndarray
-        (K, N) metres for a change of each free parameter of `shape_of` by half of its bounds.
-
+    That is (K, N) metres for a change of each free parameter of `shape_of` by half of its bounds.
+    `place` is (N,) index into the flat images of `samples.shift_of`.
     """
     return {
         name: np.array([_slope(scene, place, name, values, one) for one in shape_of(name).free])
@@ -62,21 +50,9 @@ def next_values(
     """
     Return an effect's parameters after a step of Gauss and Newton, fitted with all poses.
 
-    Parameters
-    ----------
-    effect : str
-        One on geometry.
-    samples : sequence of Samples
-        One for each recording, with `Samples.slopes` at ``now``, and with errors that the effect
-        at ``now`` and the other effects do not explain.
-    now : mapping
-        The effect's parameters.
-
-    Returns
-    -------
-    tuple
-        Parameters fitted to all recordings, and to all but one.
-
+    They are fitted to all recordings, and to all but one. `samples` have `Samples.slopes` at
+    `now`, the effect's parameters, and errors that the effect at `now` and the other effects do
+    not explain.
     """
     free = shape_of(effect).free
     # A penalty keeps a step small in a direction of which the recordings say nothing.

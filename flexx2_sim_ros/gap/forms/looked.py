@@ -38,19 +38,9 @@ class Simulator:
     """
     How recordings are read and simulated, and by whom.
 
-    Attributes
-    ----------
-    mapped : callable
-        A map as from `jobs.workers`.
-    profile : Profile or None
-        The camera; None: the Flexx2.
-    known : mapping
-        Effects that the base simulator has: parameters by name.
-    seed : int
-        Of the simulations.
-    prior : tuple of float
-        Six standard deviations of pose errors, metres and degrees.
-
+    `mapped` is a map as from `jobs.workers`. The camera is the Flexx2 if `profile` is None;
+    `known` are effects that the base simulator has, parameters by name. `prior` is six standard
+    deviations of pose errors, metres and degrees.
     """
 
     mapped: Map
@@ -76,29 +66,16 @@ class Looked:
     """
     What is needed of a recording.
 
-    Attributes
-    ----------
-    found : Found
-        Where it is.
-    checksum : str
-        Of its measured depth; see `RecordingData`.
-    registered : numpy.ndarray
-        (6 + 3 P,) its pose and planes before anything is known of its effects.
-    samples : Samples
-        Errors on surfaces.
-    counts, typical_counts : Counts
-        Invalid pixels on surfaces, measured and simulated with the effects as diagnosed.
-    noise : NoiseCurves
-        Measured noise beside that of the simulation with the effects as diagnosed.
-    shifts : dict of str to numpy.ndarray
-        (N,) metres that each effect as diagnosed changes in the samples.
-    uptime : float or None
-        Seconds since power-on at the first frame.
-    shape : tuple of int
-        Height and width of its images.
-    apart : dict
-        How far it is from its simulation with the effects as diagnosed; see `judge`.
-
+    * `checksum`: of its measured depth; see `RecordingData`.
+    * `registered`: (6 + 3 P,) its pose and planes before anything is known of its effects.
+    * `samples`: errors on surfaces.
+    * `counts`, `typical_counts`: invalid pixels on surfaces, measured and simulated with the
+      effects as diagnosed.
+    * `noise`: measured noise beside that of the simulation with the effects as diagnosed.
+    * `shifts`: (N,) metres that each effect as diagnosed changes in the samples.
+    * `uptime`: seconds since power-on at the first frame.
+    * `shape`: height and width of its images.
+    * `apart`: how far it is from its simulation with the effects as diagnosed; see `judge`.
     """
 
     found: Found
@@ -124,13 +101,8 @@ def look(
     """
     Register a recording, and take samples, counts and what its effects change.
 
-    With a motion, the recording is registered already, about there.
-
-    Returns
-    -------
-    Looked or str
-        The reason if the recording cannot be used.
-
+    With a motion, the recording is registered already, about there. The result is the reason if
+    the recording cannot be used.
     """
     found, effects, begin = job
     try:
@@ -198,14 +170,8 @@ def judge(
 
     Each settings get the pose that suits them best, and the same random numbers. With ``frames``
     only so many first frames are compared. With ``settle_once``, all settings get the pose that
-    suits the first ones.
-
-    Returns
-    -------
-    list of dict
-        For each settings, `physical.distances` in small tiles, and ``mismatch``, which is
-        `physical.mismatch`.
-
+    suits the first ones. Each result is `physical.distances` in small tiles, and ``mismatch``,
+    which is `physical.mismatch`.
     """
     looked, several = job
     recording = _first_frames(read(looked.found, profile, known), frames)
@@ -232,11 +198,7 @@ def confirm_settled(
     """
     Compare a recording with its simulation, at the pose that suits the effects; see `confirm`.
 
-    Returns
-    -------
-    tuple
-        What is left of the gap, and (6 + 3 P,) this pose and the planes.
-
+    Return what is left of the gap, and (6 + 3 P,) this pose and the planes.
     """
     looked, effects, wrong, show, bare = job
     scene, motion, _ = _settled(looked, effects, profile, known)
@@ -276,23 +238,9 @@ def registered(
     """
     Find where the camera was if it has these effects, from the recording alone.
 
-    Parameters
-    ----------
-    recording : RecordingData
-        The recording.
-    prior : numpy.ndarray
-        (6,) standard deviations of a pose whose covariance the recording does not give, metres
-        and degrees.
-    effects : dict
-        Parameters by effect.
-    begin : numpy.ndarray, optional
-        (6 + 3 P,) a motion that was found already.
-
-    Returns
-    -------
-    tuple
-        (6 + 3 P,) motion, its standard deviations as from `prior.factor`, and the scene there.
-
+    Return the (6 + 3 P,) motion, its standard deviations as from `prior.factor`, and the scene
+    there. `prior` is (6,) standard deviations of a pose whose covariance the recording does not
+    give, metres and degrees; `begin` a motion that was found already.
     """
     # `_settle` corrects what the effects did to this motion, so it need not know them.
     if begin is None:

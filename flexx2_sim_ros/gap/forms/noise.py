@@ -20,20 +20,13 @@ WORDS = {'curve': 'amplitude', 'slant': 'incidence'}
 @dataclass(frozen=True)
 class NoiseCurves:
     """
-    The noise of a recording on surfaces, beside that of its simulation.
+    The noise of a recording on surfaces, beside that of its simulation; by field of the effect.
 
-    Attributes
-    ----------
-    middles : dict of str to numpy.ndarray
-        (B,) middles of the bins, by field of the effect.
-    simulated : dict of str to numpy.ndarray
-        (B,) factor on sigma_z in the simulation; NaN where it varies in a bin.
-    level : dict of str to numpy.ndarray
-        (B,) ln of the measured variance over that of the base model, NaN where too little is
-        known.
-    count : dict of str to numpy.ndarray
-        (B,) pairs of frames.
-
+    * `middles`: (B,) middles of the bins.
+    * `simulated`: (B,) factor on sigma_z in the simulation; NaN where it varies in a bin.
+    * `level`: (B,) ln of the measured variance over that of the base model, NaN where too little
+      is known.
+    * `count`: (B,) pairs of frames.
     """
 
     middles: dict[str, np.ndarray]
@@ -45,19 +38,7 @@ class NoiseCurves:
 def noise_of(
     axes: Axes, real: Measures, simulated: Measures, effects: Mapping[str, Any]
 ) -> NoiseCurves:
-    """
-    Return the noise of a recording.
-
-    Parameters
-    ----------
-    axes : Axes
-        Of the recording.
-    real, simulated : Measures
-        Of the recording and of its simulation.
-    effects : mapping
-        Settings by effect in the simulation.
-
-    """
+    """Return the noise of a recording; `effects` has settings by effect in the simulation."""
     place = np.array([name for name in SURFACES for _ in range(AXES[name].bins)])
     middles, factors, level, count = {}, {}, {}, {}
     for field, covariate in FIELDS.items():
@@ -95,17 +76,7 @@ def typical(field: str, noises: Sequence[NoiseCurves], places: np.ndarray) -> np
 
 
 def curve_of(field: str, noises: Sequence[NoiseCurves]) -> Curve:
-    """
-    Return the curve that is the mean of some recordings.
-
-    Parameters
-    ----------
-    field : str
-        One of `FIELDS`.
-    noises : sequence of NoiseCurves
-        The recordings.
-
-    """
+    """Return the curve that is the mean of some recordings, for one of `FIELDS`."""
     mean, known = _mean(noises, field)
     if not known.any():
         return Curve((0.0,), (1.0,))

@@ -14,13 +14,9 @@ _SEED = 0  # the same for all, so that maps without one recording have what is u
 @dataclass(frozen=True)
 class PixelErrors:
     """
-    Errors of each pixel in one recording.
+    Errors of each pixel in one recording, (H, W) float64.
 
-    Attributes
-    ----------
-    sums, weights : numpy.ndarray
-        (H, W) float64: errors in metres times weights, and weights in 1/m^2.
-
+    `sums` are of errors in metres times weights, `weights` in 1/m^2.
     """
 
     sums: np.ndarray
@@ -46,21 +42,10 @@ def pixel_errors(scene: PlacedScene, effects: dict[str, dict[str, float]]) -> Pi
 
 def map_of(errors: Sequence[PixelErrors]) -> np.ndarray:
     """
-    Return a map as recordings have it in common, drawn at random where they know little of it.
+    Return a map, (H, W) metres, as recordings have it in common, drawn at random.
 
-    It is one of those that agree with the recordings. Their mean would be too smooth: a pixel of
-    which nothing is known has a fixed error as well.
-
-    Parameters
-    ----------
-    errors : sequence of PixelErrors
-        Of two recordings or more.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) metres, 0 if nothing is in common.
-
+    It is one of those that agree with the recordings, two or more. Their mean would be too smooth:
+    a pixel of which nothing is known has a fixed error as well. It is 0 if nothing is in common.
     """
     sums = np.array([one.sums for one in errors])
     weights = np.array([one.weights for one in errors])

@@ -23,21 +23,12 @@ _OTHERS = {
 @dataclass(frozen=True)
 class FormProposal:
     """
-    A form for one effect.
+    A form for one effect; `label` says which.
 
-    Attributes
-    ----------
-    effect, label : str
-        Its name, and which form.
-    together : mapping
-        Settings fitted to all recordings.
-    without : tuple of mapping
-        The same without each recording in turn.
-    varies : float
-        How much a curve or table varies in the recordings: its standard deviation over its root
-        mean square, 0..1. An effect that is the same everywhere acts like a constant. 1 for other
-        forms.
-
+    `together` has settings fitted to all recordings, `without` the same without each recording in
+    turn. `varies` is how much a curve or table varies in the recordings: its standard deviation
+    over its root mean square, 0..1; 1 for other forms. An effect that is the same everywhere acts
+    like a constant. `with_poses`: it was fitted together with the poses.
     """
 
     effect: str
@@ -53,16 +44,9 @@ class FormVerdict:
     """
     Whether a proposal is taken.
 
-    Attributes
-    ----------
-    proposal : FormProposal
-    before, after : numpy.ndarray
-        (R,) how far each recording is from its simulation, with the effect as diagnosed and with
-        the form fitted without this recording; see `physical.distance`.
-    taken : bool
-    worse : tuple of str
-        Measures outside the distance that get significantly worse.
-
+    `before` and `after` are (R,) how far each recording is from its simulation, with the effect as
+    diagnosed and with the form fitted without this recording; see `physical.distance`. `worse` are
+    measures outside the distance that get significantly worse.
     """
 
     proposal: FormProposal

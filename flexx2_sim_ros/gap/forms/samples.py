@@ -28,34 +28,19 @@ class Samples:
     """
     Pixels of one recording on surfaces away from edges, some of its rows and columns.
 
-    Attributes
-    ----------
-    motion : numpy.ndarray
-        (M,) pose and planes at which the errors were taken, as for `registration.place`.
-    error : numpy.ndarray
-        (N,) metres, measured less clean depth; of a still scene the mean over frames.
-    sigma : numpy.ndarray
-        (N,) metres, of the errors: noise, and the bias that does not matter.
-    own : numpy.ndarray
-        (M, N) metres for each unit of ``motion``.
-    spread : numpy.ndarray
-        (M, M) factor of the covariance of ``motion``, as from `prior.factor`.
-    length : numpy.ndarray
-        (N,) length of each pixel's ray, as a multiple of its depth.
-    distance : numpy.ndarray
-        (N,) metres along the ray.
-    light : numpy.ndarray
-        (N,) natural logarithm of the amplitude in 1/m^2.
-    incidence : numpy.ndarray
-        (N,) degrees.
-    uptime : numpy.ndarray
-        (N,) seconds since power-on; NaN if the recording does not say.
-    place : numpy.ndarray
-        (N,) index into the flat (F, H, W) images of `shift_of`.
-    slopes : dict of str to numpy.ndarray
-        By effect on geometry: (K, N) metres for a change of each of its parameters by half of
-        its bounds, as from `geometry.slopes_of`.
-
+    * `motion`: (M,) pose and planes at which the errors were taken, as for `registration.place`.
+    * `error`: (N,) metres, measured less clean depth; of a still scene the mean over frames.
+    * `sigma`: (N,) metres, of the errors: noise, and the bias that does not matter.
+    * `own`: (M, N) metres for each unit of ``motion``.
+    * `spread`: (M, M) factor of the covariance of ``motion``, as from `prior.factor`.
+    * `length`: (N,) length of each pixel's ray, as a multiple of its depth.
+    * `distance`: (N,) metres along the ray.
+    * `light`: (N,) natural logarithm of the amplitude in 1/m^2.
+    * `incidence`: (N,) degrees.
+    * `uptime`: (N,) seconds since power-on; NaN if the recording does not say.
+    * `place`: (N,) index into the flat (F, H, W) images of `shift_of`.
+    * `slopes`: by effect on geometry: (K, N) metres for a change of each of its parameters by half
+      of its bounds, as from `geometry.slopes_of`.
     """
 
     motion: np.ndarray
@@ -92,20 +77,10 @@ def images_at(placed: Placed, t: int) -> tuple[np.ndarray, np.ndarray | None]:
 
 def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
     """
-    Return what effects change in the depth of a recording's frames.
+    Return what effects change in the depth of a recording's frames, (F, H, W) metres.
 
-    Parameters
-    ----------
-    scene : PlacedScene
-        Of the recording; the effects that it takes as given are part of what changes.
-    effects : mapping
-        Settings by effect.
-
-    Returns
-    -------
-    numpy.ndarray
-        (F, H, W) metres for the frames of `frames_of`, 0 where it cannot be said.
-
+    The frames are those of `frames_of`; 0 where it cannot be said. The effects that the scene
+    takes as given are part of what changes.
     """
     recording, placed = scene.recording, scene.placed
     frames = frames_of(recording)
@@ -214,12 +189,8 @@ def mean_error(scene: PlacedScene, t: int) -> tuple[np.ndarray, np.ndarray]:
     """
     Return measured less clean depth of a frame, or the mean over all frames of a still scene.
 
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (H, W) metres, NaN where fewer than half of the frames are valid; (H, W) how many are, at
-        least one.
-
+    It is (H, W) metres, NaN where fewer than half of the frames are valid; beside it (H, W) how
+    many are, at least one.
     """
     depth, clean = scene.recording.depth, scene.placed.clean
     if clean.ndim == 3:

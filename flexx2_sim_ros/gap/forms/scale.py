@@ -21,14 +21,8 @@ class ScaleColumns:
     """
     How the depth of one recording's samples changes with an effect's scale.
 
-    Attributes
-    ----------
-    shifts : tuple of numpy.ndarray
-        (N,) metres at a scale of 1, for each variant.
-    surfaces : numpy.ndarray
-        (N,) bool: whether the same surface is seen all the time. Where an edge passes, the shift
-        is not proportional to the scale.
-
+    (N,) `shifts`, metres at a scale of 1, for each variant. (N,) bool `surfaces`: the same surface
+    is seen all the time; where an edge passes, the shift is not proportional to the scale.
     """
 
     shifts: tuple[np.ndarray, ...]
@@ -42,19 +36,7 @@ class ScaleColumns:
 
 
 def columns_of(scene: PlacedScene, samples: Samples, effect: str) -> ScaleColumns:
-    """
-    Return how depth changes with the scale of an effect.
-
-    Parameters
-    ----------
-    scene : PlacedScene
-        Of the recording.
-    samples : Samples
-        Of the recording.
-    effect : str
-        One with a `Scale`.
-
-    """
+    """Return how the depth of a recording's samples changes with an effect's `Scale`."""
     if registry()[effect].needs_motion and not scene.moving:
         nothing = np.zeros(len(samples.place))
         return ScaleColumns(tuple(nothing for _ in scale_of(effect).variants), nothing == 0)
@@ -98,17 +80,9 @@ def pose_width(samples: Sequence[Samples], columns: Sequence[ScaleColumns]) -> f
     """
     Return how wide the poses are that an effect does not change, as a fraction of their prior.
 
-    A shift that all frames of a recording share looks like another pose. But then the poses of
-    the recordings that have it are farther off than those of the others. 1 where there are too
-    few others.
-
-    Parameters
-    ----------
-    samples : sequence of Samples
-        One for each recording, with errors that other effects do not explain.
-    columns : sequence of ScaleColumns
-        Likewise.
-
+    A shift that all frames of a recording share looks like another pose. But then the poses of the
+    recordings that have it are farther off than those of the others. 1 where there are too few
+    others. The samples are with errors that other effects do not explain.
     """
     still = [one for one, own in zip(samples, columns, strict=True) if own.none]
     return usual_factor(still) if len(still) >= FORMS.fewest else 1.0
@@ -120,21 +94,9 @@ def fit_scale(
     """
     Fit an effect's scale together with the poses, and choose its variant.
 
-    Parameters
-    ----------
-    effect : str
-        One with a `Scale`.
-    samples : sequence of Samples
-        One for each recording, with errors that other effects do not explain, and priors of the
-        poses as wide as these usually are.
-    columns : sequence of ScaleColumns
-        Likewise.
-
-    Returns
-    -------
-    list of dict
-        Settings fitted to all recordings, and to all but one, in the variant that suits all best.
-
+    The samples are with errors that other effects do not explain, and priors of the poses as wide
+    as these usually are. Return settings fitted to all recordings, and to all but one, in the
+    variant that suits all best.
     """
     scale = scale_of(effect)
     values = np.linspace(0.0, scale.most, FORMS.scales)

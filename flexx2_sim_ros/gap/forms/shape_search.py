@@ -20,16 +20,9 @@ class SearchResult:
     """
     Parameters that were found.
 
-    Attributes
-    ----------
-    shape : Shape
-    together : dict
-        Those with the smallest mean mismatch over all recordings.
-    without : tuple of dict
-        The same without each recording in turn.
-    mismatch : numpy.ndarray
-        (R,) of each recording with the parameters that it had no part in.
-
+    `together` are those with the smallest mean mismatch over all recordings, `without` the same
+    without each recording in turn. `mismatch` is (R,) of each recording with the parameters that
+    it had no part in.
     """
 
     shape: Shape
@@ -51,17 +44,9 @@ def search(
     """
     Fit shapes from simple to flexible; return the one that left-out recordings pay for.
 
-    Parameters
-    ----------
-    shapes : sequence of Shape
-        One or more.
-    start : mapping
-        The effect's parameters as diagnosed.
-    evaluate : callable
-        From N sets of parameters to the (N, R) mismatch of each recording.
-    quick : bool
-        Whether only places around the start are tried, with few calls of ``evaluate``.
-
+    `start` has the effect's parameters as diagnosed. `evaluate` is from N sets of parameters to
+    the (N, R) mismatch of each recording. With `quick` only places around the start are tried,
+    with few calls of it.
     """
     chosen: SearchResult | None = None
     for shape in shapes:
