@@ -16,22 +16,7 @@ _FARTHEST = 3.0  # medians of the distance, that are drawn from above
 
 
 def drawing(planned: PlannedRecording, lens: Intrinsics) -> bytes:
-    """
-    Draw a set-up.
-
-    Parameters
-    ----------
-    planned : PlannedRecording
-        The recording.
-    lens : Intrinsics
-        The camera.
-
-    Returns
-    -------
-    bytes
-        A PNG with the set-up from above (left) and its depth (right).
-
-    """
+    """Draw a set-up as a PNG: seen from above (left), and its depth (right)."""
     small = smaller(lens, _SCALE)
     stamp = np.zeros(1)
     depth, _ = render(planned.scene, small, stamp)

@@ -38,20 +38,11 @@ Effects = dict[str, dict[str, Any]]
 @dataclass(frozen=True)
 class Explanation:
     """
-    What may be the cause of a gap.
+    What may be the cause of a gap; `name` is for people.
 
-    Attributes
-    ----------
-    name : str
-        For people.
-    effects : dict
-        Parameters by effect; empty if there is none.
-    weight : float
-        How likely it is.
-    rest : numpy.ndarray
-        (R, SIZE) what it leaves of the gap of the recordings, in units of the features' scale; NaN
-        where there is none.
-
+    `effects` has parameters by effect; empty if there is none. `weight` is how likely it is.
+    `rest` is (R, SIZE) what it leaves of the gap of the recordings, in units of the features'
+    scale; NaN where there is none.
     """
 
     name: str
@@ -69,11 +60,7 @@ def check_open(before: Diagnosed) -> None:
     """
     Check that a diagnosis leaves something open.
 
-    Raises
-    ------
-    InputError
-        When it does not, or lacks a key.
-
+    Raises `InputError` when it does not, or lacks a key.
     """
     try:
         alternatives, hidden = before.table['alternatives'], before.table['not_decidable']
@@ -167,27 +154,14 @@ class DiagnosedWith:
     """
     What the recordings were diagnosed with.
 
-    Attributes
-    ----------
-    profile : Profile
-        The camera.
-    given : dict
-        Effects that were taken as given: parameters by name.
-    columns : tuple of Column
-        The simulations of each recording.
-    without : frozenset of str
-        Effects that the catalogue lacks.
-    modulation : bool
-        Whether the modulation frequencies are known.
-    hidden : tuple of Hidden
-        What the ground truth of the campaign hides.
-    prior : tuple of float
-        (6,) standard deviations of pose errors, metres and degrees.
-    held : bool
-        Whether they hold the poses; see `Model`.
-    seed : int
-        Seed of the simulations and draws.
-
+    * `given`: effects that were taken as given: parameters by name.
+    * `columns`: the simulations of each recording.
+    * `without`: effects that the catalogue lacks.
+    * `modulation`: whether the modulation frequencies are known.
+    * `hidden`: what the ground truth of the campaign hides.
+    * `prior`: (6,) standard deviations of pose errors, metres and degrees.
+    * `held`: whether they hold the poses; see `Model`.
+    * `seed`: of the simulations and draws.
     """
 
     profile: Profile
@@ -210,19 +184,8 @@ class DiagnosedRecordings:
     """
     The recordings that were diagnosed, and how they are explained.
 
-    Attributes
-    ----------
-    evidence : tuple of Evidence
-        Of the recordings.
-    columns : tuple of Column
-        Of this evidence and that of new recordings.
-    labels : frozenset of tuple of str
-        Effect and label of the candidates that are compared.
-    standing : tuple of Explanation
-        What is still possible.
-    source : DiagnosedWith
-        What the recordings were diagnosed with.
-
+    `columns` are those of their `evidence` and that of new recordings; `labels` effect and label
+    of the candidates that are compared; `standing` what is still possible.
     """
 
     evidence: tuple[Evidence, ...]
@@ -239,14 +202,9 @@ class DiagnosedRecordings:
 @dataclass(frozen=True)
 class Expected:
     """
-    The expected decision after new recordings.
+    Probabilities of the decision after new recordings; their sum is 1.
 
-    Attributes
-    ----------
-    right, wrong, undecided : float
-        Probabilities that it is correct, that it is wrong, and that it leaves something open;
-        their sum is 1.
-
+    A decision that is `undecided` leaves something open.
     """
 
     right: float
@@ -255,17 +213,7 @@ class Expected:
 
 
 def what_is_known(model: Model, source: DiagnosedWith) -> DiagnosedRecordings:
-    """
-    Diagnose the recordings, and return what is still possible.
-
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    source : DiagnosedWith
-        What they were diagnosed with.
-
-    """
+    """Diagnose the recordings as before, and return what is still possible."""
     candidates, absorbed = decidable_candidates(model, source.candidates(), source.hidden)
     decision = decide(model, candidates, absorbed=absorbed)
     standing = _explanations(model, decision, candidates)
@@ -292,15 +240,8 @@ def expect(
     """
     Return the expected decision when set-ups are recorded twice each.
 
-    Parameters
-    ----------
-    known : DiagnosedRecordings
-        The recordings so far.
-    pairs : sequence of tuple of Evidence
-        Each new set-up, simulated twice with different random numbers.
-    fitted : bool
-        Whether planes are fitted to the new recordings.
-
+    `pairs` has each new set-up, simulated twice with different random numbers. `fitted`: planes
+    are fitted to the new recordings.
     """
     new = [one for pair in pairs for one in pair]
     about = known.source

@@ -31,17 +31,7 @@ _FEW = 0.5  # expected fraction right from which on a suggestion is more likely 
 
 
 def page(table: Mapping[str, Any], views: Sequence[PredictedView], lens: Intrinsics) -> str:
-    """
-    Return the suggestions as a page, all text escaped and all pictures inside.
-
-    Parameters
-    ----------
-    table, views
-        The result of `suggest`.
-    lens : Intrinsics
-        The intrinsics of the camera.
-
-    """
+    """Return the suggestions of `suggest` as a page, all text escaped and all pictures inside."""
     body = [
         html.heading('What to record next', 1),
         html.paragraphs(

@@ -47,19 +47,8 @@ class Checklist:
     """
     The content of the checklist and of the page.
 
-    Attributes
-    ----------
-    plan : Plan
-        The recordings.
-    profile : Profile
-        The camera.
-    table : dict
-        The result of `table.compute`.
-    own : bool
-        Whether the table was computed for this plan.
-    named : str
-        What ``--profile`` of other commands takes for this camera; empty: a Flexx2.
-
+    `table` is the result of `table.compute`, `own` whether it was computed for this plan. `named`
+    is what ``--profile`` of other commands takes for this camera; empty: a Flexx2.
     """
 
     plan: Plan

@@ -29,19 +29,10 @@ _NUMBERS = {'seconds': (0.5, 600.0), 'after_s': (0.0, 1e5), 'pan_deg_s': (-200.0
 @dataclass(frozen=True)
 class PlannedRecording:
     """
-    One recording of a plan.
+    One recording of a plan; the bag has the scene's name.
 
-    Attributes
-    ----------
-    scene : PlannedScene
-        The scene; the bag has its name.
-    title, set_up : str
-        A few words, and what to do.
-    seconds : float
-        Duration of the recording.
-    effects : tuple of str
-        Names of the effects that the recording shows.
-
+    `title` is a few words, `set_up` what to do, `seconds` the duration; `effects` names the
+    effects that the recording shows.
     """
 
     scene: PlannedScene
@@ -64,21 +55,10 @@ class PlannedRecording:
 @dataclass(frozen=True)
 class Plan:
     """
-    What to record.
+    What to record: at least two recordings of one mode, in the order of recording.
 
-    Attributes
-    ----------
-    title : str
-        Title of the plan, one line.
-    usecase : str
-        The mode of all recordings.
-    scale : float
-        Size of the simulated image as a fraction of the camera's.
-    frames : int
-        Number of simulated frames of a recording.
-    recordings : tuple of PlannedRecording
-        At least two recordings, in the order of recording.
-
+    The title is one line. `scale` is the size of the simulated image as a fraction of the
+    camera's; each recording has so many simulated `frames`.
     """
 
     title: str
@@ -95,18 +75,10 @@ def default_plan() -> Path:
 
 def read_plan(path: Path) -> Plan:
     """
-    Read a plan.
+    Read a plan, a YAML file like ``config/gap_plan.yaml``, which describes each key.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        A YAML file like ``config/gap_plan.yaml``, which describes each key.
-
-    Raises
-    ------
-    InputError
-        When the file is not a plan; the message names the file, the recording and the key.
-
+    Raises `InputError` when the file is not a plan; the message names the file, the recording and
+    the key.
     """
     table = read_config(path)
     try:

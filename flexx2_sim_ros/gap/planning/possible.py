@@ -24,23 +24,11 @@ _REPLACED = 'depth', 'usecase', 'amplitude'  # keys of a scene's file
 @dataclass(frozen=True)
 class Possible:
     """
-    A recording that could be made next.
+    A recording that could be made next: a name for tables, and words what to set up.
 
-    Attributes
-    ----------
-    name, words : str
-        Name for tables, and what to set up.
-    kind : TruthKind
-        The kind of ground truth.
-    path : pathlib.Path
-        Its simulated recording, or an existing one.
-    known : dict
-        Effects of the camera in images of this size: parameters by name.
-    planned : PlannedRecording or None
-        The planned recording, if it comes from the plan.
-    repeat : bool
-        Whether it repeats an existing recording.
-
+    `path` is its simulated recording, or an existing one. `known` are effects of the camera in
+    images of this size, parameters by name. `planned` is the planned recording, if it comes from
+    the plan; `repeat`: it repeats an existing recording.
     """
 
     name: str
@@ -53,15 +41,7 @@ class Possible:
 
 
 def usual_kinds(table: Mapping[str, Any]) -> list[str]:
-    """
-    Return the kinds of ground truth that the recordings of a diagnosis suggest.
-
-    Parameters
-    ----------
-    table : mapping
-        The content of ``diagnosis.json``.
-
-    """
+    """Return the kinds of ground truth that the recordings of a ``diagnosis.json`` suggest."""
     truths = [row.get('truth') or {} for row in table['recordings'] if row.get('used')]
     kinds = []
     if any(one.get('planes') for one in truths):
@@ -75,11 +55,7 @@ def kinds_named(names: Sequence[str]) -> list[TruthKind]:
     """
     Return the kinds of ground truth with these names, without duplicates.
 
-    Raises
-    ------
-    InputError
-        When a name is not that of a kind.
-
+    Raises `InputError` when a name is not that of a kind.
     """
     by_name = {kind.name: kind for kind in ALL_KINDS}
     for name in names:
@@ -94,21 +70,8 @@ def of_plan(
     """
     Write the plan's recordings with each kind of ground truth that suits them.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        An existing folder.
-    plan : Plan
-        What could be recorded.
-    kinds : sequence of TruthKind
-        The kind of ground truth.
-    profile : Profile
-        The camera.
-    known : mapping
-        Effects of the camera: parameters by name.
-    seed : int
-        Seed of the noise.
-
+    The folder exists. `known` are effects of the camera, parameters by name; `seed` is that of the
+    noise.
     """
     lens = smaller(profile.intrinsics, plan.scale)
     known = at_size(known, lens.height, lens.width)
@@ -126,24 +89,10 @@ def of_scene(
     written: Path, scene_file: Path, usecase: str, profile: Profile, known: Table, seed: int
 ) -> Possible:
     """
-    Write a simulated recording of a scene of the user.
+    Write a simulated recording of a scene of the user, an ``.npz`` with ``clean_depth`` and ``K``.
 
-    Parameters
-    ----------
-    written : pathlib.Path
-        The file to write.
-    scene_file : pathlib.Path
-        An ``.npz`` with ``clean_depth`` and ``K``.
-    usecase : str
-        The mode.
-    profile, known, seed
-        As for `of_plan`.
-
-    Raises
-    ------
-    InputError
-        When the scene cannot be used; the message names its file.
-
+    `written` is the file to write; `profile`, `known` and `seed` are as for `of_plan`. Raises
+    `InputError` when the scene cannot be used; the message names its file.
     """
     scene = load_scene(scene_file)
     clean = scene.clean_depth
@@ -198,19 +147,11 @@ def of_campaign(found: Sequence[Found], known: Table) -> list[Possible]:
 @dataclass(frozen=True)
 class PredictedView:
     """
-    The images that each explanation predicts for a recording.
+    The images that each explanation predicts for a recording, (N, H, W) each.
 
-    Attributes
-    ----------
-    possible : Possible
-        The recording.
-    error : numpy.ndarray
-        (N, H, W) mean of measured minus clean depth, metres; NaN where one of them is missing.
-    noise : numpy.ndarray
-        (N, H, W) standard deviation of that error over frames, metres; NaN as in `error`.
-    valid : numpy.ndarray
-        (N, H, W) fraction of frames with a depth; NaN where the ground truth is unknown.
-
+    * `error`: mean of measured minus clean depth, metres; NaN where one of them is missing.
+    * `noise`: standard deviation of that error over frames, metres; NaN as in `error`.
+    * `valid`: fraction of frames with a depth; NaN where the ground truth is unknown.
     """
 
     possible: Possible
@@ -222,21 +163,7 @@ class PredictedView:
 def look(
     possible: Possible, standing: Sequence[Explanation], profile: Profile, seed: int
 ) -> PredictedView:
-    """
-    Simulate a recording with each explanation.
-
-    Parameters
-    ----------
-    possible : Possible
-        The recording.
-    standing : sequence of Explanation
-        The explanations.
-    profile : Profile
-        The camera.
-    seed : int
-        Seed of the noise.
-
-    """
+    """Simulate a recording with each explanation that stands."""
     found = check(possible.path, profile)
     if not isinstance(found, Found):
         raise InputError(found)

@@ -43,15 +43,8 @@ class Power:
     """
     How well a plan finds one effect, with one kind of ground truth.
 
-    Attributes
-    ----------
-    effect : str
-        Its name.
-    found : dict of float to float
-        Fraction of draws in which the effect is found, by strength; only tried strengths.
-    undecided : bool
-        Whether the ground truth cannot decide the effect at any strength.
-
+    `found` is the fraction of draws in which it is found, by strength; only tried strengths.
+    `undecided`: the ground truth cannot decide the effect at any strength.
     """
 
     effect: str
@@ -73,11 +66,8 @@ def planned_columns(modulation: bool = True) -> list[Column]:
     """
     Return the simulations of all effects at all strengths, in addition to the catalogue.
 
-    Parameters
-    ----------
-    modulation : bool
-        Whether the modulation frequencies are known; as for `catalogue`.
-
+    Effects that need modulation frequencies are left out if these are not known, as in
+    `catalogue`.
     """
     return [
         Column(
@@ -110,28 +100,11 @@ def power(
     draws: int = _DRAWS,
 ) -> Power:
     """
-    Compute how often an effect is found.
+    Compute how often an effect is found in `draws` at each strength.
 
     It is found if the diagnosis names it first, and no effect that the ground truth leaves
-    undecided explains about as much.
-
-    Parameters
-    ----------
-    effect : str
-        Its name.
-    model : Model
-        The recordings without effects, with the columns of `planned_columns`.
-    candidates : sequence of Candidate
-        The catalogue.
-    hidden : set of str
-        The result of `left_open`.
-    kind : TruthKind
-        The kind of ground truth.
-    seed : int
-        Seed of the draws.
-    draws : int
-        Number of draws at each strength.
-
+    undecided (`hidden`, as from `left_open`) explains about as much. `model` has the recordings
+    without effects, with the columns of `planned_columns`.
     """
     if effect in hidden:
         return Power(effect, {}, True)
@@ -240,17 +213,9 @@ def noise(model: Model, rng: np.random.Generator) -> np.ndarray:
 
 def wrong_truth(model: Model, fitted: bool, rng: np.random.Generator) -> np.ndarray:
     """
-    Return (R, SIZE) shift of the features by errors of the ground truth, linearised.
+    Return (R, SIZE) shift of the features by random errors of the ground truth, linearised.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    fitted : bool
-        Whether planes are fitted to the recordings: these are where the recordings have them.
-    rng : numpy.random.Generator
-        Source of the random errors.
-
+    Planes that are `fitted` to the recordings are where the recordings have them.
     """
     amounts = np.zeros((len(model.gap), model.own.count))
     for row, one in zip(amounts, model.evidence, strict=True):

@@ -25,17 +25,8 @@ class Panel:
     """
     A flat rectangle, in the optical frame at the first stamp: x right, y down, z forward.
 
-    Attributes
-    ----------
-    centre : tuple of float
-        Metres.
-    across, along : tuple of float
-        From the centre to the middle of two neighbouring sides, metres; perpendicular.
-    reflectivity : float
-        0 to 1.
-    velocity : tuple of float
-        Metres per second.
-
+    `centre` is in metres. `across` and `along` lead from it to the middle of two neighbouring
+    sides, metres; perpendicular. `reflectivity` is 0 to 1, `velocity` in metres per second.
     """
 
     centre: Vector
@@ -48,21 +39,11 @@ class Panel:
 @dataclass(frozen=True)
 class PlannedScene:
     """
-    A scene to record.
+    A scene to record; `name` is for files and tables.
 
-    Attributes
-    ----------
-    name : str
-        Name for files and tables.
-    words : str
-        What to set up, as a noun phrase: "a white wall at 3 m, seen straight on".
-    panels : tuple of Panel
-        The panels of the scene.
-    turn_rate : float
-        Rate at which the camera pans to the right, degrees per second.
-    uptime : float
-        Seconds since power-on at the first frame.
-
+    `words` is what to set up, as a noun phrase: "a white wall at 3 m, seen straight on". The
+    camera pans to the right at `turn_rate`, degrees per second. `uptime` is seconds since power-on
+    at the first frame.
     """
 
     name: str
@@ -79,17 +60,10 @@ class PlannedScene:
 
 def wall(distance: float, tilt: float = 0.0, reflectivity: float = _WHITE) -> Panel:
     """
-    Return a wall that fills the image.
+    Return a wall that fills the image, at `distance` metres along the optical axis.
 
-    Parameters
-    ----------
-    distance : float
-        Distance along the optical axis, metres.
-    tilt : float
-        Turn about the vertical, degrees; positive: the right side is farther.
-    reflectivity : float
-        0 to 1.
-
+    `tilt` is its turn about the vertical, degrees; positive: the right side is farther.
+    `reflectivity` is 0 to 1.
     """
     turn = math.radians(tilt)
     across = (_LARGE * math.cos(turn), 0.0, _LARGE * math.sin(turn))
@@ -111,21 +85,9 @@ def render(
     """
     Return depth and reflectivity of a scene without noise.
 
-    Parameters
-    ----------
-    scene : PlannedScene
-        The scene in view.
-    lens : Intrinsics
-        The camera.
-    stamp : sequence of float
-        (T,) seconds; the scene is as described at the first one.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Depth in metres along the optical axis, NaN where there is no return, and reflectivity
-        (0 where there is no return): float32, (H, W), or (T, H, W) of a moving scene.
-
+    Depth is in metres along the optical axis, NaN where there is no return; reflectivity is 0
+    there. Both are float32, (H, W), or (T, H, W) of a moving scene. `stamp` is (T,) seconds; the
+    scene is as described at the first one.
     """
     seconds = np.asarray(stamp, float)
     seconds = seconds - seconds[0] if scene.moving else np.zeros(1)

@@ -36,25 +36,9 @@ Progress = Callable[[str, float], None]
 @dataclass(frozen=True)
 class PowerRequest:
     """
-    What to compute.
+    What to compute of a plan: `draws` at each strength, for each kind of ground truth.
 
-    Attributes
-    ----------
-    plan : Plan
-        What is recorded.
-    profile : Profile
-        The camera.
-    out : pathlib.Path
-        Folder for finished parts.
-    seed : int
-        Seed of the simulations and draws.
-    draws : int
-        How many at each strength.
-    jobs : int
-        Number of processes.
-    kinds : tuple of TruthKind
-        The kind of ground truth.
-
+    Finished parts are in the folder `out`. `seed` is that of the simulations and draws.
     """
 
     plan: Plan
@@ -84,11 +68,7 @@ def read_table(path: Path) -> dict[str, Any]:
     """
     Read a table as `compute` returns it.
 
-    Raises
-    ------
-    InputError
-        When the file is not a table.
-
+    Raises `InputError` when the file is not a table.
     """
     table = read_config(path)
     wanted = {'command': str, 'date': str, 'kinds': dict, 'effects': dict}
@@ -111,23 +91,10 @@ def compute(request: PowerRequest, command: str, progress: Progress) -> dict[str
     """
     Compute what a plan can find.
 
-    Finished kinds of ground truth are stored in ``out``, so that an interrupted run resumes.
-
-    Parameters
-    ----------
-    request : PowerRequest
-        What to compute.
-    command : str
-        The command line, stored in the table.
-    progress : callable
-        Called with the name of the current step and the fraction of the work that is done.
-
-    Returns
-    -------
-    dict
-        Plain values: ``effects`` has, by effect and kind, the ``smallest`` strength (or None), the
-        fraction ``found`` by strength, and whether the ground truth leaves the effect ``open``.
-
+    Finished kinds of ground truth are stored in ``out``, so that an interrupted run resumes. The
+    command line is stored in the table, of plain values: ``effects`` has, by effect and kind, the
+    ``smallest`` strength (or None), the fraction ``found`` by strength, and whether the ground
+    truth leaves the effect ``open``.
     """
     mode = request.profile.mode(request.plan.usecase)
     no_phases = why_no_phases(mode)

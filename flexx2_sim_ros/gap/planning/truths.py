@@ -21,21 +21,12 @@ _LEAST_PIXELS = 8  # across an image, as of the smallest cameras
 @dataclass(frozen=True)
 class TruthKind:
     """
-    A kind of ground truth.
+    A kind of ground truth: a name for tables, and words that describe it.
 
-    Attributes
-    ----------
-    name, words : str
-        Name for tables, and description.
-    pose : bool
-        Whether the pose is known from registration, and surfaces from a scan.
-    plane : tuple of float or None
-        Standard deviations of planes, if only planes are known: metres and radians.
-    fitted : bool
-        Whether the planes are fitted to the recording itself.
-    never : tuple of str
-        Effects that this kind of ground truth always hides.
-
+    * `pose`: whether the pose is known from registration, and surfaces from a scan.
+    * `plane`: standard deviations of planes, if only planes are known: metres and radians.
+    * `fitted`: whether the planes are fitted to the recording itself.
+    * `never`: effects that this kind of ground truth always hides.
     """
 
     name: str
@@ -101,21 +92,8 @@ def write_campaign(
     """
     Write the plan's recordings with one kind of ground truth as ``.npz``.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        An existing folder.
-    plan : Plan
-        What is recorded. Moving scenes are left out where the truth consists of planes.
-    profile : Profile
-        The camera.
-    kind : TruthKind
-        The kind of ground truth.
-    effects : mapping, optional
-        Effects of the camera: parameters by effect.
-    seed : int
-        Seed of the noise.
-
+    The folder exists. Moving scenes are left out where the truth consists of planes. `effects` are
+    those of the camera, parameters by effect; `seed` is that of the noise.
     """
     for planned in plan.recordings:
         if kind.suits(planned):
