@@ -116,19 +116,10 @@ def cost(
 @dataclass(frozen=True)
 class CostRequest:
     """
-    How a cost is measured.
+    How a cost is measured; see `cost`.
 
-    Attributes
-    ----------
-    consumers : tuple of ConsumerSource
-        Where the consumers are.
-    damaged : tuple of str
-        Installed packages that cannot be read.
-    profile : Profile or None
-        The camera; None: the Flexx2.
-    seed, jobs, mounting, limit
-        As for `cost`.
-
+    `damaged` are installed packages that cannot be read. The camera is the Flexx2 if `profile` is
+    None.
     """
 
     consumers: tuple[ConsumerSource, ...]
@@ -167,34 +158,10 @@ def measure_cost(
     """
     Run the consumers on recordings and on their simulations, and compare.
 
-    Parameters
-    ----------
-    request : CostRequest
-        How.
-    known : Known
-        The diagnosis.
-    campaign : str or pathlib.Path
-        The campaign, for errors.
-    found : sequence of Found
-        Its recordings.
-    left_out : sequence of tuple of str
-        Name of each recording that was left out before, and the reason.
-    mapped : callable
-        A map as from `workers`.
-    progress : callable
-        As for `cost`.
-
-    Returns
-    -------
-    tuple
-        The table of ``docs/robots.md`` without ``seconds`` and ``version``, and what the consumers
-        made of the recordings.
-
-    Raises
-    ------
-    InputError
-        When no recording can be used.
-
+    Return the table of ``docs/robots.md`` without ``seconds`` and ``version``, and what the
+    consumers made of the recordings. `campaign` is for errors; `left_out` has the name of each
+    recording that was left out before, and the reason. Raises `InputError` when no recording can
+    be used.
     """
     work = bind(
         render, known=known, profile=request.profile, seed=request.seed, mounting=request.mounting
@@ -240,20 +207,10 @@ def measure_cost(
 
 def compared(results: Sequence[Result], effects: Sequence[str]) -> dict[str, Any]:
     """
-    Return the part of the table that compares what consumers made of recordings.
+    Return ``consumers``, ``faults`` and ``ranking`` of the table in ``docs/robots.md``.
 
-    Parameters
-    ----------
-    results : sequence of Result
-        One for each consumer.
-    effects : sequence of str
-        Names of the renditions with one effect each.
-
-    Returns
-    -------
-    dict
-        ``consumers``, ``faults`` and ``ranking``, as in ``docs/robots.md``.
-
+    `effects` are the names of the renditions with one effect each; `results` has one for each
+    consumer.
     """
     good = [one for one in results if not one.fault]
     rows: list[dict[str, Any]] = [
@@ -321,11 +278,7 @@ def known_of(before: Diagnosed) -> Known:
     """
     Return what a diagnosis knows of its camera and its recordings.
 
-    Raises
-    ------
-    InputError
-        When it has no effects of the camera.
-
+    Raises `InputError` when it has no effects of the camera.
     """
     effects = before.effects_to_check()
     table = table_of(effects)

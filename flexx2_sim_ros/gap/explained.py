@@ -18,20 +18,11 @@ class FoundSet:
     """
     What was decided, with the effects as they are simulated.
 
-    Attributes
-    ----------
-    decision : Decision
-    fitted : list of Effect
-        Fitted to all recordings.
-    held_out : list of list of Effect
-        Fitted without each recording.
-    motions : list of numpy.ndarray
-        Where the camera of each recording is with them.
-    sigma : float
-        Relative error of the base sigma_z.
-    rises : dict of str to numpy.ndarray
-        By how much recordings are farther apart without each effect; see `rounds.Explained`.
-
+    * `fitted`, `held_out`: fitted to all recordings, and without each recording.
+    * `motions`: where the camera of each recording is with them.
+    * `sigma`: relative error of the base sigma_z.
+    * `rises`: by how much recordings are farther apart without each effect; see
+      `rounds.Explained`.
     """
 
     decision: Decision
@@ -60,15 +51,8 @@ def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
     """
     Fit what was decided around the simulation that has it.
 
-    Parameters
-    ----------
-    decision : Decision
-        What was decided around the simulation without effects.
-    model : Model
-        The recordings beside that.
-    campaign : Campaign
-        The same recordings, to be simulated.
-
+    It was decided around the simulation without effects, and `model` has the recordings beside
+    that; `campaign` has the same recordings, to be simulated.
     """
     before = found_set(decision, model)
     posed = [one for one in decision.accepted.candidates if one.kind.role == 'pose']

@@ -35,19 +35,9 @@ class FittedRecordings:
     """
     Recordings fitted without and with effects, each at the poses that suit.
 
-    Attributes
-    ----------
-    found : list of Found
-        The recordings that could be used.
-    unusable : list of tuple of str
-        Name and reason of each other recording.
-    evidence : list of Evidence
-        Their summaries, the poses fitted with the effects.
-    models : tuple of Model
-        Of the fit without the effects, and of that with them.
-    fits : tuple of Fit
-        Likewise.
-
+    `unusable` has name and reason of each recording that is not in `found`. The summaries in
+    `evidence` are at the poses fitted with the effects; `models` and `fits` are without and with
+    them.
     """
 
     found: list[Found]
@@ -94,40 +84,19 @@ def fit_without_and_with(
     Fit recordings without and with effects.
 
     For effects that shift surfaces, the poses are fitted twice: for a camera without these
-    effects, and for one that is known to have them. A pose that is fitted alone can take over
-    what an effect explains, for example an offset in front of a wall. The effect would then be
-    added to a scene that already has it.
+    effects, and for one that is known to have them. A pose that is fitted alone can take over what
+    an effect explains, for example an offset in front of a wall. The effect would then be added to
+    a scene that already has it. Raises `InputError` when no recording can be used.
 
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        The campaign, for errors.
-    found : sequence of Found
-        Its recordings.
-    left_out : sequence of tuple of str
-        Name of each recording that was left out before, and the reason; for errors.
-    effects : tuple of Effect
-        What is given. A pose error is where the poses of the recordings lie about.
-    profile : Profile or None
-        The camera (None: the Flexx2).
-    seed : int
-        Seed of the simulations.
-    prior : numpy.ndarray
-        (6,) standard deviations of pose errors, metres and degrees.
-    held : bool
-        Whether they hold the poses; see `Model`.
-    mapped : callable
-        A map as from `workers`.
-    progress : callable
-        Called with the name of the current step and the fraction of this work that is done.
-    known : mapping, optional
-        Effects that the base simulator has: parameters by name.
-
-    Raises
-    ------
-    InputError
-        When no recording can be used.
-
+    * `folder`, `left_out`: the campaign, and name and reason of each recording that was left out
+      before; for errors.
+    * `effects`: what is given. A pose error is where the poses of the recordings lie about.
+    * `profile`: the camera (None: the Flexx2).
+    * `prior`: (6,) standard deviations of pose errors, metres and degrees.
+    * `held`: whether they hold the poses; see `Model`.
+    * `progress`: called with the name of the current step and the fraction of this work that is
+      done.
+    * `known`: effects that the base simulator has: parameters by name.
     """
     table = table_of(effects)
     posed = table.pop(of_role('pose').name, None)

@@ -37,29 +37,16 @@ class Named:
     """
     What is named, and what simulating it gives.
 
-    Attributes
-    ----------
-    found : FoundSet
-        As found by the decision.
-    effects : list of Effect
-        The same, with curves, tables and maps where those were fitted.
-    first : list of Outcome
-        Of each recording, with what was found without it.
-    forms : Calibrated or None
-        The curves, tables and maps.
-    confirmed : list of Outcome
-        Of each recording, with `forms` where those are taken.
-    motions : list of numpy.ndarray
-        Where the camera of each recording was in `confirmed`.
-    used : list of Found
-        The recordings, at the noise level of the decision.
-    simulator : Simulator
-        Of these.
-    own : list of dict
-        Of each recording, the effects of the camera in `confirmed`: parameters by name.
-    bare : list of numpy.ndarray or None
-        Where each one is without effects, as for `confirm.confirm`.
-
+    * `found`: as found by the decision.
+    * `effects`: the same, with curves, tables and maps where those were fitted.
+    * `first`: of each recording, with what was found without it.
+    * `forms`: the curves, tables and maps.
+    * `confirmed`: of each recording, with `forms` where those are taken.
+    * `motions`: where the camera of each recording was in `confirmed`.
+    * `used`: the recordings, at the noise level of the decision.
+    * `simulator`: of these.
+    * `own`: of each recording, the effects of the camera in `confirmed`: parameters by name.
+    * `bare`: where each one is without effects, as for `confirm.confirm`.
     """
 
     found: FoundSet
@@ -107,21 +94,7 @@ def simulate_named(
     """
     Simulate the recordings with the effects that were found, and fit their forms.
 
-    Parameters
-    ----------
-    model : Model
-        The recordings.
-    found : FoundSet
-        The effects.
-    used : list of Found
-        The files.
-    simulator : Simulator
-        How they are simulated.
-    which : str
-        The forms to fit, as for `diagnose`.
-    progress : callable
-        As for `diagnose`.
-
+    `used` are the files of the recordings; `which` are the forms to fit, as for `diagnose`.
     """
     motions, fitted, held_out = found.motions, found.fitted, found.held_out
     used, noisy = noisier(used, simulator.profile, 1 + found.sigma)
@@ -207,22 +180,8 @@ def processed_table(
     """
     Process recordings and their simulations, and measure what is left of the gap.
 
-    Parameters
-    ----------
-    chain : Chain
-        What the robot's program does to depth. Only stages in metres are measured.
-    model : Model
-        The recordings.
-    named : Named
-        What the diagnosis names.
-    step : callable
-        Called after each recording.
-
-    Returns
-    -------
-    dict
-        ``processed`` of ``docs/diagnosis.md``.
-
+    The result is ``processed`` of ``docs/diagnosis.md``. Only stages in metres of what the robot's
+    program does to depth, `chain`, are measured. `step` is called after each recording.
     """
     stages = chain.in_metres()
     if any(PROCESSED in note for file in named.used for note in file.notes):

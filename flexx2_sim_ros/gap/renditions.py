@@ -27,21 +27,12 @@ class Known:
     """
     What a diagnosis knows of its camera and its recordings.
 
-    Attributes
-    ----------
-    effects : dict
-        The diagnosed effects: parameters by name.
-    given : dict
-        Effects taken as given: the simulation has them.
-    prior : tuple of float
-        Standard deviations of pose errors, metres and degrees, six in all.
-    fitted : frozenset of str
-        Checksums of the recordings that the effects were fitted to.
-    without : dict
-        By checksum: the effects as fitted without this recording.
-    delay : float
-        How late images arrive, seconds; 0 if that is not known.
-
+    * `effects`: the diagnosed effects: parameters by name.
+    * `given`: effects taken as given: the simulation has them.
+    * `prior`: standard deviations of pose errors, metres and degrees, six in all.
+    * `fitted`: checksums of the recordings that the effects were fitted to.
+    * `without`: by checksum: the effects as fitted without this recording.
+    * `delay`: how late images arrive, seconds; 0 if that is not known.
     """
 
     effects: Settings
@@ -62,26 +53,11 @@ def render(
     """
     Simulate a recording without effects (twice), with each effect alone and with all of them.
 
-    Parameters
-    ----------
-    found : Found
-        The recording.
-    known : Known
-        The diagnosis.
-    profile : Profile or None
-        The camera; None: the Flexx2.
-    seed : int
-        Of the simulations, which have common random numbers.
-    mounting : tuple of float, optional
-        Height of the camera, metres, and angle by which it looks down, degrees; the ground is
-        found in the ground truth when left out.
-
-    Returns
-    -------
-    tuple or str
-        The renditions by name, and ``other recordings`` if the effects were not fitted to this
-        one, or ``this recording``; or the reason why the recording cannot be used.
-
+    All have common random numbers. Return the renditions by name, and ``other recordings`` if the
+    effects were not fitted to this one, or ``this recording``; or the reason why the recording
+    cannot be used. The camera is the Flexx2 if `profile` is None. `mounting` is the height of the
+    camera, metres, and the angle by which it looks down, degrees; if None, the ground is found in
+    the ground truth.
     """
     try:
         recording = read(found, profile, known.given)

@@ -30,16 +30,10 @@ class ExplainedSet:
     """
     A set of effects, and how near it comes.
 
-    Attributes
-    ----------
-    proposal : Proposal
-        The set; its sigma is that of all rounds together.
-    far : numpy.ndarray
-        (R, 4) how far each recording is from its simulation with values that were fitted without
-        it; see `how_far`.
-    rises : dict of str to numpy.ndarray
-        (R, 4) by how much that rises without each effect, the largest distance first.
-
+    * `proposal`: the set; its sigma is that of all rounds together.
+    * `far`: (R, 4) how far each recording is from its simulation with values that were fitted
+      without it; see `how_far`.
+    * `rises`: (R, 4) by how much that rises without each effect, the largest distance first.
     """
 
     proposal: Proposal
@@ -57,25 +51,9 @@ class Campaign:
     """
     The recordings of a campaign and how they are simulated.
 
-    Attributes
-    ----------
-    folder : str
-        For errors.
-    found : sequence of Found
-        The recordings.
-    candidates : sequence of Candidate
-        The catalogue.
-    simulations : Simulations
-        Of the catalogue.
-    mapped : callable
-        A map as from `workers`.
-    step : callable
-        Called after each job of a recording.
-    posed : sequence of Candidate
-        A pose error that the recordings have in common, if there is one.
-    held : bool
-        As of `Model`.
-
+    `folder` is for errors; `mapped` is a map as from `workers`. `step` is called after each job of
+    a recording. `posed` is a pose error that the recordings have in common, if there is one;
+    `held` is that of `Model`.
     """
 
     folder: str
@@ -147,17 +125,8 @@ def explain(
     """
     Return the set of effects that explains the recordings.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The recordings.
-    model : Model
-        The same, beside the simulation without any effect.
-    found : sequence of Candidate
-        The effects that were found so far.
-    values : numpy.ndarray
-        (n,) of their terms.
-
+    `model` has the recordings beside the simulation without any effect, `found` the effects that
+    were found so far, `values` (n,) their terms.
     """
     campaign = replace(campaign, candidates=[_louder(one) for one in campaign.candidates])
     begin = Begin(tuple(map(_louder, found)), values, tuple(campaign.posed))
@@ -177,15 +146,8 @@ def refine(campaign: Campaign, begin: Sequence[Proposal]) -> ExplainedSet:
     Fit a set of effects again, add to it and take off it, as long as simulations come nearer.
 
     Each round simulates the recordings with the set and fits steps from it. Of the sets that this
-    gives, the one counts whose simulation is nearest to the recordings, jumps included.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The recordings.
-    begin : sequence of Proposal
-        The sets to begin with; the nearest counts.
-
+    gives, the one counts whose simulation is nearest to the recordings, jumps included; so it does
+    of those in `begin`.
     """
     visited, tried, some = [], set[str](), begin
     for _ in range(ROUNDS.most):

@@ -31,21 +31,11 @@ class Simulations:
     """
     How recordings are simulated, for their summaries.
 
-    Attributes
-    ----------
-    profile : Profile or None
-        The camera; None: the Flexx2.
-    columns : sequence of Column
-        The simulations of each recording.
-    seed : int
-        Seed of the simulations.
-    prior : tuple of float
-        Six standard deviations of pose errors, metres and degrees.
-    known : mapping, optional
-        Effects that the base simulator has: parameters by name.
-    inside : mapping
-        What is known of the camera's inside, as from `search_inside`.
-
+    * `profile`: the camera; None: the Flexx2.
+    * `columns`: the simulations of each recording.
+    * `prior`: six standard deviations of pose errors, metres and degrees.
+    * `known`: effects that the base simulator has: parameters by name.
+    * `inside`: what is known of the camera's inside, as from `search_inside`.
     """
 
     profile: Profile | None
@@ -62,17 +52,8 @@ def stepper(
     """
     Return a function that reports progress each time it is called.
 
-    Parameters
-    ----------
-    progress : callable
-        Called with the name of the current step and the fraction of the whole work that is done.
-    text : str
-        Name of the step.
-    start, weight : float
-        Fraction of the whole work that is done before this step, and fraction that this step is.
-    total : int
-        How often the function will be called. Further calls report the same progress.
-
+    The step `text` begins at the fraction `start` of the whole work and is the fraction `weight`
+    of it. After `total` calls the progress stays the same.
     """
     done = 0
 
@@ -95,18 +76,9 @@ def find(
     """
     Find a campaign's recordings; see `of_one_mode`.
 
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        The campaign.
-    profile : Profile, optional
-        The camera (default: the Flexx2).
-    mapped : callable
-        A map as from `workers`; it is used because each bag has to be read.
-    full_scale : float, optional
-        Full scale of a floating-point amplitude, as an earlier diagnosis took it (default:
-        guessed).
-
+    The camera is the Flexx2 if `profile` is None. The map is used because each bag has to be read.
+    `full_scale` is that of a floating-point amplitude, as an earlier diagnosis took it (default:
+    guessed).
     """
     paths = find_recordings(folder)
     checked = mapped(bind(check, profile=profile), paths, lambda: None)
@@ -117,19 +89,9 @@ def noisier(
     found: Sequence[Found], profile: Profile | None, factor: float
 ) -> tuple[list[Found], Profile]:
     """
-    Return recordings and their camera with sigma_z times a factor.
+    Return recordings and their camera with sigma_z times `factor`; the Flexx2 if no profile.
 
     Cameras of one kind differ in noise. What is known of that is no gap to be closed.
-
-    Parameters
-    ----------
-    found : sequence of Found
-        The recordings.
-    profile : Profile or None
-        The camera (None: the Flexx2).
-    factor : float
-        sigma_z of this camera over that of the profile.
-
     """
     as_noisy = [replace(one, mode=one.mode.noisier(factor)) for one in found]
     return as_noisy, (profile or flexx2()).noisier(factor)
@@ -153,19 +115,8 @@ def search_inside(
     """
     Find what is free inside the camera of a campaign; see `search.search`.
 
-    Parameters
-    ----------
-    found : sequence of Found
-        The recordings.
-    profile : Profile or None
-        The camera (None: the Flexx2).
-    mapped : callable
-        A map as from `workers`.
-    step : callable
-        Called after each recording.
-    known : mapping, optional
-        Effects that the base simulator has: parameters by name.
-
+    The camera is the Flexx2 if `profile` is None; `known` are effects that the base simulator has,
+    parameters by name. `step` is called after each recording.
     """
     clues = mapped(bind(look, profile=profile, known=known), found, step)
     some = [one for one in clues if one is not None]
@@ -204,34 +155,10 @@ def summarise_all(
     """
     Summarise all recordings of a campaign.
 
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        The campaign, for errors.
-    found : sequence of Found
-        Its recordings.
-    left_out : sequence of tuple of str
-        Name of each recording that was left out before, and the reason; for errors.
-    simulations : Simulations
-        How they are simulated.
-    mapped : callable
-        A map as from `workers`.
-    step : callable
-        Called after each recording.
-    motions : sequence of numpy.ndarray, optional
-        (6 + 3 P,) where the cameras and planes are; they are registered when left out.
-
-    Returns
-    -------
-    tuple of list
-        The recordings that can be used, their summaries, and name and reason of each other
-        recording.
-
-    Raises
-    ------
-    InputError
-        When no recording can be used.
-
+    Return those that can be used, their summaries, and name and reason of each other recording.
+    `folder` and `left_out` (name and reason of each recording that was left out before) are for
+    errors. `motions` are (6 + 3 P,) where the cameras and planes are; they are registered when
+    left out. Raises `InputError` when no recording can be used.
     """
     jobs = list(zip(found, motions or repeat(None), strict=False))
     outcomes = mapped(bind(summarise_at, simulations=simulations), jobs, step)

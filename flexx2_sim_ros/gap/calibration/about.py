@@ -1,9 +1,9 @@
 """
 What each constant of the diagnosis says of itself: unit, meaning, and what it comes from.
 
-The constants are in the modules `data`, `features`, `inference` and `forms`, each for the folder
-of that name in ``gap/``. What belongs to one effect (the
-values that are simulated of it, how much it is doubted) is in that effect's own file.
+The constants are in the modules `data`, `features`, `inference` and `forms`, each for the
+folder of that name in ``gap/``. What belongs to one effect (the values that are simulated of
+it, how much it is doubted) is in that effect's own file.
 
 Most values were chosen by hand while `DEVELOPMENT` was run on seeds below 100, until campaigns
 without an effect gave ``none`` and those with one named it; the tables of these runs were not

@@ -32,17 +32,7 @@ _FEWEST = 2  # recordings of a campaign that the margins were calibrated on
 
 @dataclass(frozen=True)
 class Logistic:
-    """
-    A logistic model: the log odds are a constant plus a weighted sum of evidence.
-
-    Attributes
-    ----------
-    constant : float
-        Log odds without evidence.
-    weights : mapping of str to float
-        Log odds for each unit of the evidence, by its name.
-
-    """
+    """A logistic model: log odds are a constant plus a weighted sum of evidence, by its name."""
 
     constant: float
     weights: Mapping[str, float]
@@ -59,18 +49,11 @@ class Margin:
     """
     By how much 90 % intervals of the reduction are widened in one group of campaigns.
 
-    Attributes
-    ----------
-    verdict : str
-        ``identified`` or ``partly``.
-    most : int
-        Largest number of recordings of the group.
-    least_depths : float
-        Smallest number of depths per recording of the group.
-    margin : float or None
-        Added to each end; negative where the intervals were too wide. None where there were too
-        few campaigns of the group.
-
+    * `verdict`: ``identified`` or ``partly``.
+    * `most`: largest number of recordings of the group.
+    * `least_depths`: smallest number of depths per recording of the group.
+    * `margin`: added to each end; negative where the intervals were too wide. None where there
+      were too few campaigns of the group.
     """
 
     verdict: str
@@ -84,20 +67,15 @@ class GapThresholds:
     """
     From which evidence on there is a gap.
 
-    Attributes
-    ----------
-    probability : float
-        That there is a gap.
-    excess, excess_per_scatter : float
-        Excess loss. The wrong poses of a campaign leave more loss the more they scatter.
-    agreement : float
-        See `probability.agreement`.
-    most_depths : float
-        The thresholds above are those of campaigns with so many depths per recording, or more.
-    odds_per_fewer, excess_per_fewer : float
-        Fewer depths leave more loss by chance. For each factor e of depths that are fewer, by how
-        much the logarithm of the odds and the excess loss must be larger.
-
+    * `probability`: that there is a gap.
+    * `excess`, `excess_per_scatter`: excess loss. The wrong poses of a campaign leave more loss
+      the more they scatter.
+    * `agreement`: see `probability.agreement`.
+    * `most_depths`: the thresholds above are those of campaigns with so many depths per recording,
+      or more.
+    * `odds_per_fewer`, `excess_per_fewer`: fewer depths leave more loss by chance. For each factor
+      e of depths that are fewer, by how much the logarithm of the odds and the excess loss must be
+      larger.
     """
 
     probability: float
@@ -112,13 +90,7 @@ class GapThresholds:
         """
         Return the excess loss from which on there is a gap.
 
-        Parameters
-        ----------
-        scatter : float
-            Of the poses.
-        depths : float
-            Per recording.
-
+        `scatter` is that of the poses; `depths` are per recording.
         """
         more = self.excess_per_fewer * fewer_by(depths, self.most_depths)
         return self.excess + self.excess_per_scatter * scatter + more
@@ -134,22 +106,12 @@ class Decisions:
     """
     The calibrated rule of the verdict.
 
-    Attributes
-    ----------
-    gap : Logistic
-        That there is a gap.
-    effect, rival : Logistic
-        Where there is one: that a chosen effect is present; that another one is, which could be in
-        place of the last one chosen.
-    thresholds : GapThresholds
-        From which evidence on there is a gap.
-    least_effect : float
-        Probability from which on effects are named.
-    least_alternative : float
-        Probability from which on an effect is listed as an alternative.
-    margins : tuple of Margin
-        The first one that a campaign belongs to counts.
-
+    * `gap`: that there is a gap.
+    * `effect`, `rival`: where there is one: that a chosen effect is present; that another one is,
+      which could be in place of the last one chosen.
+    * `least_effect`: probability from which on effects are named.
+    * `least_alternative`: probability from which on an effect is listed as an alternative.
+    * `margins`: the first one that a campaign belongs to counts.
     """
 
     gap: Logistic
@@ -169,27 +131,12 @@ class Decisions:
         depths: float,
     ) -> list[float] | None:
         """
-        Return a 90 % interval of the reduction of the gap on other scenes.
+        Return a 90 % interval of the reduction of the gap on other scenes, within -1 to 1.
 
-        Parameters
-        ----------
-        interval : sequence of float or None
-            The interval over recordings; None with fewer than three recordings.
-        middle : float
-            The predicted reduction.
-        verdict : str
-            Of the diagnosis.
-        recordings : int
-            How many there are.
-        depths : float
-            Per recording.
-
-        Returns
-        -------
-        list of float or None
-            Within -1 to 1; None where too few campaigns were like this one. One recording
-            cannot be left out, so that its reduction is no prediction.
-
+        `interval` is that over recordings, None with fewer than three of them; `middle` the
+        predicted reduction; `depths` are per recording. The result is None where too few campaigns
+        were like this one. One recording cannot be left out, so that its reduction is no
+        prediction.
         """
         if recordings < _FEWEST:
             return None
@@ -224,11 +171,7 @@ def read_decisions(path: Path) -> Decisions:
     """
     Return the rule of a file.
 
-    Raises
-    ------
-    InputError
-        When the file cannot be read or a value is missing or wrong.
-
+    Raises `InputError` when the file cannot be read or a value is missing or wrong.
     """
     table = read_config(path)
     try:
