@@ -33,17 +33,9 @@ def absorbed(kind: str) -> dict[str, float]:
     """
     Return the fraction of each effect that is hidden in ``clean_depth``, by name.
 
-    Parameters
-    ----------
-    kind : str
-        ``scan``; ``single`` (a scan, recordings registered one by one); ``tape`` or ``planes``
-        (planes with and without measured distances).
-
-    Returns
-    -------
-    dict
-        Effects that hardly change mean depth are left out.
-
+    `kind` is ``scan``; ``single`` (a scan, recordings registered one by one); ``tape`` or
+    ``planes`` (planes with and without measured distances). Effects that hardly change mean depth
+    are left out.
     """
     return {name: part for name, part in _table()[kind].items() if name in registry()}
 

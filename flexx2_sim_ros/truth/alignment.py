@@ -32,20 +32,10 @@ NO_ERRORS = ErrorColumns(False, (), False)
 @dataclass(frozen=True)
 class AlignedPixels:
     """
-    The pixels that are aligned.
+    The pixels that are aligned; fields that are not described as in `Observation`.
 
-    Attributes
-    ----------
-    rays : numpy.ndarray
-        (N, 2).
-    depth, sigma, length : numpy.ndarray
-        (N,) as in `Observation`.
-    wraps : tuple of float
-    pixel : numpy.ndarray
-        (N,) places in the flat image.
-    tile : numpy.ndarray
-        (N,) number of the 8 x 8 block of the image; errors within a block are not independent.
-
+    `rays` is (N, 2), the other arrays (N,). `pixel` is places in the flat image, `tile` the number
+    of the 8 x 8 block of the image; errors within a block are not independent.
     """
 
     rays: np.ndarray
@@ -67,14 +57,8 @@ class AlignedPose:
     """
     An aligned pose.
 
-    Attributes
-    ----------
-    pose : Pose
-    cost : float
-        Mean truncated residual, 0 to 1.
-    rival : float
-        Cost of the best pose elsewhere; infinite if there is none.
-
+    `cost` is the mean truncated residual, 0 to 1; `rival` that of the best pose elsewhere,
+    infinite if there is none.
     """
 
     pose: Pose
@@ -131,15 +115,8 @@ class Linear:
     """
     The weighted linear equations of a view: y = J motion + A coefficients.
 
-    Attributes
-    ----------
-    J, A, y, weight : numpy.ndarray
-        (N, 6), (N, k), (N,), (N,).
-    tile : numpy.ndarray
-        (N,) see `AlignedPixels`.
-    bias : numpy.ndarray
-        (N,) depth error by a bias of 1 m along the ray.
-
+    `J` is (N, 6), `A` (N, k), `y` and `weight` (N,); `tile` (N,) as in `AlignedPixels`; `bias`
+    (N,) the depth error by a bias of 1 m along the ray.
     """
 
     J: np.ndarray
@@ -176,26 +153,13 @@ class PosedImage:
     """
     One image with its pose.
 
-    Attributes
-    ----------
-    recording : int
-        Number of its recording.
-    room : pathlib.Path
-        The room's file; see `load_room`.
-    target : AlignedPixels
-        Its pixels.
-    pose : Pose
-    bounce : numpy.ndarray
-        (N,) simulated depth error of each pixel by light that bounced once, metres.
-    uptime : float
-        Seconds since the camera was switched on; infinite if unknown.
-    columns : ErrorColumns
-        The errors that its camera has.
-    values : numpy.ndarray
-        (k,) coefficients of these.
-    reach : float
-        Metres: larger residuals are truncated to this.
-
+    * `recording`: number of its recording.
+    * `room`: the room's file; see `load_room`.
+    * `bounce`: (N,) simulated depth error of each pixel by light that bounced once, metres.
+    * `uptime`: seconds since the camera was switched on; infinite if unknown.
+    * `columns`: the errors that its camera has.
+    * `values`: (k,) coefficients of these.
+    * `reach`: metres: larger residuals are truncated to this.
     """
 
     recording: int

@@ -98,20 +98,9 @@ def _poses_from(target: Printed, tags: dict[int, np.ndarray], rays: np.ndarray) 
 
 def likeness(kinds: Sequence[Printed], gray: Gray) -> tuple[float, ...]:
     """
-    Return how much an image looks like each of several boards.
+    Return the correlation of an image with each of several boards; empty where none is found.
 
-    Parameters
-    ----------
-    kinds : sequence of Printed
-        Boards with the same `corners`.
-    gray : Gray
-        The image.
-
-    Returns
-    -------
-    tuple of float
-        The correlation of image and board; empty where none is found.
-
+    The boards have the same `corners`.
     """
     tags = _find_tags(kinds[0], gray.image)
     starts = _poses_from(kinds[0], tags, gray.rays) if tags else []
@@ -186,23 +175,12 @@ def _tilted(pose: Pose, axis: int, angle: float) -> Pose:
 
 def plane_covariance(pose: Pose, covariance: np.ndarray, middle: np.ndarray) -> np.ndarray:
     """
-    Return the covariance of the board's plane, as in the key ``plane_covariance``.
+    Return the covariance of the board's plane, (3, 3), as in the key ``plane_covariance``.
 
-    Parameters
-    ----------
-    pose : Pose
-        Pose of the camera in the frame of the board.
-    covariance : numpy.ndarray
-        (6, 6) covariance of its motion.
-    middle : numpy.ndarray
-        (3,) mean of the plane's known points, optical frame, metres.
-
-    Returns
-    -------
-    numpy.ndarray
-        (3, 3): an offset along the normal that points away from the camera, metres; turns about
-        the image's x axis on the plane and about normal x that axis, radians.
-
+    Its parameters are an offset along the normal that points away from the camera, metres; turns
+    about the image's x axis on the plane and about normal x that axis, radians. `pose` is that of
+    the camera in the frame of the board, `covariance` (6, 6) of its motion; `middle` (3,) the mean
+    of the plane's known points, optical frame, metres.
     """
     normal = pose.R[2] * (1.0 if pose.R[2] @ middle >= 0 else -1.0)
     first, second = plane_axes(normal)
@@ -217,18 +195,10 @@ def read_board(given: str | Path) -> Printed:
     """
     Return the board that a text or a file describes.
 
-    Parameters
-    ----------
-    given : str or pathlib.Path
-        ``chessboard:9x6:0.03`` as OpenCV counts inner corners, ``charuco:5x7:0.04:0.03:DICT`` as
-        OpenCV counts squares, ``circles:7x6:0.03`` or ``acircles:4x11:0.02`` as it counts circles,
-        or a file: ``target.yaml``, or that of a target of Kalibr.
-
-    Raises
-    ------
-    InputError
-        When it is none of these, or impossible.
-
+    A text is ``chessboard:9x6:0.03`` as OpenCV counts inner corners,
+    ``charuco:5x7:0.04:0.03:DICT`` as OpenCV counts squares, ``circles:7x6:0.03`` or
+    ``acircles:4x11:0.02`` as it counts circles; a file ``target.yaml``, or that of a target of
+    Kalibr. Raises `InputError` when it is none of these, or impossible.
     """
     kind, *words = str(given).split(':')
     if kind in _MAKERS:

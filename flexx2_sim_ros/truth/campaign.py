@@ -25,15 +25,8 @@ class Campaign(Protocol):
     """
     The recordings of a room, a board or planes.
 
-    Attributes
-    ----------
-    kind : str
-        ``scan``, ``board`` or ``planes``.
-    lit : bool
-        Whether reflectivity is to be taken from gray images.
-    files : sequence of pathlib.Path
-        What is read besides recordings.
-
+    `kind` is ``scan``, ``board`` or ``planes``. `lit`: reflectivity is to be taken from gray
+    images. `files` are read besides recordings.
     """
 
     kind: str
@@ -42,11 +35,9 @@ class Campaign(Protocol):
 
     def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
         """
-        Find where the surfaces are.
+        Find where the surfaces are, by the number of each recording that is not refused.
 
-        Returns the surfaces of the recordings that are not refused, by their number. Raises
-        `InputError` where no recording shows them.
-
+        Raises `InputError` where no recording shows them.
         """
 
     def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:

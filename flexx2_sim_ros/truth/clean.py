@@ -24,23 +24,15 @@ _STRANGE, _STRANGE_NOISE, _PATCH = 0.15, 6.0, 2
 @dataclass(frozen=True)
 class Clean:
     """
-    Ground truth of one image.
+    Ground truth of one image, each (H, W).
 
-    Attributes
-    ----------
-    depth : numpy.ndarray
-        (H, W) float32 metres along the optical axis, NaN where there is no return.
-    incidence : numpy.ndarray
-        (H, W) float32 radians between ray and surface normal, NaN where there is no return.
-    reflectivity : numpy.ndarray or None
-        (H, W) float32, 0 to 1.
-    part : numpy.ndarray
-        (H, W) uint8, one of `PARTS` by its number.
-    sigma : numpy.ndarray
-        (H, W) float32 metres: standard deviation of the room's surface along the optical axis.
-    reflectivity_spread : numpy.ndarray or None
-        (H, W) float32, standard deviation of the logarithm of `reflectivity` over a surface.
-
+    * `depth`: float32 metres along the optical axis, NaN where there is no return.
+    * `incidence`: float32 radians between ray and surface normal, NaN where there is no return.
+    * `reflectivity`: float32, 0 to 1.
+    * `part`: uint8, one of `PARTS` by its number.
+    * `sigma`: float32 metres: standard deviation of the room's surface along the optical axis.
+    * `reflectivity_spread`: float32, standard deviation of the logarithm of `reflectivity` over a
+      surface.
     """
 
     depth: np.ndarray

@@ -27,17 +27,10 @@ Poses = Callable[[np.ndarray], np.ndarray]
 @dataclass(frozen=True)
 class ClockOffset:
     """
-    An offset between two clocks.
+    An offset between two clocks: stamps of the recording minus stamps of the poses, seconds.
 
-    Attributes
-    ----------
-    seconds : float
-        Stamps of the recording minus stamps of the poses; the latency of the images is part of it.
-    deviation : float
-        Its standard deviation, seconds.
-    reason : str
-        Why it cannot be trusted; empty if it can.
-
+    The latency of the images is part of it. `deviation` is its standard deviation, seconds;
+    `reason` why it cannot be trusted, empty if it can.
     """
 
     seconds: float = 0.0
@@ -52,20 +45,11 @@ def find_offset(
     Find the offset at which given poses turn and move as the fitted ones do.
 
     Angles and distances between two poses do not depend on the frame that poses are given in, nor
-    (as for angles) on where the camera is mounted. Offsets within a second of `middle` are tried;
-    if the poses share no time with the recording there, all at which they do.
-
-    Parameters
-    ----------
-    stamp_ns : numpy.ndarray
-        (T,) int64 stamps of the frames.
-    fitted, told : callable
-        Poses of the camera as fitted to its frames, by stamp, and as given, by their own stamps.
-    span_ns : tuple of int
-        First and last stamp of the given poses.
-    middle : float
-        Seconds.
-
+    (as for angles) on where the camera is mounted. Offsets within a second of `middle`, seconds,
+    are tried; if the poses share no time with the recording, there all at which they do.
+    `stamp_ns` is (T,) int64 stamps of the frames; `fitted` and `told` give poses of the camera as
+    fitted to its frames, by stamp, and as given, by their own stamps, of which `span_ns` is the
+    first and the last.
     """
     seen = _motions(fitted, stamp_ns)
     good = np.isfinite(seen).all(axis=1)
@@ -172,11 +156,7 @@ def common_offset(offsets: Sequence[ClockOffset]) -> ClockOffset:
     """
     Return the offset that recordings agree on: their weighted mean.
 
-    Parameters
-    ----------
-    offsets : sequence of ClockOffset
-        Those of recordings that move; at least one.
-
+    `offsets` are those of recordings that move; at least one.
     """
     good = [one for one in offsets if not one.reason]
     if not good:

@@ -19,23 +19,15 @@ _INVERSIONS = 4  # of distortion: enough for a tenth of a pixel
 @dataclass(frozen=True)
 class ErrorColumns:
     """
-    The errors that all recordings share, in the order of the coefficients.
+    Which errors are fitted that all recordings share, in the order of the coefficients.
 
-    Attributes
-    ----------
-    bias : bool
-        Whether a constant along the ray (metres) is fitted.
-    periods : tuple of float
-        Periods of wiggling along the range, metres; each has a sine and a cosine.
-    bounce : bool
-        Whether a gain of the light that bounced once is fitted.
-    scale : bool
-        Whether a relative scale of depth against the room is fitted.
-    lens : bool
-        Whether errors of the lens are fitted: focal length, principal point and distortion.
-    drift : float
-        Time constant of a bias along the ray that decays after power-on, seconds; 0: not fitted.
-
+    * `bias`: a constant along the ray, metres.
+    * `periods`: periods of wiggling along the range, metres; each has a sine and a cosine.
+    * `bounce`: a gain of the light that bounced once.
+    * `scale`: a relative scale of depth against the room.
+    * `lens`: errors of the lens: focal length, principal point and distortion.
+    * `drift`: time constant of a bias along the ray that decays after power-on, seconds; 0: not
+      fitted.
     """
 
     bias: bool = True
@@ -71,13 +63,7 @@ class ErrorColumns:
         """
         Return the rays along which a camera with these errors of its lens sees.
 
-        Parameters
-        ----------
-        values : numpy.ndarray
-            (k,) coefficients.
-        rays : numpy.ndarray
-            (N, 2) x/z and y/z as the given lens has them.
-
+        `values` is (k,) coefficients, `rays` (N, 2) x/z and y/z as the given lens has them.
         """
         if not self.lens:
             return rays
@@ -97,24 +83,11 @@ class ErrorColumns:
         self, hits: Hits, rays: np.ndarray, bounce: np.ndarray, uptime: float
     ) -> np.ndarray:
         """
-        Return the depth error per unit of each coefficient.
+        Return the depth error per unit of each coefficient, (N, k) metres along the optical axis.
 
-        Parameters
-        ----------
-        hits : Hits
-            (N,) surfaces that the rays should hit.
-        rays : numpy.ndarray
-            (N, 2) x/z and y/z.
-        bounce : numpy.ndarray
-            (N,) simulated depth error by light that bounced once, metres.
-        uptime : float
-            Seconds since the camera was switched on; infinite if unknown.
-
-        Returns
-        -------
-        numpy.ndarray
-            (N, k) metres along the optical axis.
-
+        `hits` are (N,) surfaces that the rays, (N, 2) x/z and y/z, should hit; `bounce` (N,) the
+        simulated depth error by light that bounced once, metres; `uptime` seconds since the camera
+        was switched on, infinite if unknown.
         """
         depth, length = hits.depth, np.sqrt(1 + (rays**2).sum(axis=-1))
         parts = [1 / length] if self.bias else []

@@ -23,19 +23,10 @@ _LONGEST = 24 * 3600.0  # seconds: recordings farther apart are not of one sessi
 @dataclass(frozen=True)
 class TruthSource:
     """
-    One of the recordings.
+    One of the recordings, and the `target` file to write it to with ground truth.
 
-    Attributes
-    ----------
-    path : pathlib.Path
-        The recording.
-    target : pathlib.Path
-        The file to write, with ground truth.
-    uptime : numpy.ndarray or None
-        As in `uptimes`.
-    notes : tuple of str
-        What a person should know of the file, as in `Recording`.
-
+    `uptime` is as in `uptimes`; `notes` is what a person should know of the file, as in
+    `Recording`.
     """
 
     path: Path
@@ -84,26 +75,15 @@ def uptimes(
     readers: Sequence[RecordingReader], first: float | None = None
 ) -> list[np.ndarray | None]:
     """
-    Return the time since power-on of each recording, from stamps of one clock.
+    Return the time since power-on of each recording, (T,) seconds, from stamps of one clock.
 
     A bag does not say when the camera was switched on. An error that decays with time looks the
-    same from any moment on, but for its size, so without `first` the time is counted from the
-    earliest recording.
+    same from any moment on, but for its size. So without `first`, the seconds from power-on to the
+    first frame of the earliest recording, the time is counted from that frame.
 
-    Parameters
-    ----------
-    readers : sequence of RecordingReader
-        The recordings of one session: the camera was not switched off in between.
-    first : float, optional
-        Seconds from power-on to the first frame of the earliest recording; `InputError` where it
-        cannot be used.
-
-    Returns
-    -------
-    list of numpy.ndarray or None
-        (T,) seconds for each recording: those that it says itself, where one of them does. None
-        where nothing is known: the stamps are not of one clock and one session.
-
+    The recordings are of one session: the camera was not switched off in between. Where one of
+    them says its times itself, such times are returned. None where nothing is known: the stamps
+    are not of one clock and one session. Raises `InputError` where `first` cannot be used.
     """
     if not readers:
         return []

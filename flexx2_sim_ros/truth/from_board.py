@@ -40,19 +40,11 @@ class BoardPoses:
     """
     The poses of the camera relative to the board in a recording.
 
-    Attributes
-    ----------
-    moving : bool
-    poses : tuple
-        Poses of the camera in the frame of the board, as `Pose.numbers`: one for a still
-        recording, one for each frame of a moving one; None where the board is not found.
-    covariances : tuple
-        (6, 6) covariances of the motions of those that are found.
-    blur, contrast : float
-        Medians of these values of `GrayFit`.
-    reason : str
-        Why the board is not found; empty if it is found in a frame.
-
+    * `poses`: poses of the camera in the frame of the board, as `Pose.numbers`: one for a still
+      recording, one for each frame of a moving one; None where the board is not found.
+    * `covariances`: (6, 6) covariances of the motions of those that are found.
+    * `blur`, `contrast`: medians of these values of `GrayFit`.
+    * `reason`: why the board is not found; empty if it is found in a frame.
     """
 
     moving: bool = False

@@ -33,23 +33,13 @@ class Judged:
     """
     Whether a recording's planes can be trusted.
 
-    Attributes
-    ----------
-    state : str
-        ``used``, ``doubtful`` or ``refused``.
-    reasons : tuple of str
-        Why the recording is doubtful or refused, and notes on missing measurements.
-    surfaces : tuple of ImagePlane
-        The planes as fitted to the recording; none if it is refused.
-    placed : PlacedPlanes or None
-        The planes moved to the measurements.
-    covariance : numpy.ndarray or None
-        (3 P, 3 P) covariance, as in recordings.
-    taped : tuple of bool
-        Of which of them a distance was measured.
-    square : bool
-        Whether an angle between two of them was measured.
-
+    * `state`: ``used``, ``doubtful`` or ``refused``.
+    * `reasons`: why the recording is doubtful or refused, and notes on missing measurements.
+    * `surfaces`: the planes as fitted to the recording; none if it is refused.
+    * `placed`: the planes moved to the measurements.
+    * `covariance`: (3 P, 3 P) covariance, as in recordings.
+    * `taped`: of which of them a distance was measured.
+    * `square`: whether an angle between two of them was measured.
     """
 
     state: str
@@ -96,19 +86,8 @@ class PlaneSurfaces:
     """
     Planes in a recording; see `Surfaces`.
 
-    Attributes
-    ----------
-    request : PlaneRequest
-        The settings of the run.
-    path : pathlib.Path
-        The recording.
-    hints : tuple of PlaneHint
-        The planes in it.
-    plan : PlaneFile
-        The file that they are from.
-    found : Judged or None
-        None before they are looked for.
-
+    `hints` are those in it, `plan` the file that they are from. `found` is None before they are
+    looked for.
     """
 
     request: PlaneRequest

@@ -1,10 +1,10 @@
 """
 Align a printed target to a gray image.
 
-The image of the sheet is rendered from a pose, blurred and lit. Pose, blur and light are fitted to
-the
-gray values of all pixels inside it (Gauss-Newton, Huber loss). Blur moves the corners of dark
-squares inwards, so that a pose from corners is too far; a fit with a free blur is not.
+The image of the sheet is rendered from a pose, blurred and lit. Pose, blur and light are
+fitted to the gray values of all pixels inside it (Gauss-Newton, Huber loss). Blur moves the
+corners of dark squares inwards, so that a pose from corners is too far; a fit with a free blur
+is not.
 """
 
 from dataclasses import dataclass, replace
@@ -39,13 +39,8 @@ class Gray:
     """
     A gray image to align to.
 
-    Attributes
-    ----------
-    image : numpy.ndarray
-        (H, W) float64, any unit.
-    rays : numpy.ndarray
-        (H, W, 2) x/z and y/z of each pixel, without lens distortion; NaN for pixels without a ray.
-
+    `image` is (H, W) float64, any unit; `rays` (H, W, 2) x/z and y/z of each pixel, without lens
+    distortion, NaN for pixels without a ray.
     """
 
     image: np.ndarray
@@ -57,23 +52,13 @@ class GrayFit:
     """
     An aligned sheet.
 
-    Attributes
-    ----------
-    pose : Pose
-        Pose of the camera in the sheet's frame.
-    covariance : numpy.ndarray
-        (6, 6) covariance of a motion of the camera, see `Pose.moved`; from noise only.
-    scale_shift : numpy.ndarray
-        (6,) motion of the camera per relative change of the focal length, linearised.
-    blur : float
-        Standard deviation of the blur, pixels.
-    contrast : float
-        Reflectivity of black as a fraction of that of white.
-    power : float
-        One of `POWERS`.
-    cost : float
-        Mean Huber loss of gray values, as a fraction of white, without the square.
-
+    * `pose`: of the camera in the sheet's frame.
+    * `covariance`: (6, 6) covariance of a motion of the camera, see `Pose.moved`; from noise only.
+    * `scale_shift`: (6,) motion of the camera per relative change of the focal length, linearised.
+    * `blur`: standard deviation of the blur, pixels.
+    * `contrast`: reflectivity of black as a fraction of that of white.
+    * `power`: one of `POWERS`.
+    * `cost`: mean Huber loss of gray values, as a fraction of white, without the square.
     """
 
     pose: Pose
@@ -189,29 +174,11 @@ def align_gray(
     target: Printed, gray: Gray, start: Pose, power: float, blur: float, steps: int
 ) -> GrayFit | None:
     """
-    Align a target to a gray image from a pose nearby.
+    Align a target to a gray image from a pose nearby, in at most so many steps.
 
-    Parameters
-    ----------
-    target : Printed
-        The target on the sheet.
-    gray : Gray
-        The image.
-    start : Pose
-        Pose of the camera in the sheet's frame, accurate enough that edges are within a few
-        pixels.
-    power : float
-        One of `POWERS`.
-    blur : float
-        Initial blur, pixels.
-    steps : int
-        At most.
-
-    Returns
-    -------
-    GrayFit or None
-        None if too little of the sheet is in the image.
-
+    `start` is the pose of the camera in the sheet's frame, accurate enough that edges are within a
+    few pixels; `power` one of `POWERS`; `blur` the initial one, pixels. None if too little of the
+    sheet is in the image.
     """
     view = _View(target, gray, start)
     if view.window[0].stop == 0:

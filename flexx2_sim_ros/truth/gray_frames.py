@@ -22,11 +22,7 @@ def gray_images(reader: RecordingReader, moving: bool) -> Iterator[np.ndarray]:
     """
     Iterate over gray images: the mean of a still recording, or all of a moving one.
 
-    Yields
-    ------
-    numpy.ndarray
-        (H, W) float64, NaN where saturated, not a number or hidden by a mask.
-
+    They are (H, W) float64, NaN where saturated, not a number or hidden by a mask.
     """
     if moving:
         for image in _shown(reader):

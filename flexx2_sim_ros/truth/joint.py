@@ -23,26 +23,15 @@ class Solution:
     """
     The solution for all recordings.
 
-    Attributes
-    ----------
-    columns : ErrorColumns
-    values : numpy.ndarray
-        (k,) coefficients.
-    deviations : numpy.ndarray
-        (k,) standard deviations: the larger of the one from the pixels and the one from leaving
-        out one recording at a time.
-    condition : float
-        Condition number of the coefficients' equations, scaled to a unit diagonal.
-    views : tuple of PosedImage
-        The views with their new poses.
-    covariances : tuple of numpy.ndarray
-        (6, 6) each, of the views' motions (metres, radians).
-    drags : tuple of numpy.ndarray
-        (6,) each: the pose error that a bias of one prior standard deviation causes if the bias is
-        not estimated.
-    recordings : int
-        How many of them the views are of.
-
+    * `values`: (k,) coefficients.
+    * `deviations`: (k,) standard deviations: the larger of the one from the pixels and the one
+      from leaving out one recording at a time.
+    * `condition`: condition number of the coefficients' equations, scaled to a unit diagonal.
+    * `views`: the views with their new poses.
+    * `covariances`: (6, 6) each, of the views' motions (metres, radians).
+    * `drags`: (6,) each: the pose error that a bias of one prior standard deviation causes if the
+      bias is not estimated.
+    * `recordings`: how many of them the views are of.
     """
 
     columns: ErrorColumns

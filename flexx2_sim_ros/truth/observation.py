@@ -34,18 +34,11 @@ class Observation:
     """
     One depth image to be registered.
 
-    Attributes
-    ----------
-    rays : numpy.ndarray
-        (H, W, 2) x/z and y/z of each pixel, without lens distortion; NaN where the lens has no
-        inverse, and where a mask marks pixels as unknown.
-    depth : numpy.ndarray
-        (H, W) float64 metres along the optical axis, NaN where invalid.
-    sigma : numpy.ndarray
-        (H, W) float64 metres, standard deviation of `depth`.
-    wraps : tuple of float
-        Metres: range is ambiguous by multiples of each, most likely first.
-
+    * `rays`: (H, W, 2) x/z and y/z of each pixel, without lens distortion; NaN where the lens has
+      no inverse, and where a mask marks pixels as unknown.
+    * `depth`: (H, W) float64 metres along the optical axis, NaN where invalid.
+    * `sigma`: (H, W) float64 metres, standard deviation of `depth`.
+    * `wraps`: metres: range is ambiguous by multiples of each, most likely first.
     """
 
     rays: np.ndarray
@@ -93,17 +86,8 @@ class Footage:
     """
     A recording as registration needs it.
 
-    Attributes
-    ----------
-    reader : RecordingReader
-        Reader of the frames.
-    still : Observation
-        The median of a still recording, the first frame of a moving one.
-    moving : bool
-        Whether the camera moved.
-    mode : Mode or None
-        None where the file does not say, or names one that the profile lacks.
-
+    `still` is the median of a still recording, the first frame of a moving one. `moving`: the
+    camera moved. `mode` is None where the file does not say, or names one that the profile lacks.
     """
 
     reader: RecordingReader
@@ -169,9 +153,8 @@ def mask_of(reader: RecordingReader) -> np.ndarray | None:
     """
     Return where a recording shows its room and not, for example, the robot.
 
-    Returns its ``known``, (H, W) or (T, H, W) bool. None without one, and where that is of earlier
+    That is its ``known``, (H, W) or (T, H, W) bool. None without one, and where that is of earlier
     ground truth and not a mask of the user.
-
     """
     if 'clean_depth' in reader.layouts or 'clean_depth' in reader.arrays:
         return None

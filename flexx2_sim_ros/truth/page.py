@@ -42,15 +42,9 @@ _CAPTIONS = {
 
 def page(results: Mapping[str, Any], written: Mapping[int, Written]) -> str:
     """
-    Return the page as HTML, all text escaped and all pictures inside.
+    Return the page of ``truth.yaml`` as HTML, all text escaped and all pictures inside.
 
-    Parameters
-    ----------
-    results : dict
-        The content of ``truth.yaml``.
-    written : mapping of int to Written
-        The recordings that are not refused, by number.
-
+    `written` has the recordings that are not refused, by number.
     """
     rows = results['recordings']
     count = {state: sum(row['verdict'] == state for row in rows) for state in _STATES}

@@ -32,17 +32,11 @@ _STEP = 1e-6
 @dataclass(frozen=True)
 class PlacedPlanes:
     """
-    Planes of one recording.
+    Planes of one recording, in the optical frame.
 
-    Attributes
-    ----------
-    normals : numpy.ndarray
-        (P, 3) unit normals that point away from the camera, optical frame.
-    distances : numpy.ndarray
-        (P,) metres from the optical centre, perpendicular.
-    pivots : numpy.ndarray
-        (P, 3) metres: points about which tilts turn the planes.
-
+    `normals` are (P, 3) unit normals that point away from the camera; `distances` (P,) metres from
+    the optical centre, perpendicular; `pivots` (P, 3) metres, points about which tilts turn the
+    planes.
     """
 
     normals: np.ndarray
@@ -53,11 +47,8 @@ class PlacedPlanes:
         """
         Return the planes moved.
 
-        Parameters
-        ----------
-        change : numpy.ndarray
-            (3 P,) an offset in metres and two tilts in radians for each plane, as in recordings.
-
+        `change` is (3 P,) an offset in metres and two tilts in radians for each plane, as in
+        recordings.
         """
         normals, distances = self.normals.copy(), self.distances.copy()
         for k, (offset, *tilts) in enumerate(change.reshape(-1, 3)):
@@ -72,12 +63,8 @@ class PlacedPlanes:
         """
         Return the (P,) standard deviations of `distances`, metres.
 
-        Parameters
-        ----------
-        covariance : numpy.ndarray
-            (3 P, 3 P) of the planes' parameters. A tilt turns a plane about its pivot and so
-            changes its distance.
-
+        `covariance` is (3 P, 3 P) of the planes' parameters. A tilt turns a plane about its pivot
+        and so changes its distance.
         """
         slope = _slope(lambda change: self.moved(change).distances, np.zeros(len(covariance)))
         return np.asarray(np.sqrt(np.einsum('pi,ij,pj->p', slope, covariance, slope)))
@@ -86,19 +73,10 @@ class PlacedPlanes:
 @dataclass(frozen=True)
 class Constraints:
     """
-    The measurements of the planes of one recording.
+    The measurements of the planes of one recording; `names` are those of the P planes.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Names of the P planes.
-    distances : tuple of Measured or None
-        Distance of each plane, metres from the origin.
-    angles : tuple of Angle
-        Angles between them.
-    origin : tuple of float
-        Origin of the distances, optical frame, metres.
-
+    `distances` are those of each plane, metres from `origin`, which is in the optical frame,
+    metres; `angles` are between them.
     """
 
     names: tuple[str, ...]
@@ -108,18 +86,9 @@ class Constraints:
 
     def errors(self, placed: PlacedPlanes) -> tuple[np.ndarray, list[str]]:
         """
-        Return the differences between planes and measurements.
+        Return (C,) differences between planes and measurements, and the description of each.
 
-        Parameters
-        ----------
-        placed : PlacedPlanes
-            The planes.
-
-        Returns
-        -------
-        tuple
-            (C,) differences in standard deviations, and the description of each.
-
+        They are in standard deviations.
         """
         errors, words = [], []
         for name, found, told in zip(
@@ -158,22 +127,11 @@ def _angle_errors(one: np.ndarray, other: np.ndarray, told: float) -> np.ndarray
 
 def settle(placed: PlacedPlanes, constraints: Constraints) -> tuple[PlacedPlanes, np.ndarray]:
     """
-    Move planes to the measurements, by generalised least squares.
+    Move planes, as fitted to a recording, to the measurements, by generalised least squares.
 
-    Parameters
-    ----------
-    placed : PlacedPlanes
-        The planes as fitted to the recording.
-    constraints : Constraints
-        What was measured.
-
-    Returns
-    -------
-    tuple
-        The moved planes, and the (3 P, 3 P) covariance of their parameters. The covariance comes
-        from the measurements alone; parameters without a measurement have `FREE_OFFSET` and
-        `FREE_TILT`.
-
+    Return the moved planes, and the (3 P, 3 P) covariance of their parameters. The covariance
+    comes from the measurements alone; parameters without a measurement have `FREE_OFFSET` and
+    `FREE_TILT`.
     """
 
     def errors(planes: PlacedPlanes) -> Callable[[np.ndarray], np.ndarray]:

@@ -18,11 +18,7 @@ def drawn(path: Path) -> PlaneFile:
     """
     Return the planes of a file that outlines are saved to; none of a file that does not exist.
 
-    Raises
-    ------
-    InputError
-        As of `read_planes`.
-
+    Raises `InputError` as `read_planes` does.
     """
     return read_planes(path) if path.exists() else PlaneFile((), (), (0.0, 0.0, 0.0), {})
 
@@ -33,20 +29,9 @@ def save_outline(
     """
     Write an outline into ``planes.yaml``, whole or not at all; all else in the file stays.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file; made if it does not exist.
-    recording, plane : str
-        Names of the recording without suffix, and of the plane, which may be a new one.
-    corners : sequence of sequence of float
-        Pixels [u, v], which are rounded.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read or written, or would not be one of planes.
-
+    The file is made if it does not exist. `recording` is a name without suffix; the plane may be a
+    new one. `corners` are pixels [u, v], which are rounded. Raises `InputError` when the file
+    cannot be read or written, or would not be one of planes.
     """
     if path.exists():
         read_planes(path)

@@ -46,18 +46,11 @@ class PlaneHint:
     """
     How to find a plane in a recording, and its measurements.
 
-    Attributes
-    ----------
-    name : str
-    box : tuple of float
-        Left, top, right and bottom pixel of a part of it; empty if it is found by its size.
-    distance : Measured or None
-        Perpendicular distance from the origin, metres.
-    flat : float or None
-        Standard deviation of the surface, metres.
-    outline : tuple of tuple of float
-        Corners of the whole plane in the image, pixels; empty if the recording shows its borders.
-
+    * `box`: left, top, right and bottom pixel of a part of it; empty if it is found by its size.
+    * `distance`: perpendicular distance from the origin, metres.
+    * `flat`: standard deviation of the surface, metres.
+    * `outline`: corners of the whole plane in the image, pixels; empty if the recording shows its
+      borders.
     """
 
     name: str
@@ -72,12 +65,7 @@ class Angle:
     """
     An angle between two planes, on the camera's side: 180 degrees where they are one flat surface.
 
-    Attributes
-    ----------
-    first, second : str
-        Names of the planes.
-    degrees : Measured
-
+    `first` and `second` are the names of the planes.
     """
 
     first: str
@@ -90,16 +78,9 @@ class PlaneFile:
     """
     The content of ``planes.yaml``.
 
-    Attributes
-    ----------
-    planes : tuple of PlaneHint
-    angles : tuple of Angle
-    origin : tuple of float
-        Origin of the distances: x, y, z in the optical frame, metres.
-    changes : mapping of str to mapping
-        Differences in single recordings, by the name of the recording without suffix, then by the
-        name of the plane; None if it is not in view.
-
+    `origin` is that of the distances: x, y, z in the optical frame, metres. `changes` are
+    differences in single recordings, by the name of the recording without suffix, then by the name
+    of the plane; None if it is not in view.
     """
 
     planes: tuple[PlaneHint, ...]
@@ -118,11 +99,7 @@ def plane_form(seen: Mapping[str, Mapping[str, str]]) -> str:
     """
     Return the text of a ``planes.yaml`` to be filled in.
 
-    Parameters
-    ----------
-    seen : mapping of str to mapping of str to str
-        By the name of a recording, then of a plane that it shows: what was planned.
-
+    `seen` has what was planned, by the name of a recording, then of a plane that it shows.
     """
     names = list(dict.fromkeys(name for planes in seen.values() for name in planes))
     lines = ['planes:', *(f'- name: {name}' for name in names), 'recordings:']
@@ -137,19 +114,10 @@ def plane_form(seen: Mapping[str, Mapping[str, str]]) -> str:
 
 def read_planes(path: Path) -> PlaneFile:
     """
-    Read ``planes.yaml``.
+    Read ``planes.yaml``; docs/truth.md has its keys.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file; docs/truth.md has its keys.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or has an unknown key or plane or an impossible value; the
-        message names file and key.
-
+    Raises `InputError` when the file cannot be read, or has an unknown key or plane or an
+    impossible value; the message names file and key.
     """
     content = read_config(path)
     try:

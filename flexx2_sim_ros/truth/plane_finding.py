@@ -37,20 +37,13 @@ class ImagePlane:
     """
     A plane in an image.
 
-    Attributes
-    ----------
-    name : str
-    inverse : numpy.ndarray
-        (3,) coefficients: inverse depth is the product with the ray (x/z, y/z, 1).
-    part : numpy.ndarray
-        (H, W) uint8: which of its pixels are known, one of `clean.PARTS`.
-    bend : float
-        Root mean square distance of what the recording shows of it from the plane, metres.
-    contradicting : int
-        Pixels of it that are farther from the plane than noise and bent light explain.
-    beside : int
-        Pixels between its own, in a row or column, that are neither of it nor of other planes.
-
+    * `inverse`: (3,) coefficients: inverse depth is the product with the ray (x/z, y/z, 1).
+    * `part`: (H, W) uint8: which of its pixels are known, one of `clean.PARTS`.
+    * `bend`: root mean square distance of what the recording shows of it from the plane, metres.
+    * `contradicting`: pixels of it that are farther from the plane than noise and bent light
+      explain.
+    * `beside`: pixels between its own, in a row or column, that are neither of it nor of other
+      planes.
     """
 
     name: str
@@ -103,20 +96,7 @@ def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[ImagePla
 
     The region of a plane is its outline. Without one it is the surface that is seen around the
     box: as far as no depth jump and no other surface ends it. Its size does not depend on how well
-    depth agrees with the plane.
-
-    Parameters
-    ----------
-    image : Observation
-        The image.
-    hints : sequence of PlaneHint
-        The planes to find.
-
-    Returns
-    -------
-    list of ImagePlane
-        The planes that were found, in the order of the hints.
-
+    depth agrees with the plane. Those that are found are in the order of the hints.
     """
     search = _Search(image)
     free = image.smooth.copy()

@@ -11,13 +11,8 @@ class Pose:
     """
     A camera's pose in a room.
 
-    Attributes
-    ----------
-    R : numpy.ndarray
-        (3, 3) rotation from the optical frame (x right, y down, z forward) to the room's.
-    t : numpy.ndarray
-        (3,) position in the room, metres.
-
+    `R` is the (3, 3) rotation from the optical frame (x right, y down, z forward) to the room's,
+    `t` the (3,) position in the room, metres.
     """
 
     R: np.ndarray  # noqa: N815

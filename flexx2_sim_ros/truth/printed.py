@@ -24,17 +24,10 @@ class Printed:
     The origin of its frame is its middle. Seen from the front, x points right, y down and z into
     the board.
 
-    Attributes
-    ----------
-    width, height : float
-        Size, metres.
-    white : float
-        Reflectivity at the camera's wavelength, 0 to 1.
-    flatness : float
-        Standard deviation of the surface from a plane, metres.
-    scale_error : float
-        Standard deviation of the printed size, as a fraction.
-
+    * `width`, `height`: size, metres.
+    * `white`: reflectivity at the camera's wavelength, 0 to 1.
+    * `flatness`: standard deviation of the surface from a plane, metres.
+    * `scale_error`: standard deviation of the printed size, as a fraction.
     """
 
     width: float
@@ -60,19 +53,10 @@ class Printed:
 
     def paint(self, step: float) -> np.ndarray:
         """
-        Draw the board as an image.
+        Draw the board as an image with pixels of a side of `step` metres.
 
-        Parameters
-        ----------
-        step : float
-            Side of a pixel, metres.
-
-        Returns
-        -------
-        numpy.ndarray
-            (H, W) float32: the white fraction of each pixel's area. Image and board have the same
-            centre.
-
+        It is (H, W) float32: the white fraction of each pixel's area. Image and board have the
+        same centre.
         """
         raise NotImplementedError
 
@@ -82,13 +66,8 @@ class Cells(Printed):
     """
     A board of rows of equal cells, drawn at any size.
 
-    Attributes
-    ----------
-    columns, rows : int
-        Numbers of squares, or of tags.
-    square : float
-        Side of a square, or of a tag with its black border, metres.
-
+    `columns` and `rows` are numbers of squares, or of tags; `square` is the side of a square, or
+    of a tag with its black border, metres.
     """
 
     columns: int
@@ -124,11 +103,7 @@ class Chessboard(Cells):
     """
     A chessboard; nothing is known of the paper around its squares.
 
-    Attributes
-    ----------
-    first : str
-        Colour of the upper left square.
-
+    `first` is the colour of the upper left square.
     """
 
     first: str = 'black'
@@ -172,13 +147,7 @@ class Charuco(Cells):
     """
     OpenCV's chessboard with markers in its white squares.
 
-    Attributes
-    ----------
-    marker : float
-        Side of a marker, metres.
-    dictionary : str
-        As OpenCV names it.
-
+    `marker` is the side of a marker, metres; `dictionary` as OpenCV names it.
     """
 
     marker: float = 0.02
@@ -210,11 +179,7 @@ class AprilGrid(Cells):
     """
     Kalibr's grid of AprilTags 36h11, from below; with a black square at each of their corners.
 
-    Attributes
-    ----------
-    gap : float
-        Between two tags, metres.
-
+    `gap` is between two tags, metres.
     """
 
     gap: float = 0.01
@@ -265,13 +230,8 @@ class CircleGrid(Cells):
     """
     OpenCV's grid of dark circles; the paper is white for half a distance around their centres.
 
-    Attributes
-    ----------
-    asymmetric : bool
-        Whether every second row is shifted by a square, and a row has every second column only.
-    diameter : float
-        Of a circle, metres; 0 if it is not known.
-
+    `asymmetric`: every second row is shifted by a square, and a row has every second column only.
+    `diameter` is that of a circle, metres; 0 if it is not known.
     """
 
     asymmetric: bool = False

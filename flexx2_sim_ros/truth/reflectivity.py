@@ -34,17 +34,10 @@ _LEAST_SPAN = 0.1  # mean difference within surfaces of the logarithm of light t
 @dataclass(frozen=True)
 class GraySamples:
     """
-    Pixels of a recording that show surfaces.
+    Pixels of a recording that show surfaces, each (N,).
 
-    Attributes
-    ----------
-    gray : numpy.ndarray
-        (N,) gray values above 0.
-    falloff : numpy.ndarray
-        (N,) m^2, see `physics.reflectance.falloff`.
-    surface : numpy.ndarray
-        (N,) int, number of the surface in its image.
-
+    `gray` are gray values above 0; `falloff` is in m^2, see `physics.reflectance.falloff`;
+    `surface` is int, the number of the surface in its image.
     """
 
     gray: np.ndarray
@@ -57,15 +50,9 @@ class GrayScale:
     """
     What gray values mean: reflectivity = factor * gray ** power * falloff.
 
-    Attributes
-    ----------
-    factor : float
-        In 1/m^2.
-    power : int
-        1 where gray values are proportional to light, 2 where they are proportional to its root.
-    spread : float
-        Standard deviation of the logarithm of the factor between recordings.
-
+    `factor` is in 1/m^2. `power` is 1 where gray values are proportional to light, 2 where they
+    are proportional to its root. `spread` is the standard deviation of the logarithm of the factor
+    between recordings.
     """
 
     factor: float
@@ -144,21 +131,11 @@ def gray_samples(gray: np.ndarray, clean: Clean, rays: np.ndarray) -> GraySample
 
 def find_scale(samples: Sequence[GraySamples]) -> GrayScale | None:
     """
-    Find what gray values mean from all recordings of a campaign.
+    Find what gray values mean from all recordings of a campaign; None without samples.
 
     Within a surface, gray values follow the light that depth and incidence predict, or its root.
-    The factor makes bright pixels as bright as white paint, so that it is relative.
-
-    Parameters
-    ----------
-    samples : sequence of GraySamples
-        Of recordings with the same exposure.
-
-    Returns
-    -------
-    GrayScale or None
-        None without samples.
-
+    The factor makes bright pixels as bright as white paint, so that it is relative. The recordings
+    have the same exposure.
     """
     if not samples:
         return None

@@ -46,17 +46,8 @@ class Job:
     """
     A recording to register.
 
-    Attributes
-    ----------
-    path : pathlib.Path
-        The recording.
-    request : RoomRequest
-        The settings of the run.
-    guess : tuple of float or None
-        Its rough pose: x, y, z (metres), qx, qy, qz, qw.
-    uptime : float
-        Seconds since the camera was switched on; infinite if unknown.
-
+    `guess` is its rough pose: x, y, z (metres), qx, qy, qz, qw. `uptime` is seconds since the
+    camera was switched on; infinite if unknown.
     """
 
     path: Path
@@ -70,28 +61,16 @@ class Registered:
     """
     The poses of a recording, each frame fitted by itself.
 
-    Attributes
-    ----------
-    poses : tuple of tuple of float
-        One for a still recording, one for each frame of a moving one; see `Pose.numbers`.
-    costs : tuple of float
-        Mean truncated residual of each pose.
-    rival : float
-        Cost of the best other pose.
-    moving : bool
-    mirrored : float
-        Cost of the best pose in the mirror image of the room; infinite if not tried.
-    seconds : float
-    told : tuple of float or None
-        Median differences from the given rough poses, metres and degrees; None if none were given
-        in the room's frame.
-    clock : ClockOffset or None
-        Offset to the clock of the given poses; None without such poses, and for a still recording.
-    believed : bool
-        Whether `poses` are those that were given.
-    why : str
-        Why they are, if nobody has asked for it.
-
+    * `poses`: one for a still recording, one for each frame of a moving one; see `Pose.numbers`.
+    * `costs`: mean truncated residual of each pose.
+    * `rival`: cost of the best other pose.
+    * `mirrored`: cost of the best pose in the mirror image of the room; infinite if not tried.
+    * `told`: median differences from the given rough poses, metres and degrees; None if none were
+      given in the room's frame.
+    * `clock`: offset to the clock of the given poses; None without such poses, and for a still
+      recording.
+    * `believed`: whether `poses` are those that were given.
+    * `why`: why they are, if nobody has asked for it.
     """
 
     poses: tuple[tuple[float, ...], ...]
@@ -320,15 +299,7 @@ def _key_frames(footage: Footage, costs: Sequence[float]) -> dict[int, Observati
 
 
 def views_of(job: tuple[int, Job, Registered]) -> list[PosedImage]:
-    """
-    Return the views of a recording for the joint fit.
-
-    Parameters
-    ----------
-    job : tuple
-        The number of the recording, its job and its registration.
-
-    """
+    """Return the views of a recording, by its number, job and registration, for the joint fit."""
     recording, how, where = job
     footage = how.request.footage(how.path, where.moving)
     out = []

@@ -23,21 +23,10 @@ class RoomSurfaces:
     """
     A room as a recording shows it; see `Surfaces`.
 
-    Attributes
-    ----------
-    job : Job
-    registered : Registered
-    pose : tuple of float
-        Pose of a still recording from the joint fit; see `Pose.numbers`.
-    columns : ErrorColumns
-        The errors that all recordings share.
-    values : tuple of float
-        Coefficients of these errors.
-    covariance : numpy.ndarray
-        (6, 6) covariance of the pose.
-    latency : float
-        How late images are by their stamps, seconds. Frames get the ground truth of their stamps.
-
+    `pose` is that of a still recording from the joint fit, see `Pose.numbers`; `covariance` (6, 6)
+    its covariance. `columns` are the errors that all recordings share, `values` their
+    coefficients. `latency` is how late images are by their stamps, seconds. Frames get the ground
+    truth of their stamps.
     """
 
     job: Job

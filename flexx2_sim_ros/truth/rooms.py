@@ -17,17 +17,10 @@ class Hits:
     """
     The first surfaces that rays hit.
 
-    Attributes
-    ----------
-    depth : numpy.ndarray
-        (N,) float64 metres along the optical axis, NaN without a hit.
-    normal : numpy.ndarray
-        (N, 3) float64 unit normals in the optical frame, towards the camera.
-    reflectivity : numpy.ndarray or None
-        (N,) float32, 0 to 1; None if the room has no colours.
-    border : numpy.ndarray
-        (N,) bool: the hit triangle is at an open border of the mesh.
-
+    * `depth`: (N,) float64 metres along the optical axis, NaN without a hit.
+    * `normal`: (N, 3) float64 unit normals in the optical frame, towards the camera.
+    * `reflectivity`: (N,) float32, 0 to 1; None if the room has no colours.
+    * `border`: (N,) bool: the hit triangle is at an open border of the mesh.
     """
 
     depth: np.ndarray
@@ -48,34 +41,15 @@ class Room:
     """
     Surfaces in front of a camera.
 
-    Attributes
-    ----------
-    complete : bool
-        Whether a ray without a hit means that there is no surface. A scan may have a hole there.
-    bounds : numpy.ndarray
-        (2, 3) least and greatest coordinates, metres.
-
+    `complete`: a ray without a hit means that there is no surface; a scan may have a hole there.
+    `bounds` are (2, 3) least and greatest coordinates, metres.
     """
 
     complete = False
     bounds: np.ndarray
 
     def cast(self, pose: Pose, rays: np.ndarray) -> Hits:
-        """
-        Follow a camera's rays to the first surface.
-
-        Parameters
-        ----------
-        pose : Pose
-            The camera's.
-        rays : numpy.ndarray
-            (N, 2) x/z and y/z in the optical frame.
-
-        Returns
-        -------
-        Hits
-
-        """
+        """Follow a camera's rays to the first surface, (N, 2) x/z and y/z in the optical frame."""
         found = self.hit(pose.t, rays @ pose.R[:, :2].T + pose.R[:, 2])
         hits = replace(found, normal=found.normal @ pose.R)
         hits.normal[hits.slant(rays) > 0] *= -1
@@ -95,15 +69,8 @@ class MeshRoom(Room):
     """
     A triangle mesh.
 
-    Parameters
-    ----------
-    triangles : numpy.ndarray
-        (F, 3, 3) float64 corners, metres.
-    reflectivity : numpy.ndarray or None
-        (F, 3) float32 at each corner, 0 to 1.
-    border : numpy.ndarray
-        (F,) bool, triangles at an open border.
-
+    `triangles` are (F, 3, 3) float64 corners, metres; `reflectivity` (F, 3) float32 at each
+    corner, 0 to 1, or None; `border` (F,) bool, triangles at an open border.
     """
 
     def __init__(
@@ -148,15 +115,7 @@ def visible_geoms(model: mujoco.MjModel) -> np.ndarray:
 
 
 class MujocoRoom(Room):
-    """
-    A MuJoCo model at rest, its visible geoms (groups 0 to 2).
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Any model.
-
-    """
+    """A MuJoCo model at rest, its visible geoms (groups 0 to 2)."""
 
     complete = True
 

@@ -54,14 +54,7 @@ class Run:
     """
     A run in progress.
 
-    Attributes
-    ----------
-    cache : pathlib.Path
-        Folder for results that an interrupted run leaves to the next one.
-    progress : callable
-    mapped : callable
-        As `jobs.workers` yields it.
-
+    `cache` is a folder for results that an interrupted run leaves to the next one.
     """
 
     cache: Path
@@ -78,17 +71,8 @@ class Run:
         """
         Return the results of a function for jobs, in order.
 
-        Parameters
-        ----------
-        text : str
-            Name of the step.
-        span : tuple of float
-            Fractions of the whole run: at the start and at the end of this stage.
-        work : callable
-            A function of a module, for other processes.
-        jobs : sequence of object
-            What `work` takes.
-
+        `text` is the name of the step, `span` the fractions of the whole run at its start and its
+        end. `work` is a function of a module, for other processes.
         """
         done = 0
 
@@ -111,15 +95,9 @@ class Run:
         """
         Return the results of a function for jobs, those of an interrupted run from files.
 
-        Parameters
-        ----------
-        text, span, work, jobs
-            As for `each`; `repr` of a job says all that its result depends on, but for its inputs.
-        inputs : sequence of sequence of pathlib.Path
-            The files that each job reads.
-        kinds : sequence of type
-            The dataclasses in results, beside arrays, tuples, numbers and texts.
-
+        As `each`; `repr` of a job says all that its result depends on, but for its `inputs`, the
+        files that each job reads. `kinds` are the dataclasses in results, beside arrays, tuples,
+        numbers and texts.
         """
         files = [
             self.cache / f'{_digest(work.__name__, job, paths)}.json'

@@ -41,15 +41,9 @@ _ELSEWHERE = 0.2, math.radians(10)
 @dataclass(frozen=True)
 class Panoramas:
     """
-    Distances in all directions from places in a room.
+    Distances in all directions from (P, 3) places in a room, metres.
 
-    Attributes
-    ----------
-    places : numpy.ndarray
-        (P, 3) metres.
-    distance : numpy.ndarray
-        (P, elevation, azimuth) float32 metres, inf without a hit.
-
+    `distance` is (P, elevation, azimuth) float32 metres, inf without a hit.
     """
 
     places: np.ndarray

@@ -42,19 +42,12 @@ Finding = dict[str, Any]
 @dataclass(frozen=True)
 class Shared:
     """
-    The joint estimate, and a verdict on each error.
+    The joint estimate with the decidable columns, and a verdict on each error.
 
-    Attributes
-    ----------
-    solution : Solution
-        The solution with the decidable columns.
-    findings : dict of str to dict
-        By effect (``offset``, ``wiggling``, ``multipath``, ``intrinsics_error``,
-        ``warm_up_drift``): ``verdict`` (``identified`` or ``confounded``), ``reason``, and the
-        values with their standard deviations. An effect is ``identified`` as well where it is
-        known to be absent. Besides ``depth_scale`` (verdict ``found``), where depth and room
-        differ in scale.
-
+    `findings` has by effect (``offset``, ``wiggling``, ``multipath``, ``intrinsics_error``,
+    ``warm_up_drift``): ``verdict`` (``identified`` or ``confounded``), ``reason``, and the values
+    with their standard deviations. An effect is ``identified`` as well where it is known to be
+    absent. Besides ``depth_scale`` (verdict ``found``), where depth and room differ in scale.
     """
 
     solution: Solution

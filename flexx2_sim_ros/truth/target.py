@@ -38,21 +38,13 @@ class Target(Printed):
     """
     A flat sheet with tags; see `Printed` for what is not described here.
 
-    Attributes
-    ----------
-    dictionary : str
-        One of `DICTIONARIES`, as OpenCV names them.
-    columns, rows : int
-        Numbers of columns and rows of tags. Tags are numbered from left to right, then downwards.
-    first_id : int
-        Number of the first tag.
-    tag : float
-        Side of a tag with its black border, metres.
-    gap : float
-        White gap between two tags, metres.
-    black : float
-        Reflectivity at the camera's wavelength, 0 to 1.
-
+    * `dictionary`: one of `DICTIONARIES`, as OpenCV names them.
+    * `columns`, `rows`: numbers of columns and rows of tags. Tags are numbered from left to right,
+      then downwards.
+    * `first_id`: number of the first tag.
+    * `tag`: side of a tag with its black border, metres.
+    * `gap`: white gap between two tags, metres.
+    * `black`: reflectivity at the camera's wavelength, 0 to 1.
     """
 
     dictionary: str = 'DICT_4X4_50'
@@ -181,11 +173,7 @@ def target_of(sheet: str) -> Target:
     """
     Return the standard target for a sheet of paper.
 
-    Raises
-    ------
-    InputError
-        When the sheet is not in `SHEETS`.
-
+    Raises `InputError` when the sheet is not in `SHEETS`.
     """
     if sheet not in SHEETS:
         raise InputError(f'--size: must be one of {", ".join(SHEETS)}, got {shown(sheet)}')
@@ -197,12 +185,8 @@ def read_target(path: Path) -> Target:
     """
     Read ``target.yaml``.
 
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or describes a target that cannot be found; the message names
-        file and field.
-
+    Raises `InputError` when the file cannot be read, or describes a target that cannot be found;
+    the message names file and field.
     """
     values: Mapping[str, Any] = read_section(path, 'target', dict)
     names = [field.name for field in fields(Target)]
@@ -226,11 +210,7 @@ def draw_pdf(target: Target) -> bytes:
     """
     Draw a target for printing, true to scale, with two rulers in its white border.
 
-    Returns
-    -------
-    bytes
-        A PDF of one page, as large as the sheet.
-
+    It is a PDF of one page, as large as the sheet.
     """
     page = Figure(figsize=(target.width / _INCH, target.height / _INCH))
     axes = page.add_axes((0, 0, 1, 1))

@@ -71,19 +71,10 @@ class PoseSource:
 @dataclass(frozen=True)
 class Trajectory:
     """
-    Poses with stamps.
+    Poses with stamps; `name` is for messages.
 
-    Attributes
-    ----------
-    name : str
-        Name for messages.
-    stamp_ns : numpy.ndarray
-        (N,) int64, rising.
-    poses : numpy.ndarray
-        (N, 7) x, y, z in metres, qx, qy, qz, qw.
-    fixed : bool
-        Whether one pose holds for all times.
-
+    `stamp_ns` is (N,) int64, rising; `poses` (N, 7) x, y, z in metres, qx, qy, qz, qw. `fixed`:
+    one pose holds for all times.
     """
 
     name: str
@@ -92,15 +83,7 @@ class Trajectory:
     fixed: bool = False
 
     def at(self, stamp_ns: np.ndarray) -> np.ndarray:
-        """
-        Return (T, 7) interpolated poses, NaN where no pose is near in time.
-
-        Parameters
-        ----------
-        stamp_ns : numpy.ndarray
-            (T,) int64.
-
-        """
+        """Interpolate (T, 7) poses by (T,) int64 stamps, NaN where no pose is near in time."""
         if self.fixed:
             return np.tile(self.poses[-1], (len(stamp_ns), 1))
         after = np.clip(np.searchsorted(self.stamp_ns, stamp_ns), 1, len(self.stamp_ns) - 1)
@@ -122,16 +105,9 @@ class Trajectory:
 @dataclass(frozen=True)
 class CameraTrajectory:
     """
-    Rough poses of the camera, by stamps of their own clock.
+    Rough poses of the camera in the recording at `path`, by stamps of their own clock.
 
-    Attributes
-    ----------
-    path : pathlib.Path
-        The recording that they are for.
-    chain : tuple of Trajectory
-        From the room to the body; poses of each in the frame of the one before.
-    source : PoseSource
-
+    `chain` is from the room to the body; poses of each in the frame of the one before.
     """
 
     path: Path

@@ -21,19 +21,10 @@ _SAME = 1e-6  # metres and quaternion: rounding
 @dataclass
 class FrameTransforms:
     """
-    The transforms of one frame.
+    The transforms of one frame, `child` in its `parent`.
 
-    Attributes
-    ----------
-    child, parent : str
-        The frames.
-    stamps : list of int
-        Nanoseconds.
-    rows : list of list of float
-        x, y, z, qx, qy, qz, qw of the child in its parent, one for each stamp.
-    fixed : bool
-        Whether it was on ``tf_static``.
-
+    `rows` are x, y, z, qx, qy, qz, qw, one for each of `stamps`, nanoseconds. `fixed`: it was on
+    ``tf_static``.
     """
 
     child: str

@@ -28,19 +28,12 @@ class RoomFit:
     """
     How well a recording fits the room.
 
-    Attributes
-    ----------
-    state : str
-        ``used``, ``doubtful`` or ``refused``.
-    reasons : tuple of str
-        Why it is doubtful or refused.
-    fitting : float
-        Fraction of its pixels that fit the room.
-    residual : float
-        Median of the absolute residual, metres.
-    deviation : tuple of float
-        Standard deviation of the pose along and about its least certain axis: metres, degrees.
-
+    * `state`: ``used``, ``doubtful`` or ``refused``.
+    * `reasons`: why it is doubtful or refused.
+    * `fitting`: fraction of its pixels that fit the room.
+    * `residual`: median of the absolute residual, metres.
+    * `deviation`: standard deviation of the pose along and about its least certain axis: metres,
+      degrees.
     """
 
     state: str

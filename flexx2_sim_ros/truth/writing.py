@@ -39,21 +39,12 @@ class GroundTruth:
     """
     What a recording should show.
 
-    Attributes
-    ----------
-    cleans : sequence of Clean
-        One for each frame if the camera moved, else one.
-    image : Observation
-        A frame, or the median, for the page.
-    accuracy : mapping of str to numpy.ndarray
-        The keys of the recording that say how accurate it is.
-    number : int
-        Of the frame for the page.
-    gray : numpy.ndarray or None
-        (H, W) gray values to show in the place of depth.
-    found : object
-        What else is learnt of the recording.
-
+    * `cleans`: one for each frame if the camera moved, else one.
+    * `image`: a frame, or the median, for the page.
+    * `accuracy`: the keys of the recording that say how accurate it is.
+    * `number`: of the frame for the page.
+    * `gray`: (H, W) gray values to show in the place of depth.
+    * `found`: what else is learnt of the recording.
     """
 
     cleans: Sequence[Clean]
@@ -83,16 +74,7 @@ class Writing:
     """
     A recording to write, and its ground truth.
 
-    Attributes
-    ----------
-    request : TruthRequest
-        The settings of the run.
-    source : TruthSource
-        The recording.
-    surfaces : Surfaces
-    scale : GrayScale or None
-        What gray values mean; None where they are not used.
-
+    `scale` is what gray values mean; None where they are not used.
     """
 
     request: TruthRequest
@@ -110,23 +92,13 @@ class Written:
     """
     A recording that was written, and its images for the page: of its first frame or median.
 
-    Attributes
-    ----------
-    image : numpy.ndarray
-        (H, W) float32: measured depth, or gray values.
-    edges : numpy.ndarray
-        (H, W) bool, where clean depth jumps.
-    residual : numpy.ndarray
-        (H, W) float32 metres, measured minus clean; NaN where unknown or invalid.
-    part : numpy.ndarray
-        (H, W) uint8 as in `Clean`.
-    shares : dict
-        The fraction of pixels of each of `PARTS`, over all frames.
-    notes : tuple of str
-        What a person should know of pixels that contradict the ground truth.
-    found : object
-        As in `GroundTruth`.
-
+    * `image`: (H, W) float32: measured depth, or gray values.
+    * `edges`: (H, W) bool, where clean depth jumps.
+    * `residual`: (H, W) float32 metres, measured minus clean; NaN where unknown or invalid.
+    * `part`: (H, W) uint8 as in `Clean`.
+    * `shares`: the fraction of pixels of each of `PARTS`, over all frames.
+    * `notes`: what a person should know of pixels that contradict the ground truth.
+    * `found`: as in `GroundTruth`.
     """
 
     image: np.ndarray
@@ -164,13 +136,7 @@ def read_light(what: Writing) -> list[GraySamples]:
     Return what a recording shows of the light that surfaces send back, of some frames.
 
     Empty where its reflectivity is known from the mesh or the recording, and where it has no gray
-    images.
-
-    Raises
-    ------
-    InputError
-        When the recording cannot be read.
-
+    images. Raises `InputError` when the recording cannot be read.
     """
     footage, moving = what.footage(), what.surfaces.moving
     reader = footage.reader
