@@ -22,7 +22,7 @@ class FoundSet:
     * `motions`: where the camera of each recording is with them.
     * `sigma`: relative error of the base sigma_z.
     * `rises`: by how much recordings are farther apart without each effect; see
-      `rounds.Explained`.
+      `rounds.ExplainedSet`.
     """
 
     decision: Decision

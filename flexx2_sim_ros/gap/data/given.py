@@ -55,10 +55,10 @@ def together(given: tuple[Effect, ...], effects: Any) -> tuple[Effect, ...]:
     """
     Return effects of a simulation with those that are given, in the order of light.
 
-    `given` is from `given_effects`; `effects`, a mapping or effects, is what the simulation adds.
-    A bias or a factor on sigma_z that is given as well counts twice: the biases are added, the
-    factors multiplied. With a curve, one acts after the other; such a pair has no settings of its
-    own (`in_one_table`).
+    `given` is from `given_effects`; `effects`, a mapping or an iterable of `Effect`, is what the
+    simulation adds. A bias or a factor on sigma_z that is given as well counts twice: the biases
+    are added, the factors multiplied. With a curve, one acts after the other; such a pair has no
+    settings of its own (`in_one_table`).
     """
     if isinstance(effects, Mapping):
         effects = parse_effects(effects)

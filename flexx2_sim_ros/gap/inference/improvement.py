@@ -154,7 +154,7 @@ def taken_off(rise: np.ndarray | None) -> dict[str, Any] | None:
     """
     Return what an effect takes off: means over recordings, each with a 90 % interval.
 
-    `rise` is (R, 4) as from `rounds.Explained`.
+    `rise` is (R, 4) as from `rounds.ExplainedSet`.
     """
     if rise is None:
         return None

@@ -138,7 +138,7 @@ def section(table: dict[str, Any]) -> html.Html:
     """
     Return the cost as a section of the report of a diagnosis.
 
-    `table` is what `measure_cost` returns, or a ``reason`` why there is none.
+    `table` is what `cost.measure_cost` returns, or a ``reason`` why there is none.
     """
     title = html.heading('What the gap costs a robot')
     if 'reason' in table:

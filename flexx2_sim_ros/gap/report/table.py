@@ -52,7 +52,7 @@ def diagnosis_table(
     * `used`: the recordings, in the order of the model.
     * `left_out`: name of each recording that was not used, and the reason.
     * `rises`: by how much recordings are farther apart without each effect; see
-      `rounds.Explained`.
+      `rounds.ExplainedSet`.
     """
     age = age_table(effects, used)
     residual = decision.accepted.residual(model)
