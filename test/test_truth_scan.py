@@ -86,6 +86,13 @@ def test_poses_are_right_whatever_the_camera_does_wrong(tmp_path, rough, effects
             assert shared.findings[name]['verdict'] == 'identified'
 
 
+def test_one_recording_cannot_tell_a_wave_from_its_pose(tmp_path, rough):
+    camera = record(tmp_path, {'wiggling': 3.0})
+    one = job(tmp_path, 0, Pose(*off(camera.poses(0)[0], 0.05, 3.0, rough)))
+    shared = estimate(views_of((0, one, register(one))))
+    assert 'wiggling' not in shared.findings
+
+
 @pytest.mark.parametrize('factor', [1.0, 1.006])
 def test_a_scan_of_the_wrong_scale_is_told(tmp_path, plain, rough, factor):
     folder, camera = plain

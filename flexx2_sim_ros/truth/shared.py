@@ -58,7 +58,9 @@ def estimate(views: Sequence[PosedImage]) -> Shared:
     """Estimate poses and shared errors, but for errors that these recordings cannot tell apart."""
     bounce = any(view.bounce.any() for view in views)
     several = len({view.recording for view in views}) >= _LEAST_RECORDINGS
-    trial = _with_waves(solve(views, ErrorColumns(True, (), bounce, lens=several)))
+    trial = solve(views, ErrorColumns(True, (), bounce, lens=several))
+    if several:
+        trial = _with_waves(trial)
     findings: dict[str, Finding] = {}
     trial, findings['warm_up_drift'] = _with_drift(trial)
     solution, findings['intrinsics_error'] = _with_or_without_lens(trial)
