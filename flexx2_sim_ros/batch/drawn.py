@@ -20,7 +20,7 @@ _MOST = 1_000_000
 
 class DrawnCameras:
     """
-    Which camera each environment has.
+    Which camera of a pool each environment has.
 
     Parameters
     ----------
@@ -39,8 +39,7 @@ class DrawnCameras:
     cameras : list of tuple of Effect
         The pool.
     drawn : warp.array
-        (N,) int32 on the device: which camera of the pool each environment has; -1 where it has
-        effects of its own.
+        (N,) int32 on the device: each environment's camera; -1 where it has effects of its own.
     effects : tuple of Effect
         All effects that a camera of the pool may have.
 
