@@ -63,31 +63,12 @@ def given_images(
     num_envs: int, depth: Any, reflectivity: Any, out: Any, device: Any
 ) -> tuple[str, tuple[Any, Any, Any]]:
     """
-    Check the images that a batch of cameras is called with.
+    Check the images that a batch of N cameras is called with; return their kind and views.
 
-    Parameters
-    ----------
-    num_envs : int
-        N.
-    depth : array
-        Of any of the four libraries: (N, H, W) float32, or with one channel, first or last.
-    reflectivity, out : array or None
-        As ``depth``; ``out`` contiguous and writable.
-    device : warp.Device
-        Where they must be.
-
-    Returns
-    -------
-    kind : str
-        Of all, as `kind_of`.
-    images : tuple of array or None
-        The three as (N, H, W), in the same memory where the library can.
-
-    Raises
-    ------
-    InputError
-        For another kind, shape, dtype or device.
-
+    The kind is as `kind_of`. Each image is (N, H, W) float32 on `device`, of any of the four
+    libraries, or has one channel, first or last; ``reflectivity`` and ``out`` are like ``depth``
+    or None, ``out`` contiguous and writable. The views are (N, H, W), in the same memory where the
+    library can. Raises InputError for another kind, shape, dtype or device.
     """
     depth, reflectivity, out = map(_without_channel, (depth, reflectivity, out))
     kind = checked('depth', depth, (num_envs, None, None), np.float32, device)

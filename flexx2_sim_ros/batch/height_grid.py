@@ -13,9 +13,21 @@ class HeightGrid:
     """
     The mean height of all points near each point of a grid, in every environment.
 
-    The depth images of `camera` have no distortion and are on `device`. Points no further than
-    `reach` (metres) ahead and to the left of a grid point count; fewer than `least` are none. The
-    grid points `ahead` (A,) and `left` (L,) are in metres, evenly spaced by the same distance.
+    Parameters
+    ----------
+    num_envs : int
+        N.
+    camera : Intrinsics
+        Of the depth images, without distortion.
+    device : warp.Device or str
+        Where the depth images are.
+    reach : float
+        Points no further from a grid point than this, ahead and to the left, count, metres.
+    least : int
+        Fewer points are none.
+    ahead, left : numpy.ndarray
+        (A,) and (L,) metres, evenly spaced by the same distance: the grid points.
+
     """
 
     def __init__(

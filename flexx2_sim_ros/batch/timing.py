@@ -16,9 +16,9 @@ class FrameTiming:
     """
     Frames at the rate of each mode, and a ring of the frames that are under way.
 
-    `step_s` is the time between two calls; None: every call is the next frame. Raises InputError
-    when it is no time. `image_stamps` are (N,) int64 nanoseconds on the device: of the frames that
-    the last call returned.
+    `step_s` is the time between two calls, seconds; None: every call is the next frame. Raises
+    InputError when it is no time. `image_stamps` are (N,) int64 nanoseconds on the device: of the
+    frames that the last call returned.
     """
 
     def __init__(self, step_s: Any, rows: Rows, device: Any) -> None:
