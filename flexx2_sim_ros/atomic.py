@@ -38,23 +38,10 @@ def whole(path: str | Path) -> Iterator[Path]:
     """
     Yield a scratch path for a file or folder; it gets its name when the block ends without error.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The target; a file of that name is replaced. A symbolic link is followed.
-
-    Yields
-    ------
-    pathlib.Path
-        A path of the same file name in a scratch folder. The block creates it in the
-        usual way, so that the umask sets its permissions.
-
-    Raises
-    ------
-    InputError
-        When the target cannot be written, and for every `OSError` and `sqlite3.Error` in the
-        block. An existing file is then unchanged.
-
+    A file of the target's name is replaced; a symbolic link is followed. The scratch path has the
+    same file name. The block creates it in the usual way, so that the umask sets its permissions.
+    Raises InputError when the target cannot be written, and for every `OSError` and
+    `sqlite3.Error` in the block. An existing file is then unchanged.
     """
     target = checked_target(path)
     with named(path), scratch_folder(target.parent) as folder:
@@ -68,16 +55,8 @@ def whole_files(folder: str | Path) -> Iterator[Path]:
     """
     Yield a scratch folder; its files move to their place when the block ends without error.
 
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        An existing folder; files of the same names in it are replaced. Links are followed.
-
-    Raises
-    ------
-    InputError
-        As `whole`.
-
+    That is an existing folder; files of the same names in it are replaced. Links are followed.
+    Raises InputError as `whole`.
     """
     folder = Path(folder)
     with named(folder), scratch_folder(folder) as part:
@@ -111,14 +90,9 @@ def checked_target(path: str | Path) -> Path:
     """
     Return the path to write to, with links resolved.
 
-    Commands call this before a long computation, so that they fail early.
-
-    Raises
-    ------
-    InputError
-        When the path is a folder, a device, a pipe or a link to itself, its name is too long, or
-        its folder is missing or read-only.
-
+    Commands call this before a long computation, so that they fail early. Raises InputError when
+    the path is a folder, a device, a pipe or a link to itself, its name is too long, or its folder
+    is missing or read-only.
     """
     with named(path):
         with suppress(FileNotFoundError):
@@ -139,22 +113,9 @@ def checked_target(path: str | Path) -> Path:
 
 def check_no_overwrite(option: str, files: Iterable[Path], force: bool) -> None:
     """
-    Check that a command writes over no file of the user, unless it is forced to.
+    Raise InputError when a file is there that a command would write over, unless it is forced to.
 
-    Parameters
-    ----------
-    option : str
-        The option that names the file, for errors.
-    files : iterable of pathlib.Path
-        What is to be written.
-    force : bool
-        Whether ``--force`` is given.
-
-    Raises
-    ------
-    InputError
-        When one of the files is there already.
-
+    ``option`` is the one that names the file, ``force`` whether ``--force`` is given.
     """
     there = [file for file in files if file.exists()]
     if there and not force:
@@ -190,20 +151,8 @@ def check_outputs(option: str, folder: str | Path, names: Iterable[str]) -> None
     """
     Check that files can be written to a folder, before a long computation.
 
-    Parameters
-    ----------
-    option : str
-        The option that names the folder, for errors.
-    folder : str or pathlib.Path
-        It need not exist.
-    names : iterable of str
-        The files.
-
-    Raises
-    ------
-    InputError
-        Where `output_folder` or `whole_files` would.
-
+    The folder need not exist; ``option`` is the one that names it. Raises InputError where
+    `output_folder` or `whole_files` would.
     """
     try:
         check_folder(folder)
@@ -218,11 +167,7 @@ def output_folder(path: str | Path) -> Path:
     """
     Make a folder for results and its parents, unless it exists.
 
-    Raises
-    ------
-    InputError
-        When it cannot be made, is a file, or is read-only.
-
+    Raises InputError when it cannot be made, is a file, or is read-only.
     """
     check_folder(path)
     with named(path):
@@ -262,11 +207,7 @@ def scratch_folder(parent: str | Path | None = None) -> Iterator[Path]:
     """
     Yield a new hidden folder that is removed when the block ends, also after an error.
 
-    Parameters
-    ----------
-    parent : str or pathlib.Path, optional
-        Where to make it; the system's folder for temporary files when left out.
-
+    It is made in the system's folder for temporary files when ``parent`` is left out.
     """
     parent = Path(tempfile.gettempdir() if parent is None else parent)
     _remove_leftovers(parent)

@@ -19,18 +19,7 @@ _KINDS: dict[type, str] = {dict: 'a table', list: 'a list'}
 
 @dataclass(frozen=True)
 class Limits:
-    """
-    What a file may have at most.
-
-    Attributes
-    ----------
-    size : int
-        Bytes.
-    values : int
-    text : int
-        Characters in one text.
-
-    """
+    """What a file may have at most: bytes, values, and characters in one text."""
 
     size: int = 256 * 1024
     values: int = 10_000
@@ -52,23 +41,9 @@ def read_config(path: Path, limits: Limits = _USUAL) -> dict[str, Any]:
     """
     Return a YAML file of schema 1.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file: an ordinary one (no pipe, device or folder) of at most 256 KiB, 10,000 values,
-        30 levels and 10,000 characters in one text, without YAML aliases.
-    limits : Limits, optional
-        Other limits than these, of files that a program writes.
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read or is not a YAML mapping of schema 1.
-
+    It is an ordinary file (no pipe, device or folder) of at most 256 KiB, 10,000 values, 30 levels
+    and 10,000 characters in one text, without YAML aliases; other limits are for files that a
+    program writes. Raises InputError when it cannot be read or is not a YAML mapping of schema 1.
     """
     content = read_mapping(path, limits)
     if content.get('schema') != 1:
@@ -83,13 +58,8 @@ def read_mapping(
     """
     Return a YAML file of any content; otherwise as `read_config`.
 
-    ``as_yaml`` turns the text of a file of another kind into YAML.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read or is not a YAML mapping.
-
+    ``as_yaml`` turns the text of a file of another kind into YAML. Raises InputError when the file
+    cannot be read or is not a YAML mapping.
     """
     name = shown_path(path)
     try:
@@ -109,22 +79,10 @@ def read_mapping(
 
 def read_bytes(path: Path, most: int) -> bytes:
     """
-    Return the content of an ordinary file.
+    Return the content of an ordinary file of at most so many bytes.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    most : int
-        Bytes at most.
-
-    Raises
-    ------
-    InputError
-        When it is a folder, a pipe or a device, or larger.
-    OSError
-        When it cannot be read.
-
+    Raises InputError when it is a folder, a pipe or a device, or larger, OSError when it cannot be
+    read.
     """
     # Looked at before it is opened: opening alone can set a device off, or wait for ever.
     if not S_ISREG(path.stat().st_mode):
@@ -169,27 +127,9 @@ def _reason(error: Exception) -> str:
 
 def read_section(path: Path, section: str, kind: type) -> Any:
     """
-    Return one top-level section of a YAML file of schema 1.
+    Return one top-level section of a YAML file of schema 1, a ``dict`` or ``list`` as `kind` says.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    section : str
-        The section's name.
-    kind : type
-        What it must be: ``dict`` or ``list``, and not empty.
-
-    Returns
-    -------
-    dict or list
-        As `kind` says.
-
-    Raises
-    ------
-    InputError
-        As `read_config`, and when the section is missing, empty or of another kind.
-
+    Raises InputError as `read_config`, and when the section is missing, empty or of another kind.
     """
     found = read_config(path).get(section)
     if not (isinstance(found, kind) and found):

@@ -9,16 +9,10 @@ def entry_points(
     group: str, leave_out: Callable[[str, BaseException], None]
 ) -> Iterator[EntryPoint]:
     """
-    Yield the entry points of a group.
+    Yield the entry points of a group, for example ``flexx2_sim_ros.effects``.
 
-    Parameters
-    ----------
-    group : str
-        For example ``flexx2_sim_ros.effects``.
-    leave_out : callable
-        Called with the name of each distribution that cannot be read, and the error. It must not
-        hide the entry points of other distributions.
-
+    ``leave_out`` is called with the name of each distribution that cannot be read, and the error:
+    it must not hide the entry points of other distributions.
     """
     seen = set()
     for distribution in distributions():

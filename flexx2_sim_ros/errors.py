@@ -45,11 +45,7 @@ def one_sentence(problem: str) -> Iterator[None]:
     """
     Turn any error of a library that reads what came from outside into an `InputError`.
 
-    Parameters
-    ----------
-    problem : str
-        Begins the message; the reason of the library follows.
-
+    ``problem`` begins the message; the reason of the library follows.
     """
     try:
         yield
@@ -81,20 +77,11 @@ def printable(text: str) -> str:
 
 def shown(value: Any, most: int = 80) -> str:
     """
-    Return a value as an error message shows it: short, and safe to print.
+    Return a value from outside as an error message shows it: short, and safe to print.
 
-    Parameters
-    ----------
-    value
-        What came from outside. A text gets quotes; control characters, terminal escapes and
-        code points that are no characters are shown as escape sequences.
-    most : int
-        Characters at most; the middle of a longer text is left out.
-
-    Returns
-    -------
-    str
-
+    A text gets quotes; control characters, terminal escapes and code points that are no characters
+    are shown as escape sequences. The middle of a text of more than ``most`` characters is left
+    out.
     """
     try:
         text = repr(value)
@@ -127,18 +114,10 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
 
 def each_once(said: Iterable[tuple[str, str]]) -> list[str]:
     """
-    Return sentences about several files, each sentence once.
+    Return sentences about several files, given as (name, sentence), each once.
 
-    Parameters
-    ----------
-    said : iterable of (name, sentence)
-        Sentences that differ only in the name of their file count as the same.
-
-    Returns
-    -------
-    list of str
-        The first sentence of each kind, with how many more files it is true of.
-
+    Those that differ only in the name of their file count as the same: the first is returned, with
+    how many more files it is true of.
     """
     alike: dict[str, list[str]] = {}
     for name, sentence in said:
@@ -153,11 +132,7 @@ def missing_library(error: ModuleNotFoundError) -> InputError:
     """
     Return the error for a command that needs a library that is not installed.
 
-    Raises
-    ------
-    ModuleNotFoundError
-        The error given, when it is about anything else.
-
+    Raises the error given, when it is about anything else.
     """
     name = (error.name or '').partition('.')[0]
     if name not in _OPTIONAL:

@@ -27,21 +27,11 @@ def picture(
     mark: np.ndarray | None = None,
 ) -> str:
     """
-    Return an image as a data URL: blue to red within +-limit, gray for NaN.
+    Return an image (H, W) as a data URL: blue to red within +-`limit`, gray for NaN.
 
-    Parameters
-    ----------
-    image : numpy.ndarray
-        (H, W).
-    limit : float
-        Larger values have the colour of this one.
-    enlarged : int
-        Width and height of a pixel of the image in the picture.
-    steps : int
-        Colours on either side of white, at most 126. Fewer make the picture smaller.
-    mark : numpy.ndarray, optional
-        (H, W) bool, pixels that are green instead.
-
+    Larger values have the colour of the limit. A pixel of the image is ``enlarged`` pixels wide
+    and high. There are ``steps`` colours on either side of white, at most 126; fewer make the
+    picture smaller. Pixels of ``mark``, (H, W) bool, are green instead.
     """
     part = np.clip(np.nan_to_num(image / limit), -1, 1)
     index = np.where(np.isfinite(image), np.rint(part * steps) + steps, 2 * steps + 1)
@@ -62,18 +52,11 @@ def depth_picture(
     depth: np.ndarray, low: float, high: float, marks: Sequence[np.ndarray] | None = None
 ) -> str:
     """
-    Return depth as a data URL: dark blue (near) to yellow (far), gray for NaN.
+    Return depth, (H, W) metres, as a data URL: dark blue (near) to yellow (far), gray for NaN.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (H, W) metres.
-    low, high : float
-        Ends of the scale of colours, metres.
-    marks : sequence of numpy.ndarray, optional
-        (H, W) bool, pixels to mark in `MARKS`; the first one lies on top. If given, even empty,
-        depth is gray: black (near) to white (far).
-
+    ``low`` and ``high`` are the ends of the scale of colours, metres. ``marks``, (H, W) bool, are
+    pixels to mark in `MARKS`; the first one lies on top. If given, even empty, depth is gray:
+    black (near) to white (far).
     """
     part = np.clip(np.nan_to_num((depth - low) / max(high - low, 1e-9)), 0, 1)
     index = np.where(np.isfinite(depth), np.rint(part * (_DEPTHS - 1)), _DEPTHS)
@@ -132,25 +115,11 @@ def curves(
     band: np.ndarray | None = None,
 ) -> Html:
     """
-    Return curves as an SVG figure.
+    Return curves as an SVG figure: `lines`, (L, N), gaps where NaN, over `x`, (N,).
 
-    Parameters
-    ----------
-    x : numpy.ndarray
-        (N,).
-    lines : numpy.ndarray
-        (L, N), gaps where NaN.
-    names : sequence of str
-        Of the lines.
-    x_label, y_label : str
-        Of the axes.
-    least : float
-        Range of y at least, so that noise does not look like a finding.
-    kinds : sequence of str
-        Classes of the lines in the page's style.
-    band : numpy.ndarray, optional
-        (2, N) low and high end of an interval, of class ``band``.
-
+    The range of y is at least ``least``, so that noise does not look like a finding. ``kinds`` are
+    classes of the lines in the page's style. ``band``, (2, N), is the low and high end of an
+    interval, of class ``band``.
     """
     seen = np.isfinite(lines).any(axis=0)
     x, lines = x[seen], lines[:, seen]

@@ -63,16 +63,8 @@ $body
 
 def html_page(title: str, style: str, body: str) -> str:
     """
-    Return a page that needs no other file.
+    Return a page that needs no other file; the title is plain text and escaped here.
 
-    Parameters
-    ----------
-    title : str
-        Plain text; escaped here.
-    style : str
-        CSS of this page, added to the common style.
-    body : str
-        HTML.
-
+    ``style`` is CSS of this page, added to the common style; ``body`` is HTML.
     """
     return _PAGE.substitute(title=escape(title), style=style, body=body)

@@ -18,19 +18,9 @@ def join(*parts: str) -> Html:
 
 def element(name: str, *parts: str, kind: str = '', **attributes: str) -> Html:
     """
-    Return an element.
+    Return an element, such as ``td``, with parts inside.
 
-    Parameters
-    ----------
-    name : str
-        Such as ``td``.
-    *parts : str
-        What is inside.
-    kind : str
-        Its classes in the style.
-    **attributes : str
-        Others.
-
+    ``kind`` are its classes in the style, ``attributes`` others.
     """
     told = {'class': kind, **attributes} if kind else attributes
     words = ''.join(f' {key}="{escape(value)}"' for key, value in told.items())
@@ -65,17 +55,9 @@ def row(cells: Iterable[str], kind: str = '') -> Html:
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str] | Html], kind: str = '') -> Html:
     """
-    Return a table that scrolls where it is too wide.
+    Return a table that scrolls where it is too wide; ``kind`` is its class in the style.
 
-    Parameters
-    ----------
-    heads : sequence of str
-        Above the columns; empty for none.
-    rows : iterable
-        The cells of each, or a row as from `row`.
-    kind : str
-        Class of the table in the style.
-
+    ``heads`` are above the columns; empty for none. Rows are the cells of each, or made by `row`.
     """
     lines = [one if isinstance(one, Html) else row(one) for one in rows]
     if heads:
@@ -97,19 +79,10 @@ def definitions(summary: str, meanings: Mapping[str, str]) -> Html:
 
 def figure(url: str, caption: str, alt: str = '', width: int | None = None) -> Html:
     """
-    Return a picture with a line below it.
+    Return a picture, a data URL, with a caption below it.
 
-    Parameters
-    ----------
-    url : str
-        The picture, as a data URL.
-    caption : str
-        The line.
-    alt : str
-        For those who cannot see it; empty: the line.
-    width : int, optional
-        Pixels; default: as large as the style says.
-
+    ``alt`` is for those who cannot see it; empty: the caption. ``width`` is in pixels; default: as
+    large as the style says.
     """
     size = {} if width is None else {'width': str(width)}
     drawn = element('img', alt=alt or caption, **size, src=url)

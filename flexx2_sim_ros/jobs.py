@@ -25,20 +25,10 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
     Yield a function that maps a function over items, in order.
 
     Each local process, this one included, uses one thread for linear algebra: the matrices are
-    small, and threads of several processes would wait for each other.
-
-    Parameters
-    ----------
-    jobs : int
-        Local processes; this one is one of them, and works while the others start.
-    scheduler : str or None
-        Address of a Dask scheduler, whose workers read the recordings by the same paths.
-
-    Raises
-    ------
-    InputError
-        When the scheduler cannot be reached or Dask is not installed.
-
+    small, and threads of several processes would wait for each other. This process is one of the
+    local ``jobs``, and works while the others start. ``scheduler`` is the address of a Dask
+    scheduler, whose workers read the recordings by the same paths. Raises InputError when it
+    cannot be reached or Dask is not installed.
     """
     if scheduler is not None:
         with _dask(scheduler) as mapped:

@@ -12,20 +12,10 @@ _EXPANSION = 20  # times the size of a file; noisy depth compresses by a factor 
 
 def limit_bytes(variable: str, default_mb: int) -> int:
     """
-    Return a limit in bytes.
+    Return a limit in bytes, which an environment variable sets in MB.
 
-    Parameters
-    ----------
-    variable : str
-        The environment variable that sets it, in MB.
-    default_mb : int
-        Where that is not set.
-
-    Raises
-    ------
-    InputError
-        When the variable is not a whole number of MB.
-
+    ``default_mb`` holds where that is not set. Raises InputError when it is not a whole number of
+    MB.
     """
     text = os.environ.get(variable, '')
     if not text:

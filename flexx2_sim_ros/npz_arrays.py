@@ -39,17 +39,7 @@ _PLAIN = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
 
 @dataclass(frozen=True)
 class Header:
-    """
-    The header of an array in the file.
-
-    Attributes
-    ----------
-    shape : tuple of int
-    fortran : bool
-        Whether the first index changes fastest.
-    dtype : numpy.dtype
-
-    """
+    """The header of an array in the file; if `fortran`, the first index changes fastest."""
 
     shape: tuple[int, ...]
     fortran: bool
@@ -67,21 +57,10 @@ class _NoArrayError(ValueError):
 
 class NpzFile:
     """
-    An open ``.npz`` file.
+    An open ``.npz`` file, made by `open_npz`; ``headers`` are by key.
 
-    Made by `open_npz`. Nothing is unpickled. An array is read only up to the size on which its
-    header and the archive's agree.
-
-    Parameters
-    ----------
-    archive : zipfile.ZipFile
-        The file.
-
-    Attributes
-    ----------
-    headers : mapping of str to Header
-        By key.
-
+    Nothing is unpickled. An array is read only up to the size on which its header and the
+    archive's agree.
     """
 
     def __init__(self, archive: zipfile.ZipFile) -> None:
@@ -118,21 +97,8 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
     """
     Open an ``.npz`` file.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-
-    Yields
-    ------
-    NpzFile
-
-    Raises
-    ------
-    InputError
-        When it is no such file, damaged, pickled, or over the limit of decompressed size; also
-        for errors of reading inside the ``with`` block. The message names the file.
-
+    Raises InputError, which names the file, when it is no such file, damaged, pickled, or over the
+    limit of decompressed size; also for errors of reading inside the ``with`` block.
     """
     name = shown_path(path)
     try:
@@ -156,20 +122,10 @@ def open_npz(path: Path) -> Iterator[NpzFile]:
 
 def decode_npy(content: bytes, where: str) -> np.ndarray:
     """
-    Return the array of an ``.npy`` file.
+    Return the array of an ``.npy`` file; nothing in it is unpickled.
 
-    Parameters
-    ----------
-    content : bytes
-        The file; nothing in it is unpickled.
-    where : str
-        What to call it in errors.
-
-    Raises
-    ------
-    InputError
-        When it is no such file, damaged or pickled.
-
+    ``where`` is what to call it in errors. Raises InputError when it is no such file, damaged or
+    pickled.
     """
     entry = io.BytesIO(content)
     try:

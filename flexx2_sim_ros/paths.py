@@ -17,18 +17,8 @@ def config_dir() -> Path:
 
     In a checkout (or an editable or symlinked install) it is ``config/`` beside the package; in
     an installed one it is ``share/flexx2_sim_ros/config`` under the prefix, the place that
-    ``colcon build``, Debian packages and ``pip install`` all put it.
-
-    Returns
-    -------
-    pathlib.Path
-        An existing folder.
-
-    Raises
-    ------
-    InputError
-        When the installation is incomplete and no such folder exists.
-
+    ``colcon build``, Debian packages and ``pip install`` all put it. Raises InputError when the
+    installation is incomplete and no such folder exists.
     """
     package = Path(__file__).resolve().parent
     candidates = [package.parent / 'config']
@@ -50,25 +40,12 @@ def checkout() -> Path | None:
 
 def executable(name: str) -> Path:
     """
-    Return the path of one of the package's executables.
+    Return the path of ``flexx2``, ``flexx2_camera`` or ``go1_cameras``.
 
-    Parameters
-    ----------
-    name : str
-        ``flexx2``, ``flexx2_camera`` or ``go1_cameras``.
-
-    Returns
-    -------
-    pathlib.Path
-        In ``lib/flexx2_sim_ros`` under the prefix, where ``colcon build`` puts it, else in
-        ``bin/`` beside this Python, where ``pip install`` does, else in a workspace that was
-        sourced: ``colcon test`` runs the sources, and not what was built from them.
-
-    Raises
-    ------
-    InputError
-        When it is in none of them.
-
+    It is in ``lib/flexx2_sim_ros`` under the prefix, where ``colcon build`` puts it, else in
+    ``bin/`` beside this Python, where ``pip install`` does, else in a workspace that was sourced:
+    ``colcon test`` runs the sources, and not what was built from them. Raises InputError when it
+    is in none of them.
     """
     package = Path(__file__).resolve().parent
     candidates = [up / 'lib' / 'flexx2_sim_ros' / name for up in package.parents]

@@ -18,25 +18,10 @@ _BITS = {'1': 1, 'L': 8, 'I;16': 16, 'I;16B': 16, 'I': 16, 'F': 32}  # of Pillow
 
 def check_gray(path: Path, bits: tuple[int, ...]) -> tuple[int, int]:
     """
-    Return the size of a gray PNG or TIFF without reading its pixels.
+    Return the size, height and width, of a gray PNG or TIFF without reading its pixels.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    bits : tuple of int
-        Which of 1, 8, 16 and 32 bits a pixel may have; 32 are only in a TIFF.
-
-    Returns
-    -------
-    tuple of int
-        Height and width.
-
-    Raises
-    ------
-    InputError
-        When it is no such file, too large, not gray, or has other bits or several images.
-
+    ``bits`` are which of 1, 8, 16 and 32 bits a pixel may have; 32 are only in a TIFF. Raises
+    InputError when it is no such file, too large, not gray, or has other bits or several images.
     """
     with _opened(path) as image:
         return _checked(shown_path(path), image, bits)
@@ -46,11 +31,7 @@ def read_gray(path: Path, bits: tuple[int, ...]) -> np.ndarray:
     """
     Read a gray PNG or TIFF; parameters and errors as `check_gray`.
 
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) bool, uint8, uint16, or of a TIFF also int32 or float32.
-
+    It is (H, W) bool, uint8, uint16, or of a TIFF also int32 or float32.
     """
     with _opened(path) as image:
         return _pixels(shown_path(path), image, bits)
@@ -58,17 +39,9 @@ def read_gray(path: Path, bits: tuple[int, ...]) -> np.ndarray:
 
 def decode_gray(content: bytes, name: str, bits: tuple[int, ...]) -> np.ndarray:
     """
-    Return the pixels of a gray PNG, or TIFF, that is not in a file of its own.
+    Return the pixels of a gray PNG, or TIFF, that is not in a file of its own; see `read_gray`.
 
-    Parameters
-    ----------
-    content : bytes
-        The image; a TIFF only where pixels may have 32 bits.
-    name : str
-        What to call it in errors.
-    bits : tuple of int
-        As for `check_gray`.
-
+    It is a TIFF only where pixels may have 32 bits. ``name`` is what to call it in errors.
     """
     kinds = ('PNG', 'TIFF') if 32 in bits else ('PNG',)
     with _decoding(BytesIO(content), name, kinds) as image:
@@ -77,23 +50,9 @@ def decode_gray(content: bytes, name: str, bits: tuple[int, ...]) -> np.ndarray:
 
 def read_mask_png(path: Path) -> np.ndarray:
     """
-    Read a PNG of any kind as a mask.
+    Read a PNG of any kind as a mask, (H, W) bool, False where the image is black.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file; transparency is not used.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) bool, False where the image is black.
-
-    Raises
-    ------
-    InputError
-        When it is no PNG or too large.
-
+    Transparency is not used. Raises InputError when it is no PNG or too large.
     """
     with _opened(path) as image:
         _check_size(shown_path(path), image)
@@ -103,15 +62,9 @@ def read_mask_png(path: Path) -> np.ndarray:
 
 def encode_png(index: np.ndarray, palette: np.ndarray) -> bytes:
     """
-    Return a PNG with a palette.
+    Return a PNG of (H, W) uint8, the colour of each pixel in a palette.
 
-    Parameters
-    ----------
-    index : numpy.ndarray
-        (H, W) uint8, the colour of each pixel.
-    palette : numpy.ndarray
-        (N, 3) uint8 red, green and blue of at most 256 colours.
-
+    The palette is (N, 3) uint8 red, green and blue of at most 256 colours.
     """
     image = Image.fromarray(np.ascontiguousarray(index, np.uint8)).convert('P')
     image.putpalette(palette.astype(np.uint8).tobytes())

@@ -59,27 +59,12 @@ def _watch_stdin() -> None:
 @contextmanager
 def workers(count: int, one_thread: bool = False, besides: int = 0) -> Iterator[Submit]:
     """
-    Run processes that end with the block and with this process.
+    Run at most `count` processes that end with the block and with this process.
 
-    Parameters
-    ----------
-    count : int
-        Largest number of processes.
-    one_thread : bool
-        Whether numeric libraries in a worker use one thread only.
-    besides : int
-        How many jobs this process does itself, for the error.
-
-    Yields
-    ------
-    callable
-        Submits a function for each of some items; returns the futures.
-
-    Raises
-    ------
-    InputError
-        When a worker ends before its work does.
-
+    Yielded is a function that submits a function for each of some items, and returns the futures.
+    With ``one_thread``, numeric libraries in a worker use one thread only. ``besides`` is how many
+    jobs this process does itself, for the error. Raises MachineError when a worker ends before its
+    work does.
     """
     if sys.platform != 'win32':
         _start_resource_tracker()  # Started here, because a later start would not block signals.
@@ -126,20 +111,9 @@ def server(function: Callable[..., None], *arguments: Any) -> Iterator[connectio
     """
     Run a function in a process that is killed at the end of the block, whatever it does then.
 
-    What it has started is killed with it, and also when this process ends.
-
-    Parameters
-    ----------
-    function : callable
-        Of a module, called with its end of a pipe and the arguments.
-    *arguments
-        What the process gets; they must be picklable.
-
-    Yields
-    ------
-    multiprocessing.connection.Connection
-        This end of the pipe.
-
+    What it has started is killed with it, and also when this process ends. The function is one of
+    a module, called with its end of a pipe and the arguments, which must be picklable. This end of
+    the pipe is yielded.
     """
     if sys.platform != 'win32':
         _start_resource_tracker()

@@ -30,13 +30,7 @@ def leave_on_signals(status: Callable[[int], int] = exit_status) -> None:
     Let Ctrl-C and SIGTERM end this process at once, quietly and without leftovers.
 
     The handler cleans up and does not raise: a library could print an exception as a traceback or
-    hide it.
-
-    Parameters
-    ----------
-    status : callable
-        The exit status for a signal's number.
-
+    hide it. ``status`` returns the exit status for a signal's number.
     """
 
     def handle(number: int, _frame: FrameType | None) -> None:

@@ -26,24 +26,9 @@ def device_named(name: str | None) -> Any:
 
 def one_for_each(name: str, value: Any, kind: Any, num_envs: int) -> list[Any]:
     """
-    Return an argument of each environment.
+    Return an argument, one of a `kind` for all environments or a sequence of one for each, as N.
 
-    Parameters
-    ----------
-    name : str
-        The argument's, for errors.
-    value
-        One of all environments, or a sequence of one for each.
-    kind : type
-        What one is.
-    num_envs : int
-        Number of environments.
-
-    Raises
-    ------
-    InputError
-        When it is neither.
-
+    Raises InputError, which names `name`, when it is neither.
     """
     if isinstance(value, kind):
         return [value] * num_envs

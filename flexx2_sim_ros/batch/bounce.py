@@ -324,15 +324,7 @@ class IndirectLight:
     """
     What the patches of the environments' images send to each other.
 
-    Parameters
-    ----------
-    chosen : sequence of bool
-        Which environments have the effect.
-    frequencies : int
-        The most modulation frequencies of a mode.
-    images : Images
-    device : warp.Device
-
+    `chosen` says which environments have the effect, `frequencies` is the most of a mode.
     """
 
     def __init__(

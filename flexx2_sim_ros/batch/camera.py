@@ -35,14 +35,14 @@ class BatchCamera:
     Parameters
     ----------
     num_envs : int
-        Number of environments, N.
+        N.
     usecase : str or sequence of str
         The mode of all environments, or of each.
     profile : Profile, optional
         Another camera than the Flexx2.
     effects : see `Camera`, or a sequence of N such
-        Effects of all environments, or of each. Environments with an effect that has no kernel
-        are computed one after the other on the CPU, with a warning.
+        Of all environments, or of each. Environments with an effect that has no kernel are
+        computed one after the other on the CPU, with a warning.
     seed : int or sequence of int
         Environment i has the seed ``seed + i``, or ``seed[i]``.
     name : str

@@ -20,34 +20,20 @@ _MOST = 1_000_000
 
 class DrawnCameras:
     """
-    Which camera each environment has.
+    Which camera of a pool each of N environments has.
 
-    Parameters
-    ----------
-    randomisation : Randomisation
-        What is drawn from.
-    num_envs : int
-        N.
-    seed : int
-        Of the pool and of which cameras environments get.
-    pool : int
-        How many cameras are drawn in all. An environment gets any of them.
-    device : warp.Device
+    The `pool` is how many cameras are drawn in all; an environment gets any of them. ``seed`` is
+    that of the pool and of which cameras environments get. Raises InputError for effects that
+    cannot be drawn again while the batch runs.
 
     Attributes
     ----------
     cameras : list of tuple of Effect
         The pool.
     drawn : warp.array
-        (N,) int32 on the device: which camera of the pool each environment has; -1 where it has
-        effects of its own.
+        (N,) int32 on the device: each environment's camera; -1 where it has effects of its own.
     effects : tuple of Effect
         All effects that a camera of the pool may have.
-
-    Raises
-    ------
-    InputError
-        For effects that cannot be drawn again while the batch runs.
 
     """
 

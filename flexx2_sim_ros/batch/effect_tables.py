@@ -51,25 +51,10 @@ class Light:
 
 def each_environment(effects: Any, num_envs: int) -> list[tuple[Effect, ...]]:
     """
-    Read the effects of every environment.
+    Return the effects that are on in each of N environments.
 
-    Parameters
-    ----------
-    effects : see `Camera`, or a sequence of N such
-        Of all environments, or of each.
-    num_envs : int
-        N.
-
-    Returns
-    -------
-    list of tuple of Effect
-        N times those that are on.
-
-    Raises
-    ------
-    InputError
-        For effects that `Camera` does not take.
-
+    `effects` are what `Camera` takes, for all environments, or a sequence of N such. Raises
+    InputError for effects that `Camera` does not take.
     """
     several = (
         isinstance(effects, Sequence)

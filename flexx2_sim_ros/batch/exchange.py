@@ -16,11 +16,7 @@ def kind_of(name: str, value: Any) -> str:
     """
     Return which library an array is of: ``numpy``, ``torch``, ``jax`` or ``warp``.
 
-    Raises
-    ------
-    InputError
-        When it is none of theirs; names ``name``.
-
+    Raises InputError, which names `name`, when it is none of theirs.
     """
     if isinstance(value, wp.array):
         return 'warp'
@@ -35,31 +31,10 @@ def kind_of(name: str, value: Any) -> str:
 
 def checked(name: str, value: Any, shape: tuple[int | None, ...], dtype: type, device: Any) -> str:
     """
-    Check the kind, shape, dtype and device of an array.
+    Return the kind of an array, as `kind_of`.
 
-    Parameters
-    ----------
-    name : str
-        For messages.
-    value : array
-        Of any of the four libraries.
-    shape : tuple of int or None
-        Wanted; None for any length but 0.
-    dtype : type
-        Wanted, NumPy's.
-    device : warp.Device
-        Wanted.
-
-    Returns
-    -------
-    str
-        The kind, as `kind_of`.
-
-    Raises
-    ------
-    InputError
-        For another kind, shape, dtype or device.
-
+    In `shape`, None is any length but 0; `dtype` is NumPy's. Raises InputError, which names
+    `name`, for another kind, shape, dtype or device.
     """
     kind = kind_of(name, value)
     found = tuple(int(length) for length in value.shape)
@@ -88,32 +63,12 @@ def given_images(
     num_envs: int, depth: Any, reflectivity: Any, out: Any, device: Any
 ) -> tuple[str, tuple[Any, Any, Any]]:
     """
-    Check the images that a batch of cameras is called with.
+    Check the images that a batch of N cameras is called with; return their kind and views.
 
-    Parameters
-    ----------
-    num_envs : int
-        N.
-    depth : array
-        Of any of the four libraries; must be (N, H, W) float32, or have one channel, first or
-        last.
-    reflectivity, out : array or None
-        Must be as ``depth``; ``out`` contiguous and writable.
-    device : warp.Device
-        Where they must be.
-
-    Returns
-    -------
-    kind : str
-        Of all, as `kind_of`.
-    images : tuple of array or None
-        The three as (N, H, W), in the same memory where the library can.
-
-    Raises
-    ------
-    InputError
-        For another kind, shape, dtype or device.
-
+    The kind is as `kind_of`. Each image is (N, H, W) float32 on `device`, of any of the four
+    libraries, or has one channel, first or last; ``reflectivity`` and ``out`` are like ``depth``
+    or None, ``out`` contiguous and writable. The views are (N, H, W), in the same memory where the
+    library can. Raises InputError for another kind, shape, dtype or device.
     """
     depth, reflectivity, out = map(_without_channel, (depth, reflectivity, out))
     kind = checked('depth', depth, (num_envs, None, None), np.float32, device)
@@ -154,22 +109,10 @@ def is_writable(kind: str, value: Any) -> bool:
 
 def flat(kind: str, value: Any, staging: Callable[[], wp.array]) -> wp.array:
     """
-    Return an array as a flat Warp array: its own memory, or, if it is not contiguous, a copy.
+    Return an array on Warp's device as a flat Warp array: its own memory if that is contiguous.
 
-    Parameters
-    ----------
-    kind : str
-        As `kind_of`.
-    value : array
-        On Warp's device, see `checked`.
-    staging : callable
-        Returns the memory that an array that is not contiguous is copied to: of the same shape,
-        dtype and device.
-
-    Returns
-    -------
-    warp.array
-
+    Otherwise it is a copy in the memory that `staging` returns, of the same shape, dtype and
+    device.
     """
     if is_contiguous(kind, value):
         if kind == 'numpy':

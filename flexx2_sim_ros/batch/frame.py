@@ -232,20 +232,10 @@ def always(f: Frame, own: Own) -> wp.bool:
 
 def of_pixels(when: Any = always, **options: Any) -> Callable[[Any], Any]:
     """
-    Make a kernel of what it does in a pixel.
+    Make a kernel of what the decorated function does in a pixel.
 
-    Parameters
-    ----------
-    when : warp.Function
-        Of `Frame` and `Own`: whether the environment needs it.
-    **options
-        Of `warp.kernel`.
-
-    Returns
-    -------
-    callable
-        Decorator of a function of `Frame`, `Own`, the environment of the pass, row and column.
-
+    The function takes `Frame`, `Own`, the environment of the pass, row and column. `when`, of
+    `Frame` and `Own`, says whether the environment needs it; `options` are those of `warp.kernel`.
     """
 
     def decorate(body: Any) -> Any:
@@ -269,7 +259,7 @@ def of_pixels(when: Any = always, **options: Any) -> Callable[[Any], Any]:
 
 def of_frequencies(when: Any = always, **options: Any) -> Callable[[Any], Any]:
     """
-    Make a kernel of what it does in a pixel at a modulation frequency: see `of_pixels`.
+    Make a kernel of what a function does in a pixel at a modulation frequency: see `of_pixels`.
 
     The decorated function takes the number of the frequency after `Own`.
     """

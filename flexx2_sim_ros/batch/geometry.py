@@ -20,18 +20,8 @@ class SceneGeometry:
     """
     What the environments of a pass see, after the effects of geometry and time.
 
-    Parameters
-    ----------
-    effects : sequence of sequence of Effect
-        Of every environment, those that are on.
-    latest_ns : int
-        The longest latency that an environment may have, nanoseconds.
-    profile : Profile
-    images : Images
-    rows : Rows
-    camera : Intrinsics
-        Of the depth images.
-
+    `effects` are of every environment, those that are on; `latest_ns` is the longest latency that
+    an environment may have, nanoseconds; `camera` is of the depth images.
     """
 
     def __init__(

@@ -17,22 +17,9 @@ class FrameHistory:
     """
     Memory for earlier frames, as many as the longest latency needs in the fastest mode.
 
-    Parameters
-    ----------
-    effects : sequence of sequence of Effect
-        Of every environment.
-    latest_ns : int
-        The longest latency that an environment may have.
-    profile : Profile
-        For the time between frames.
-    images : Images
-    rows : Rows
-
-    Raises
-    ------
-    InputError
-        When the frames of all environments are too many.
-
+    `effects` are of every environment; `latest_ns` is the longest latency that one may have;
+    `profile` gives the time between frames. Raises InputError when the frames of all environments
+    are too many.
     """
 
     def __init__(
@@ -81,21 +68,10 @@ class FrameHistory:
 
     def look_back(self, depth: wp.array, first: int) -> tuple[wp.array, wp.array]:
         """
-        Keep the frames of the pass, and return what its environments see.
+        Keep the frames of the pass, and return depth and reflectivity that its environments see.
 
-        Parameters
-        ----------
-        depth : warp.array
-            Flat float32 depth images.
-        first : int
-            Which of them is the first environment's.
-
-        Returns
-        -------
-        tuple of warp.array
-            Flat float32 depth and reflectivity images of these environments; the latter is empty
-            while reflectivity was never given.
-
+        `depth` are flat float32 images; that of the first environment is at `first`. The results
+        are flat, too; reflectivity is empty while it was never given.
         """
         seen = self._depth, self._reflectivity
         self._images.each_pixel(history_kernels.look_back, depth, first, self._history, *seen)

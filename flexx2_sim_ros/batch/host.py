@@ -19,21 +19,9 @@ def without_kernel(effects: Sequence[Effect]) -> list[str]:
 
 class HostCameras:
     """
-    The cameras of some environments.
+    The cameras of some environments: those in `effects`, by environment.
 
-    Parameters
-    ----------
-    effects : mapping of int to sequence of Effect
-        By environment.
-    modes : sequence of Mode
-        Of all environments.
-    seeds : sequence of int
-        Of all environments.
-    name : str
-        The cameras'.
-    profile : Profile
-        The cameras'.
-
+    `modes` and `seeds` are of all environments.
     """
 
     def __init__(
@@ -89,24 +77,10 @@ class HostCameras:
         is_due: wp.array,
     ) -> dict[int, np.ndarray]:
         """
-        Make the frames of the environments that take one.
+        Return the frames of the environments that take one: (H, W) float32 metres, NaN if invalid.
 
-        Parameters
-        ----------
-        depth, reflectivity : warp.array
-            (N * H * W,) float32, of all environments, on any device.
-        stamps : warp.array
-            (N,) int64, nanoseconds.
-        lens : Intrinsics
-            Of the images.
-        is_due : warp.array
-            (N,) uint8, 1 where an environment takes a frame.
-
-        Returns
-        -------
-        dict of int to numpy.ndarray
-            By environment (H, W) float32 metres, NaN where invalid.
-
+        `depth` and `reflectivity` are (N * H * W,) float32, of all environments, on any device;
+        `stamps` (N,) int64 nanoseconds; `is_due` (N,) uint8, 1 where an environment takes a frame.
         """
         shape = lens.height, lens.width
         pixels, matrix = lens.height * lens.width, lens.matrix

@@ -39,10 +39,8 @@ class Rows:
 
     Attributes
     ----------
-    noises : warp.array
-        `Noise`, of its mode.
-    lights : warp.array
-        `Light`, of its mode.
+    noises, lights : warp.array
+        `Noise` and `Light`, of its mode.
     surface_noise : warp.array
         vec3f, of its mode: the coefficients of `formulas.surfaces.surface_factor`.
     periods : warp.array
@@ -103,13 +101,8 @@ class Rows:
         """
         Put the numbers of the mode of every environment on the device.
 
-        A captured graph reads the same memory again.
-
-        Raises
-        ------
-        InputError
-            For effects that need frequencies in a mode without.
-
+        A captured graph reads the same memory again. Raises InputError for effects that need
+        frequencies in a mode without.
         """
         pairs = list(zip(modes, effects, strict=True))
         noises = {(mode, own): noise_row(mode, own) for mode, own in set(pairs)}
@@ -140,22 +133,9 @@ def period_ns(mode: Mode) -> int:
 
 def check_kept(name: str, longest_ns: int, pixels: int) -> None:
     """
-    Check that frames which are kept for a time fit into an array.
+    Raise InputError where frames of `pixels`, kept for `longest_ns`, do not fit into an array.
 
-    Parameters
-    ----------
-    name : str
-        Of the parameter that says how long, for the error.
-    longest_ns : int
-        How long in the environment where it is longest.
-    pixels : int
-        Of the frames of all environments.
-
-    Raises
-    ------
-    InputError
-        When they are too many.
-
+    `name` is the parameter that says how long; `pixels` are those of all environments.
     """
     if pixels > MOST_PIXELS:
         raise InputError(
@@ -168,24 +148,12 @@ class Images:
     """
     Memory for frames of one size, used again for every frame.
 
-    Parameters
-    ----------
-    rows : Rows
-        Of all environments.
-    camera : Intrinsics
-        Of the depth images; its distortion is not used.
-    profile : Profile
-        Of the cameras.
-    invalid : float
-        What invalid pixels are.
+    The distortion of `camera` is not used. `invalid` is what invalid pixels are.
 
     Attributes
     ----------
-    height, width : int
-    most : int
-        Environments in a pass.
-    count : int
-        Environments in the pass at hand.
+    most, count : int
+        Environments in a pass, and in the pass at hand.
     frame : Frame
         What kernels take. `listed` of it says how many pixels of each environment are listed
         (every `SPREAD`), and `pixel_list` which: those that see another surface; with many threads
@@ -253,15 +221,9 @@ class Images:
 
     def begin(self, first: int, reflectivity: wp.array | None, out: wp.array) -> None:
         """
-        Begin a pass.
+        Begin a pass at environment `first`.
 
-        Parameters
-        ----------
-        first : int
-            Its first environment.
-        reflectivity, out : warp.array
-            (N * H * W,) float32, of all environments; reflectivity may be None.
-
+        `reflectivity` (or None) and `out` are (N * H * W,) float32, of all environments.
         """
         self.count = min(self.most, self._shape[0] - first)
         frame = self.frame

@@ -18,15 +18,7 @@ class PixelLight:
     """
     The light of the pixels of a pass, before effects change the phase of each frequency.
 
-    Parameters
-    ----------
-    effects : sequence of sequence of Effect
-        Of every environment.
-    profile : Profile
-        For the number of modulation frequencies.
-    images : Images
-    device : warp.Device
-
+    `effects` are of every environment; `profile` gives the number of modulation frequencies.
     """
 
     def __init__(

@@ -241,8 +241,8 @@ class DepthNoise:
         """
         Return what a checkpoint needs, in plain numbers and lists.
 
-        The time of each environment, which camera it has, and the progress. What effects keep of
-        earlier frames is not in it.
+        That is each environment's time and camera, and the progress; not what effects keep of
+        earlier frames.
         """
         state: dict[str, Any] = {'progress': self._progress}
         if self.camera is None:

@@ -46,14 +46,9 @@ def _struct(struct: Any, fields: dict[str, Any]) -> Any:
 
 def reduced(value: Any) -> tuple[Any, ...]:
     """
-    Return what ``__reduce__`` of an object returns that holds arrays on a device.
+    Return what ``__reduce__`` returns of an object that holds arrays on a device.
 
-    Parameters
-    ----------
-    value
-        The object, of a class that `pickle` finds by name. Its copy has the same state on the
-        same device.
-
+    `pickle` must find its class by name. The copy has the same state on the same device.
     """
     wp.synchronize()  # Frames may be in the making, on any stream.
     packed = io.BytesIO()

@@ -19,33 +19,16 @@ BACKENDS = ('auto', 'mujoco-warp', 'egl', 'osmesa', 'ray')
 
 
 class BatchRenderer(Protocol):
-    """
-    What `open_batch_renderer` returns.
-
-    Attributes
-    ----------
-    backend : str
-        One of `BACKENDS`, not ``auto``.
-
-    """
+    """What `open_batch_renderer` returns; `backend` is one of `BACKENDS`, not ``auto``."""
 
     backend: str
 
     def render(self, qpos: np.ndarray) -> list[wp.array]:
         """
-        Render every camera in every environment.
+        Render every camera in every environment, with the (N, nq) states `qpos`.
 
-        Parameters
-        ----------
-        qpos : numpy.ndarray
-            (N, nq) states.
-
-        Returns
-        -------
-        list of warp.array
-            (N, H, W) float32 for each camera, metres along the optical axis, 0 or NaN where
-            nothing is hit; valid until the next call.
-
+        For each camera: (N, H, W) float32, metres along the optical axis, 0 or NaN where nothing
+        is hit; valid until the next call.
         """
 
 
@@ -58,32 +41,13 @@ def open_batch_renderer(
     backend: str = 'auto',
 ) -> BatchRenderer:
     """
-    Open the best renderer there is.
+    Open the best renderer there is, with images on `device`.
 
-    The robot itself is not drawn, as if its own pixels had been taken out.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        From `build_model`.
-    cameras : tuple of str
-        Which.
-    intrinsics : Intrinsics
-        The ones the model was built with.
-    num_envs : int
-        N.
-    device : warp.Device
-        Where the images are wanted.
-    backend : str
-        ``mujoco-warp`` (renders where the images are wanted), ``egl``, ``osmesa`` or ``ray``
-        (MuJoCo on the CPU), or ``auto``: the first on a GPU where it is installed, else the best
-        of the others.
-
-    Raises
-    ------
-    InputError
-        For an unknown backend, or one that does not work here.
-
+    The robot itself is not drawn, as if its own pixels had been taken out. `model` is from
+    `build_model`, with the same `intrinsics`. `backend` is ``mujoco-warp`` (renders on `device`),
+    ``egl``, ``osmesa`` or ``ray`` (MuJoCo on the CPU), or ``auto``: the first on a GPU where it is
+    installed, else the best of the others. Raises InputError for an unknown backend, or one that
+    does not work here.
     """
     if backend not in BACKENDS:
         raise InputError(f'renderer: must be one of {", ".join(BACKENDS)}, got {backend!r}')

@@ -203,15 +203,8 @@ class ScatteredLight:
     """
     How light spreads over the environments' images.
 
-    Parameters
-    ----------
-    widths : sequence of float or None
-        The kernel's width in each environment, see `StrayLight`; None where the effect is off.
-    frequencies : int
-        The most modulation frequencies of a mode.
-    images : Images
-    device : warp.Device
-
+    `widths` are the kernel's width in each environment, see `StrayLight`; None where the effect is
+    off. `frequencies` is the most modulation frequencies of a mode.
     """
 
     def __init__(
@@ -259,20 +252,10 @@ class ScatteredLight:
 @lru_cache(maxsize=4096)
 def products(rows: int, columns: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the kernel of stray light as a sum of products.
+    Return the kernel of `spread_of` as a sum of products, (R, rows) and (R, columns) float64.
 
-    Parameters
-    ----------
-    rows, columns, radius
-        See `spread_of`.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (R, rows) and (R, columns) float64: functions of the distance along the column and along
-        the row. Their products add up to the kernel, to 1e-6 of its sum. R is 3 to 13 for images
-        of 224 x 172: the kernel is smooth.
-
+    They are functions of the distance along the column and along the row. Their products add up to
+    the kernel, to 1e-6 of its sum. R is 3 to 13 for images of 224 x 172: the kernel is smooth.
     """
     wanted = spread_of(rows, columns, radius)[:rows, :columns]
     left, sizes, right = np.linalg.svd(wanted, full_matrices=False)

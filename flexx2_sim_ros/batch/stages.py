@@ -20,23 +20,8 @@ class BatchStages:
     """
     The stages of frames with effects, of all environments, for images of one size.
 
-    Parameters
-    ----------
-    effects : sequence of sequence of Effect
-        Of every environment, those that are on and have a kernel.
-    latest_ns : int
-        The longest latency that an environment may have, nanoseconds.
-    profile : Profile
-    images : Images
-    rows : Rows
-    camera : Intrinsics
-        Of the depth images.
-
-    Attributes
-    ----------
-    images : Images
-        As given.
-
+    `effects` are of every environment, those that are on and have a kernel; `latest_ns` is the
+    longest latency that an environment may have, nanoseconds; `camera` is of the depth images.
     """
 
     def __init__(

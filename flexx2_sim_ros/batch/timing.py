@@ -16,23 +16,9 @@ class FrameTiming:
     """
     Frames at the rate of each mode, and a ring of the frames that are under way.
 
-    Parameters
-    ----------
-    step_s : float or None
-        Seconds between two calls; None: every call is the next frame.
-    rows : Rows
-    device : warp.Device
-
-    Attributes
-    ----------
-    image_stamps : warp.array
-        (N,) int64 nanoseconds on the device: of the frames that the last call returned.
-
-    Raises
-    ------
-    InputError
-        When ``step_s`` is no time.
-
+    `step_s` is the time between two calls, seconds; None: every call is the next frame. Raises
+    InputError when it is no time. `image_stamps` are (N,) int64 nanoseconds on the device: of the
+    frames that the last call returned.
     """
 
     def __init__(self, step_s: Any, rows: Rows, device: Any) -> None:
@@ -69,22 +55,10 @@ class FrameTiming:
         """
         Allocate the ring, unless it has the right shape; frames under way are then lost.
 
-        Parameters
-        ----------
-        longest_ns : int
-            The longest delay of an environment.
-        shortest_ns : int
-            The shortest period of a mode.
-        images : Images
-            Of the frames.
-        steps : int or None
-            Since the last call; once it is given, the last frames are kept, too.
-
-        Raises
-        ------
-        InputError
-            For another number of steps, and when the frames of all environments are too many.
-
+        `longest_ns` is the longest delay of an environment, `shortest_ns` the shortest period of a
+        mode. Once `steps` (since the last call) is given, the last frames are kept, too. Raises
+        InputError for another number of steps, and when the frames of all environments are too
+        many.
         """
         timing, num_envs = self._timing, self._rows.stamps.size
         whole = isinstance(steps, int | np.integer) and not isinstance(steps, bool)
@@ -130,15 +104,8 @@ def frames_kept(longest_ns: int, shortest_ns: int, step_ns: int) -> int:
     """
     Return how many frames an environment keeps; 0 if each is returned by the call that takes it.
 
-    Parameters
-    ----------
-    longest_ns : int
-        The longest delay.
-    shortest_ns : int
-        The shortest period of a mode.
-    step_ns : int
-        Between two calls; 0: every call is the next frame.
-
+    `longest_ns` is the longest delay, `shortest_ns` the shortest period of a mode and `step_ns`
+    the time between two calls; 0: every call is the next frame.
     """
     if not longest_ns and not step_ns:
         return 0

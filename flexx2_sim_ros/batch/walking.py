@@ -19,7 +19,7 @@ _TOP = 2.0  # metres, above all ground of the built-in scenes
 @dataclass(frozen=True)
 class Walk:
     """
-    The paths of N robots.
+    The paths of N robots, in F frames with C cameras.
 
     Attributes
     ----------
@@ -53,27 +53,8 @@ def walk(
     """
     Let robots walk straight ahead, from random places on the scene's way along x.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        From `build_model`, of a robot with legs.
-    cameras : tuple of str
-        Their names, C.
-    num_envs, frames : int
-        N, F.
-    interval : float
-        Seconds between frames.
-    speed : float
-        m/s.
-    seed : int
-        Of the places.
-    robot : Robot, optional
-        The one that the model was built with; default `load_robot()`.
-
-    Returns
-    -------
-    Walk
-
+    `model` is from `build_model`, of `robot` with legs (default `load_robot()`); `interval` is in
+    seconds from frame to frame, `speed` in m/s; `seed` is of the places.
     """
     data = mujoco.MjData(model)
     parts = find_parts(model, robot)

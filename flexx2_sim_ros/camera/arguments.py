@@ -18,18 +18,9 @@ _CHANNEL = 16  # rows and columns: (H, W, 1), and not as many images one pixel w
 
 def as_effects(effects: Any) -> tuple[EffectProtocol, ...]:
     """
-    Return effects as a tuple of effects.
+    Return effects, a table of their parameters by name, or the path of a YAML file, as effects.
 
-    Parameters
-    ----------
-    effects : sequence of Effect, mapping, str or pathlib.Path
-        Effects, a table of their parameters by name, or the path of a YAML file.
-
-    Raises
-    ------
-    InputError
-        When it is none of these, or the table or file has errors.
-
+    Raises InputError when it is none of these, or the table or file has errors.
     """
     if isinstance(effects, str | PathLike | Mapping):
         if isinstance(effects, Mapping):
@@ -59,11 +50,7 @@ def as_images(name: str, value: Any) -> np.ndarray:
     """
     Return an argument as (..., H, W) float32; masked values become NaN.
 
-    Raises
-    ------
-    InputError
-        If it has no images, or images with a channel axis.
-
+    Raises InputError if it has no images, or images with a channel axis.
     """
     array = as_array(name, value)
     if array.ndim < 2 or 0 in array.shape[-2:]:

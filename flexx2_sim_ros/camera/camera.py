@@ -164,10 +164,6 @@ class Camera:
             (..., H, W) in 0..1 at the camera's wavelength; 1 everywhere when left out. sigma_z
             depends on it if the profile says how (``modes.*.surfaces``).
 
-        Returns
-        -------
-        Frame
-
         Raises
         ------
         InputError

@@ -16,23 +16,11 @@ class CommonRandomNumbers:
     """
     A scene to be seen with many sets of effects and always the same random numbers.
 
-    What the effects leave as it is (light, noise, edges) is worked out once.
-
-    Parameters
-    ----------
-    camera : Camera
-        Which one; its effects will be changed.
-    clean : numpy.ndarray
-        (H, W) or (T, H, W) float32 metres.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
-    stamps : numpy.ndarray
-        (T,) int64 nanoseconds.
-    reflectivity : numpy.ndarray or None
-        (H, W) or (T, H, W) float32 in 0..1; 1 everywhere when left out.
-    sharing : bool
-        Whether anything is kept; the outcome is the same.
-
+    What the effects leave as it is (light, noise, edges) is worked out once; without ``sharing``
+    nothing is kept, and the outcome is the same. The effects of `camera` will be changed.
+    ``clean`` is (H, W) or (T, H, W) float32 metres, ``K`` the (3, 3) camera matrix, ``stamps``
+    (T,) int64 nanoseconds, and ``reflectivity`` (H, W) or (T, H, W) float32 in 0..1; 1 everywhere
+    when left out.
     """
 
     def __init__(
@@ -65,18 +53,9 @@ class CommonRandomNumbers:
 
     def depth(self, effects: Any) -> np.ndarray:
         """
-        Return what a camera that has just been switched on measures.
+        Return what a camera that has just been switched on measures, with effects as for `Camera`.
 
-        Parameters
-        ----------
-        effects
-            Whatever `Camera` takes.
-
-        Returns
-        -------
-        numpy.ndarray
-            (T, H, W) float32 metres, NaN where invalid.
-
+        It is (T, H, W) float32 metres, NaN where invalid.
         """
         camera = self._camera
         camera.effects = effects

@@ -33,15 +33,9 @@ class _FirstTime(Listener):
 @contextmanager
 def compiling_said(say: Callable[[], None]) -> Iterator[None]:
     """
-    Call a function once, as soon as anything is compiled inside the block.
+    Call a function once, before the first compilation inside the block starts.
 
     Nothing is compiled, and nothing is said, when all kernels come from the cache.
-
-    Parameters
-    ----------
-    say : callable
-        Called before the first compilation starts.
-
     """
     with install_listener('numba:compile', _FirstTime(say)):
         yield
@@ -51,13 +45,7 @@ def warm_up(camera: Camera, intrinsics: Intrinsics) -> None:
     """
     Compile or load what a camera needs, by taking two images with a camera of its own.
 
-    Parameters
-    ----------
-    camera : Camera
-        Gives mode, profile and effects; its own state stays as it is.
-    intrinsics : Intrinsics
-        Of the images.
-
+    `camera` gives mode, profile and effects; its own state stays as it is.
     """
     scene = np.full((intrinsics.height, intrinsics.width), 1.0, np.float32)
     scene[: intrinsics.height // 2] = 2.0

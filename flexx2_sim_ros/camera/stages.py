@@ -25,23 +25,11 @@ def run_stages(
     state: FrameState, effects: Sequence[EffectProtocol], edge_sigma: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """
-    Run the stages in order, each with its effects.
+    Run the stages in order, each with its effects, those that are on.
 
-    Parameters
-    ----------
-    state : FrameState
-        With depth and reflectivity.
-    effects : sequence of Effect
-        Those that are on.
-    edge_sigma : float
-        The mode's sigma_x, pixels.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Depth, sigma, amplitude and confidence, (H, W) float32, as in `Frame`. Without any effect
-        the base model's, up to float32 rounding.
-
+    ``state`` has depth and reflectivity, ``edge_sigma`` is the mode's sigma_x, pixels. Returned
+    are depth, sigma, amplitude and confidence, (H, W) float32, as in `Frame`. Without any effect
+    they are the base model's, up to float32 rounding.
     """
     measure(state, effects, edge_sigma)
     return _finish(state)

@@ -1,9 +1,9 @@
 """
 The paper's measurement as a library: from recordings of a board to a camera profile.
 
-`campaign` says what to record and records it with the simulated camera, `analysis` measures a
+`capture` says what to record and records it with the simulated camera, `analysis` measures a
 folder of recordings and fits the noise model, `assumptions` holds them against what the model
-takes for granted, `export` makes a camera profile of it and `report` a page. No ROS in here.
+takes for granted, `new_profile` makes a camera profile of it and `noise_report` a page. No ROS.
 """
 
 from flexx2_sim_ros.characterize.analysis import Characterization, characterize, ModeResult

@@ -13,15 +13,7 @@ _ABOVE_FLOOR = 1.3
 
 @dataclass(frozen=True)
 class AmplitudeCounts:
-    """
-    Pixels by amplitude.
-
-    Attributes
-    ----------
-    pixels, invalid : numpy.ndarray
-        (len(EDGES) - 1,) how many pixels, and how many of them are invalid.
-
-    """
+    """Pixels by amplitude: (len(EDGES) - 1,) how many, and how many of them are invalid."""
 
     pixels: np.ndarray
     invalid: np.ndarray
@@ -37,15 +29,9 @@ def count_invalid(
     """
     Count pixels and invalid pixels by amplitude.
 
-    Parameters
-    ----------
-    amplitude : numpy.ndarray
-        Any shape, in the camera's units; what is not positive is not counted.
-    valid : numpy.ndarray
-        The same shape, bool.
-    edges : numpy.ndarray
-        Bounds of the bins, rising; the lower one belongs to the bin.
-
+    Amplitude, in the camera's units, and ``valid``, bool, have the same shape; what is not
+    positive is not counted. ``edges`` are bounds of the bins, rising; the lower one belongs to the
+    bin.
     """
     index = np.searchsorted(edges, amplitude.ravel(), side='right') - 1
     inside = (index >= 0) & (index < len(edges) - 1) & (amplitude.ravel() > 0)
@@ -59,16 +45,14 @@ def count_invalid(
 @dataclass(frozen=True)
 class AmplitudeCurve:
     """
-    Noise against amplitude.
+    Noise against amplitude, in N bins.
 
     Attributes
     ----------
     amplitude : numpy.ndarray
         (N,) middle of each bin, in the camera's units.
-    sigma : numpy.ndarray
-        (N,) median standard deviation of the tiles in it, metres.
-    tiles : numpy.ndarray
-        (N,) how many there are.
+    sigma, tiles : numpy.ndarray
+        (N,) median standard deviation of the tiles in it, metres, and how many there are.
     exponent : float
         sigma goes as amplitude to this power where it is well above its floor (the lowest of
         `sigma`); NaN for fewer than three bins there.

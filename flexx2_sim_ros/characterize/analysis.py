@@ -29,13 +29,7 @@ class Divergence:
     """
     Divergence of what was measured from the model, mean over pixels (edges: over rows), nats.
 
-    Attributes
-    ----------
-    raw : float
-        As it is.
-    floor : float
-        What a perfect model would have on average, for the number of frames.
-
+    ``floor`` is what a perfect model would have on average, for the number of frames.
     """
 
     raw: float
@@ -54,8 +48,6 @@ class Cell:
 
     Attributes
     ----------
-    measurement : Measurement
-        The recording.
     sigma, modelled : float
         Root mean square over its tiles of the measured and the modelled sigma_z, metres.
     axial : Divergence
@@ -86,8 +78,6 @@ class ModeResult:
 
     Attributes
     ----------
-    usecase : str
-        Its name.
     axial : AxialFit
         sigma_z.
     sigma_x, sigma_x_error : float
@@ -136,8 +126,6 @@ class Characterization:
 
     Attributes
     ----------
-    folder : pathlib.Path
-        Where they are.
     modes : tuple of ModeResult
         By name.
     left_out : tuple of str
@@ -205,10 +193,6 @@ def characterize(
         Processes.
     on_done : callable
         Called with how many recordings are done, and how many there are.
-
-    Returns
-    -------
-    Characterization
 
     Raises
     ------

@@ -68,18 +68,9 @@ class AxialFit:
 
     def band(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """
-        Return the half-width of the curve's confidence band.
+        Return the half-width of the curve's confidence band, metres, at (N,) metres and radians.
 
-        Parameters
-        ----------
-        z, theta : numpy.ndarray
-            (N,) metres and radians.
-
-        Returns
-        -------
-        numpy.ndarray
-            (N,) metres; NaN when too few recordings say how sure the fit is.
-
+        NaN when too few recordings say how sure the fit is.
         """
         if self.freedom < 1:
             return np.full(len(z), np.nan)
@@ -90,18 +81,12 @@ class AxialFit:
 
 def fit_axial(recordings: list[Tiles]) -> AxialFit:
     """
-    Fit the model to the tiles of several recordings.
+    Fit the model to the tiles of several recordings, one or more.
 
     Residuals are relative, since a standard deviation is known to a share of itself; every
     recording weighs the same, however much of the image its board fills. Standard errors come
     from leaving out one recording after another (a jackknife), so that they hold as well where
     recordings differ by more than their pixels' noise.
-
-    Parameters
-    ----------
-    recordings : list of Tiles
-        One a recording, at least one.
-
     """
     z, theta, sigma, weight, group = _join(recordings)
     known = np.isfinite(theta)

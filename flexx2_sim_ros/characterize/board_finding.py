@@ -26,19 +26,10 @@ _MAX_SEEDS = 4000
 @dataclass(frozen=True)
 class Board:
     """
-    A board in an image.
+    A board in an image, and the (3, 3) camera matrix or None.
 
-    Attributes
-    ----------
-    plane : Plane
-        Its plane.
-    mask : numpy.ndarray
-        (H, W) bool, all pixels on it, up to its edges.
-    region : numpy.ndarray
-        (H, W) bool, the pixels to measure: away from the edges and not too steep.
-    K : numpy.ndarray or None
-        (3, 3) camera matrix.
-
+    ``mask`` (H, W) bool are all pixels on it, up to its edges; ``region`` (H, W) bool are those to
+    measure: away from the edges and not too steep.
     """
 
     plane: Plane
@@ -71,36 +62,14 @@ def find_board(
     distortion: tuple[float, ...] = (),
 ) -> Board:
     """
-    Find the board.
+    Find the board; raises InputError when there is no plane of a useful size there.
 
-    Without a box, the plane is looked for in the middle of the image and followed as far as it
-    goes; the region ends some pixels before the plane does.
-
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (H, W) metres, NaN where invalid: a median over frames, or a single frame.
-    noise : float
-        Standard deviation of `depth`, metres.
-    K : numpy.ndarray, optional
-        (3, 3) camera matrix; without it pixels that are too steep cannot be told.
-    box : tuple of int, optional
-        x0, y0, x1, y1: the region, with x1 and y1 outside.
-    margin : int, optional
-        How many pixels before the plane's edges the region ends; by default as far as edges jump
-        about over many frames.
-    distortion : tuple of float
-        The camera's, as in `Intrinsics.distortion`; none when left out.
-
-    Returns
-    -------
-    Board
-
-    Raises
-    ------
-    InputError
-        When there is no plane of a useful size there.
-
+    Without a box (x0, y0, x1, y1, with x1 and y1 outside), the plane is looked for in the middle
+    of the image and followed as far as it goes; the region ends ``margin`` pixels before the plane
+    does, by default as far as edges jump about over many frames. ``depth`` is (H, W) metres, NaN
+    where invalid: a median over frames, or a single frame, with the standard deviation ``noise``,
+    metres. Without ``K``, the (3, 3) camera matrix, pixels that are too steep cannot be told.
+    ``distortion`` is as in `Intrinsics.distortion`; none when left out.
     """
     lens = None
     if K is not None and any(distortion):

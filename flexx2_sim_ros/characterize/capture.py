@@ -37,6 +37,8 @@ def conditions(
     """
     List a campaign's conditions in the order in which a person would set them up.
 
+    That is board by board, all modes of one set-up together.
+
     Parameters
     ----------
     profile : Profile
@@ -49,11 +51,6 @@ def conditions(
         Degrees.
     percents : sequence of float or None
         Reflectivities of the boards; None: one white board.
-
-    Returns
-    -------
-    list of Condition
-        Board by board, all modes of one set-up together.
 
     Raises
     ------
@@ -237,15 +234,7 @@ def _render(
 
 
 def _why_not_recorded(task: _Task) -> str | None:
-    """
-    Say why a recording has to be made, None if it is there.
-
-    Returns
-    -------
-    str or None
-        Empty where there is no file.
-
-    """
+    """Say why a recording has to be made: None if it is there, empty where there is no file."""
     if not task.path.exists():
         return ''
     try:

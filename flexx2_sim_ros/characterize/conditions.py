@@ -24,8 +24,6 @@ class Condition:
 
     Attributes
     ----------
-    usecase : str
-        The camera's mode.
     distance : float
         From the camera to the board along the optical axis, by tape, metres.
     angle_deg : float
@@ -56,11 +54,7 @@ def parse_name(path: Path) -> Condition | None:
     """
     Return the condition that a recording's name states, None where it states none.
 
-    Raises
-    ------
-    InputError
-        When the name states a reflectivity that no board has.
-
+    Raises InputError when the name states a reflectivity that no board has.
     """
     match = _NAME.fullmatch(path.stem if path.suffix in ('.npz', *BAG_FILES) else path.name)
     if match is None:
@@ -110,22 +104,9 @@ Then: `flexx2 characterize fit FOLDER`
 
 def checklist(wanted: Sequence[Condition], profile: Profile, frames: int) -> str:
     """
-    Return the checklist, in Markdown.
+    Return the checklist, in Markdown, of at least one condition, from `capture.conditions`.
 
-    Parameters
-    ----------
-    wanted : sequence of Condition
-        From `campaign.conditions`, at least one.
-    profile : Profile
-        The camera.
-    frames : int
-        Frames a condition.
-
-    Raises
-    ------
-    InputError
-        For no frames.
-
+    Raises InputError for no frames.
     """
     if frames < 1:
         raise InputError(f'--frames: must be at least 1, got {frames}')

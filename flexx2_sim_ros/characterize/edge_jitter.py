@@ -22,19 +22,15 @@ _WHOLE_PIXEL = 1.0 / 12.0  # variance that rounding to whole pixels has by itsel
 @dataclass(frozen=True)
 class EdgeSite:
     """
-    Where an upright edge of the board is.
+    Where an upright edge of the board is, ``left`` or ``right``, in R rows.
 
     Attributes
     ----------
-    side : str
-        ``left`` or ``right``.
     method : str
         ``gradient``, as in the paper; ``outline`` where nothing valid is behind the board, so
         that there is no gradient: the end of the valid pixels is taken.
-    rows : numpy.ndarray
-        (R,) rows to look at.
-    first, last : numpy.ndarray
-        (R,) columns of each row to look at, both inside.
+    rows, first, last : numpy.ndarray
+        (R,) rows to look at, and columns of each to look at, both inside.
     places, shift : numpy.ndarray
         (R,) where a lens that does not distort would have the row, and how much further right the
         edge in it, pixels.
@@ -93,24 +89,12 @@ def find_edges(
     left_in: np.ndarray | None = None,
 ) -> list[EdgeSite]:
     """
-    Find the upright edges of a board, left and right.
+    Find the upright edges of a board, left and right, at most two.
 
-    Parameters
-    ----------
-    board : Board
-        The board.
-    depth : numpy.ndarray
-        (H, W) metres, NaN where invalid: the image it was found in.
-    nearest, farthest : float
-        Where the mode's range ends; a board that is cut off by it has no edge there.
-    left_in : numpy.ndarray, optional
-        (H, W) bool, False where a mask excludes the pixel: its border is no edge either.
-
-    Returns
-    -------
-    list of EdgeSite
-        At most two. An edge so near to the image's border that it might leave it is none.
-
+    ``depth`` is the image it was found in, (H, W) metres, NaN where invalid. A board that is cut
+    off by the mode's range (``nearest``, ``farthest``) has no edge there. ``left_in`` (H, W) bool
+    is False where a mask excludes the pixel: its border is no edge either. An edge so near to the
+    image's border that it might leave it is none.
     """
     height, width = depth.shape
     half = max(4, round(_HALF_WINDOW * width))
@@ -200,23 +184,11 @@ def _line(
 
 def edge_positions(depth: np.ndarray, site: EdgeSite) -> np.ndarray:
     """
-    Find the edge pixel of each row and frame.
+    Return the edge of each row and frame, (T, R) columns, half-way between pixels; NaN for none.
 
     By gradient: between the two successive valid pixels of the row that differ most (invalid ones
-    left out). By outline: where valid pixels end.
-
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (T, H, W) float32 metres, NaN where invalid.
-    site : EdgeSite
-        Where to look.
-
-    Returns
-    -------
-    numpy.ndarray
-        (T, R) float64 columns, half-way between pixels; NaN where a row has none.
-
+    left out). By outline: where valid pixels end. ``depth`` is (T, H, W) metres, NaN where
+    invalid, taken as float32; columns are float64.
     """
     out = np.empty((len(depth), len(site.rows)))
     frames = np.ascontiguousarray(depth, np.float32)
@@ -269,19 +241,9 @@ def measure_edge(positions: np.ndarray, site: EdgeSite) -> Edge | None:
     """
     Fit a line to each frame's edge pixels and look at what is left.
 
-    Parameters
-    ----------
-    positions : numpy.ndarray
-        (T, R) columns, NaN where a row has none; rows that miss more than a tenth of the frames
-        are left out, then frames that miss one of the others.
-    site : EdgeSite
-        Where they were looked for.
-
-    Returns
-    -------
-    Edge or None
-        None when too little is left, or when it never moves: that is where an image was cropped.
-
+    ``positions`` are (T, R) columns, NaN where a row has none; rows that miss more than a tenth of
+    the frames are left out, then frames that miss one of the others. None when too little is left,
+    or when the edge never moves: that is where an image was cropped.
     """
     rows = np.flatnonzero(np.isfinite(positions).mean(axis=0) > 0.9)
     edges = (positions + site.shift)[:, rows]
@@ -324,20 +286,10 @@ def measure_edge(positions: np.ndarray, site: EdgeSite) -> Edge | None:
 
 def edge_sigma(depth: np.ndarray, columns: slice) -> float:
     """
-    Measure sigma_x on an upright edge whose place is known.
+    Return sigma_x of an upright edge whose place is known, pixels; 0 if it does not move.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (T, H, W) metres, NaN where invalid.
-    columns : slice
-        The columns next to the edge, the same in all rows.
-
-    Returns
-    -------
-    float
-        Pixels; 0 for an edge that does not move.
-
+    ``depth`` is (T, H, W) metres, NaN where invalid; ``columns`` are those next to the edge, the
+    same in all rows.
     """
     first, last, _ = columns.indices(depth.shape[2])
     rows = np.arange(depth.shape[1])

@@ -18,17 +18,9 @@ _CONDITION = (1.0, 15.0)  # metres and degrees, as in the paper
 @dataclass(frozen=True)
 class Histogram:
     """
-    A recording's noise.
+    A recording's noise: `counts` in bins with the bounds `edges`, metres.
 
-    Attributes
-    ----------
-    measurement : Measurement
-        The recording.
-    edges, counts : numpy.ndarray
-        Bounds of the bins, metres, and what is in them.
-    sigma : float
-        The model's sigma_z there (root mean square), metres.
-
+    ``sigma`` is the model's sigma_z there (root mean square), metres.
     """
 
     measurement: Measurement
@@ -42,15 +34,7 @@ def noise_histogram(result: Characterization, camera: str | None = None) -> Hist
     Read one recording again, and count its noise within its window.
 
     The one nearest to the paper's condition is taken: 1.0 m and 15 degrees, in the mode with the
-    longest range.
-
-    Parameters
-    ----------
-    result : Characterization
-        The analysis.
-    camera : str, optional
-        Which camera of bags that have several.
-
+    longest range. ``camera`` is which one of bags that have several.
     """
     mode = max(result.modes, key=lambda m: m.axial.distances[1])
     cell = min(
@@ -82,31 +66,17 @@ def noise_histogram(result: Characterization, camera: str | None = None) -> Hist
 
 
 def storage_step(depth: np.ndarray) -> float:
-    """
-    Return the step in which depth is stored, metres; 0 for less than two values.
-
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        Metres, any shape; NaN where invalid.
-
-    """
+    """Return the step in which depth (metres, NaN where invalid) is stored; 0 below two values."""
     steps = np.diff(np.unique(depth[np.isfinite(depth)]))
     return float(np.median(steps)) if steps.size else 0.0
 
 
 def bin_edges(sigma: float, step: float) -> np.ndarray:
     """
-    Return the bounds of bins around 0, metres.
+    Return the bounds of bins around 0, metres, for noise of `sigma` and a step of storage, metres.
 
-    Parameters
-    ----------
-    sigma : float
-        Standard deviation of the noise, metres.
-    step : float
-        In which depth is stored. Bins that are narrower would be empty in part: where 100 bins
-        would be, they are one step wide, with 0 in the middle of a bin.
-
+    Bins narrower than the step would be empty in part: where 100 bins would be, they are one step
+    wide, with 0 in the middle of a bin.
     """
     if step <= 2 * _REACH * sigma / _BINS:
         return np.linspace(-_REACH, _REACH, _BINS + 1) * sigma

@@ -33,15 +33,13 @@ class Measurement:
 
     Attributes
     ----------
-    path : pathlib.Path
-        The recording.
     usecase : str
         The mode of the recording, else the mode in its name, else ``unknown``; a mode of the
         camera as the camera's profile writes it.
     condition : Condition or None
         Mode, distance and angle in the name.
     frames : int
-        Frames.
+        How many.
     size : tuple of int
         Width and height.
     K : numpy.ndarray
@@ -53,8 +51,6 @@ class Measurement:
     distance, angle_deg : float
         Distance and angle of the plane, at the pixel of the region that is nearest to the optical
         axis.
-    plane : Plane
-        The plane of the board.
     window : tuple of int
         x0, y0, x1, y1 of a rectangle about that pixel, on the board, no larger than the paper's
         region was at 1 m.
@@ -71,7 +67,7 @@ class Measurement:
     amplitude : AmplitudeCounts or None
         Validity against amplitude.
     notes : tuple of str
-        Notes for people.
+        For people.
 
     """
 
@@ -120,29 +116,12 @@ def measure(
     profile: Profile | None = None,
 ) -> Measurement:
     """
-    Measure a recording.
+    Measure a recording (``.npz`` or bag).
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        A recording (``.npz`` or bag).
-    box : tuple of int, optional
-        x0, y0, x1, y1 of the region (default: detected).
-    camera : str, optional
-        Which camera of a bag that has several.
-    profile : Profile, optional
-        The camera, for range and rate of its modes (default: the Flexx2).
-
-    Returns
-    -------
-    Measurement
-
-    Raises
-    ------
-    InputError
-        When the recording cannot be read or measured; the message names the file and what was
-        expected.
-
+    ``box`` is x0, y0, x1, y1 of the region (default: detected), ``camera`` which one of a bag that
+    has several, ``profile`` gives range and rate of its modes (default: the Flexx2). Raises
+    InputError when the recording cannot be read or measured; the message names the file and what
+    was expected.
     """
     profile = profile or flexx2()
     reader = open_recording(path, camera, profile)

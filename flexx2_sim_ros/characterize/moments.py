@@ -65,12 +65,8 @@ class Accumulator:
     """
     Take frames in, give `Moments` out.
 
-    Parameters
-    ----------
-    reference : numpy.ndarray
-        (H, W) metres, near the depth of each pixel (any surface will do): sums are taken of
-        differences to it, which keeps them exact.
-
+    ``reference`` is (H, W) metres, near the depth of each pixel (any surface will do): sums are
+    taken of differences to it, which keeps them exact.
     """
 
     def __init__(self, reference: np.ndarray) -> None:

@@ -59,29 +59,10 @@ def write_report(
     result: Characterization, profile: ProfileFile, folder: Path, camera: str | None = None
 ) -> Path:
     """
-    Write the page and its figures.
+    Write the page, ``report.html``, and its figures to an existing folder; return the page.
 
-    Parameters
-    ----------
-    result : Characterization
-        The analysis.
-    profile : ProfileFile
-        Made of it.
-    folder : pathlib.Path
-        An existing folder; gets ``report.html`` and the figures.
-    camera : str, optional
-        Which camera of bags that have several.
-
-    Returns
-    -------
-    pathlib.Path
-        The page.
-
-    Raises
-    ------
-    InputError
-        When a file cannot be written.
-
+    ``profile`` was made of `result`; ``camera`` is which one of bags that have several. Raises
+    InputError when a file cannot be written.
     """
     # Pictures of an earlier run are removed; without its page, files are somebody else's.
     earlier = (folder / _PAGE).exists()

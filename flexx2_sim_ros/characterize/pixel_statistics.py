@@ -56,13 +56,7 @@ class FrameMeans:
     """
     The mean error of every frame, over some of the region's pixels.
 
-    Parameters
-    ----------
-    region : numpy.ndarray
-        (H, W) bool.
-    reference : numpy.ndarray
-        (H, W) metres, about the mean depth.
-
+    ``region`` is (H, W) bool, ``reference`` (H, W) metres, about the mean depth.
     """
 
     def __init__(self, region: np.ndarray, reference: np.ndarray) -> None:
@@ -91,21 +85,10 @@ def pixel_statistics(
     board: Board, moments: Moments, usable: np.ndarray, means: FrameMeans, left_in: np.ndarray
 ) -> Pixels:
     """
-    Summarise a region.
+    Summarise a region of a board whose plane is fitted to the mean depth.
 
-    Parameters
-    ----------
-    board : Board
-        The board, its plane fitted to the mean depth.
-    moments : Moments
-        Of all frames.
-    usable : numpy.ndarray
-        (H, W) bool, pixels with enough valid frames.
-    means : FrameMeans
-        Of all frames.
-    left_in : numpy.ndarray
-        (H, W) frames in which no mask excludes the pixel.
-
+    ``moments`` and ``means`` are of all frames; ``usable`` (H, W) bool are pixels with enough
+    valid frames, ``left_in`` (H, W) the frames in which no mask excludes the pixel.
     """
     here = board.region & usable
     count = int(here.sum())

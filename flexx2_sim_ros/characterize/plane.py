@@ -21,20 +21,10 @@ _REFINEMENTS = 3
 
 def straighten(u: Any, v: Any, lens: Intrinsics | None) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return where a pinhole camera would have pixels.
+    Return where a pinhole camera would have the pixels (u, v), float64 of the same shape.
 
-    Parameters
-    ----------
-    u, v : array_like
-        Pixels, of one shape, within the image.
-    lens : Intrinsics or None
-        A camera that distorts; None for one that does not.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Float64 pixels; NaN where the distortion cannot be inverted.
-
+    They lie within the image. ``lens`` is None for a camera that does not distort. NaN where the
+    distortion cannot be inverted.
     """
     u, v = np.asarray(u, np.float64), np.asarray(v, np.float64)
     if lens is None:
@@ -56,15 +46,9 @@ def _straight_pixels(lens: Intrinsics) -> np.ndarray:
 @dataclass(frozen=True)
 class Plane:
     """
-    A plane in an image.
+    A plane in an image: inverse depth at pixel (u, v) is ``p + q u + r v``, 1/m.
 
-    Attributes
-    ----------
-    p, q, r : float
-        Inverse depth at pixel (u, v) is ``p + q u + r v``, 1/m.
-    lens : Intrinsics or None
-        The camera, if it distorts: (u, v) are then a pinhole camera's.
-
+    ``lens`` is the camera, if it distorts: (u, v) are then a pinhole camera's.
     """
 
     p: float
@@ -80,20 +64,9 @@ class Plane:
 
     def incidence(self, u: Any, v: Any, K: np.ndarray) -> np.ndarray:  # noqa: N803
         """
-        Return the angle between each pixel's ray and the plane's normal.
+        Return the angle between the ray of pixels and the plane's normal, radians, 0 to pi/2.
 
-        Parameters
-        ----------
-        u, v : array_like
-            Pixels.
-        K : numpy.ndarray
-            (3, 3) camera matrix.
-
-        Returns
-        -------
-        numpy.ndarray
-            Radians, 0 to pi/2.
-
+        ``K`` is the (3, 3) camera matrix.
         """
         (fx, _, cx), (_, fy, cy), _ = K
         normal = np.array([fx * self.q, fy * self.r, self.p + self.q * cx + self.r * cy])
@@ -110,13 +83,8 @@ def fit_plane(
     """
     Fit a plane by least squares in depth.
 
-    Parameters
-    ----------
-    u, v, depth : numpy.ndarray
-        Three or more pixels that are not in line, and their depths in metres, all finite.
-    lens : Intrinsics, optional
-        The camera, if it distorts; the pixels are to be where that can be inverted.
-
+    There are three or more pixels that are not in line, and their depths in metres, all finite.
+    The pixels are to be where the distortion of ``lens`` can be inverted.
     """
     u, v = straighten(u, v, lens)
     # About the middle, where the normal equations are well conditioned.
@@ -144,22 +112,10 @@ def ransac_plane(
     lens: Intrinsics | None = None,
 ) -> Plane:
     """
-    Fit a plane to what may be several surfaces.
+    Fit a plane to what may be several surfaces: the one with the most pixels.
 
-    Parameters
-    ----------
-    u, v, depth : numpy.ndarray
-        Pixels and their depths in metres, all finite.
-    tolerance : float
-        How far from the plane its pixels may lie, metres.
-    lens : Intrinsics, optional
-        The camera, if it distorts.
-
-    Returns
-    -------
-    Plane
-        The one with the most pixels; the same one every time.
-
+    Depths of the pixels are in metres, all finite. ``tolerance`` is how far from the plane its
+    pixels may lie, metres. The result is the same every time.
     """
     # Imported here: it takes a second, which `flexx2 --help` need not wait for.
     from sklearn.linear_model import LinearRegression, RANSACRegressor

@@ -33,7 +33,7 @@ class SinglePass:
     Attributes
     ----------
     board : Board
-        The board, found in the first frames.
+        Found in the first frames.
     first : numpy.ndarray
         (H, W) median depth of these frames, metres; NaN where most are invalid.
     sites : list of EdgeSite
@@ -103,20 +103,8 @@ def read_frames(
     """
     Read all frames of a recording once.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        The recording.
-    box : tuple of int or None
-        x0, y0, x1, y1 of the board; None: search it.
-    near, far : float
-        Range of the mode, metres.
-
-    Raises
-    ------
-    InputError
-        When there is no board, or depth is not in metres.
-
+    ``box`` is x0, y0, x1, y1 of the board; None: search it. ``near`` and ``far`` are the range of
+    the mode, metres. Raises InputError when there is no board, or depth is not in metres.
     """
     frames, height, width = reader.shape
     x0, y0, x1, y1 = box or (0, 0, width, height)
@@ -138,14 +126,8 @@ def masked_chunks(reader: RecordingReader) -> Iterator[tuple[np.ndarray, np.ndar
     Read a recording without the pixels that a mask excludes.
 
     Masks are the recording's key `known` and the pixels that never have depth by the reader's
-    profile.
-
-    Yields
-    ------
-    tuple
-        (n, H, W) depth of some frames, metres, NaN where invalid or masked; (n, H, W) bool, False
-        where masked; and the frames as they are.
-
+    profile. Yielded are (n, H, W) depth of some frames, metres, NaN where invalid or masked; (n,
+    H, W) bool, False where masked; and the frames as they are.
     """
     known = read_truth(reader.path, reader.arrays, reader.shape).known
     _, height, width = reader.shape

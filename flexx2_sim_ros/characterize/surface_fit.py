@@ -22,10 +22,9 @@ class SurfaceFit:
 
     Attributes
     ----------
-    noise : SurfaceNoise
-        The coefficients.
     errors : dict of str to float or None
-        Standard errors; None where too few recordings say how sure a coefficient is.
+        Standard errors of the coefficients, `noise`; None where too few recordings say how sure
+        one is.
     reflectivities : tuple of float
         Of the boards, falling; the first is the white board's.
     scatter : float
@@ -49,17 +48,9 @@ def fit_surfaces(
     Fit the dependence to the darker boards, relative to the model that fits the white one.
 
     Residuals are relative and every recording weighs the same, as in `fit_axial`. Standard errors
-    come from leaving out one recording after another, and from those of ``axial``.
-
-    Parameters
-    ----------
-    recordings : list of Tiles
-        One a recording.
-    reflectivity : list of float
-        Of each recording's board, 0..1; at least `FEWEST_BOARDS` different ones.
-    axial : AxialFit
-        Of the recordings with the highest reflectivity.
-
+    come from leaving out one recording after another, and from those of ``axial``, which is of the
+    recordings with the highest reflectivity. ``reflectivity`` of each recording's board is 0..1,
+    with at least `FEWEST_BOARDS` different ones.
     """
     boards = sorted(set(reflectivity), reverse=True)
     white = boards[0]

@@ -17,24 +17,11 @@ from scipy.special import digamma
 
 def gaussian_kl(variance: Any, mean_square: Any, log_variance: Any, sigma: Any) -> np.ndarray:
     """
-    Return the divergence of a measured Gaussian from the model's, which has mean 0.
+    Return the divergence, nats, of a measured Gaussian from the model's of mean 0 and `sigma`.
 
-    Parameters
-    ----------
-    variance : array_like
-        What was measured; or its mean over pixels of one and the same `sigma`.
-    mean_square : array_like
-        The square of the measured mean; or its mean over pixels.
-    log_variance : array_like
-        Natural logarithm of the measured variance; or its mean over pixels.
-    sigma : array_like
-        The model's standard deviation.
-
-    Returns
-    -------
-    numpy.ndarray
-        Nats; over pixels, their mean. 0 where both are the same.
-
+    The measured variance, square of the mean and natural logarithm of the variance may be means
+    over pixels of one and the same `sigma`: then it is the mean over these. 0 where both are the
+    same.
     """
     sigma2 = np.square(sigma)
     return 0.5 * (
@@ -125,19 +112,10 @@ def temporal_tiles(
     board: Board, moments: Moments, amplitude: np.ndarray | None, usable: np.ndarray
 ) -> Tiles:
     """
-    Gather noise over frames.
+    Gather noise over frames, in the region of `board`.
 
-    Parameters
-    ----------
-    board : Board
-        Whose region is taken.
-    moments : Moments
-        Of all frames.
-    amplitude : numpy.ndarray or None
-        (H, W) mean amplitude.
-    usable : numpy.ndarray
-        (H, W) bool, pixels with enough valid frames.
-
+    ``amplitude`` is the (H, W) mean or None; ``usable`` (H, W) bool are pixels with enough valid
+    frames.
     """
     height, width = board.mask.shape
     side = max(_SIDE, math.ceil(math.sqrt(height * width / _LARGEST_NUMBER)))
@@ -173,17 +151,8 @@ def spatial_tiles(board: Board, depth: np.ndarray, amplitude: np.ndarray | None)
     Gather noise within one frame: what is left of a small plane fitted to each tile.
 
     A fixed pattern counts as noise. Correlated neighbours hide noise from it, see `whole_noise`.
-    Tiles of uneven amplitude are left out: their surface is not one.
-
-    Parameters
-    ----------
-    board : Board
-        Whose region is taken.
-    depth : numpy.ndarray
-        (H, W) metres, NaN where invalid.
-    amplitude : numpy.ndarray or None
-        (H, W).
-
+    Tiles of uneven amplitude are left out: their surface is not one. ``depth`` is (H, W) metres,
+    NaN where invalid, ``amplitude`` (H, W) or None.
     """
     # Half overlapping, for twice the sides that a checkered board gets right.
     half = SPATIAL_SIDE // 2
@@ -198,23 +167,13 @@ def spatial_tiles(board: Board, depth: np.ndarray, amplitude: np.ndarray | None)
 
 def whole_noise(tiles: Tiles) -> Tiles:
     """
-    Return spatial tiles with the noise that a plane fitted to correlated pixels hides.
+    Return spatial tiles of one recording with the noise that fitted planes hide.
 
-    The correlation is assumed to fall with distance like that of noise behind a Gaussian filter,
-    the same in all directions: of pixels u columns and v rows apart it is r ** (u * u + v * v).
-    The r that leaves the measured correlation of neighbours in the tiles is taken.
-
-    Parameters
-    ----------
-    tiles : Tiles
-        As `spatial_tiles` makes them, of one recording.
-
-    Returns
-    -------
-    Tiles
-        With another variance, and the degrees of freedom that correlated pixels have
-        (Satterthwaite's approximation).
-
+    They hide that of correlated pixels. The correlation is assumed to fall with distance like that
+    of noise behind a Gaussian filter, the same in all directions: of pixels u columns and v rows
+    apart it is r ** (u * u + v * v). The r that leaves the measured correlation of neighbours in
+    the tiles is taken. Changed are the variance, and its degrees of freedom to those that
+    correlated pixels have (Satterthwaite's approximation).
     """
     table = _correlated()
     measured = float(np.sum(tiles.neighbours) / np.sum(tiles.variance))

@@ -85,24 +85,10 @@ def compare(
     """
     Compare a consumer's errors on recordings with those on their simulations.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        For each recording, by rendition: errors by name.
-    measure : str
-        Which error.
-    renditions : sequence of str
-        The simulations with effects.
-    names : tuple of str
-        The renditions that are the recording, its simulation, and a second simulation.
-    whole : str
-        The rendition with all effects, one of `renditions`.
-
-    Returns
-    -------
-    Compared or None
-        None if no recording shows the measure in all renditions.
-
+    ``rows`` have, for each recording, by rendition, errors by name; ``measure`` is which error.
+    ``renditions`` are the simulations with effects, ``whole`` the one of them with all effects;
+    ``names`` are the recording, its simulation, and a second simulation. None if no recording
+    shows the measure in all renditions.
     """
     wanted = [*names, *renditions]
     used = [row for row in rows if _shows(row, measure, wanted)]
@@ -149,20 +135,9 @@ def parts(
     Return what effects change of a measure, for many bootstrap sets of the recordings.
 
     The sets are the same for all measures of the same recordings, so the parts of a set can be
-    averaged over measures and compared between effects.
-
-    Parameters
-    ----------
-    rows, measure, names, whole
-        As for `compare`.
-    effects : sequence of str
-        Renditions with one effect each.
-
-    Returns
-    -------
-    numpy.ndarray
-        (S, E) float64 `Left.part` of each effect in each set, limited to -1 to 1.
-
+    averaged over measures and compared between effects. ``effects`` are renditions with one effect
+    each; the rest is as for `compare`. Returned is (S, E) float64 `Left.part` of each effect in
+    each set, limited to -1 to 1.
     """
     wanted = [names[1], whole, *effects]
     used = np.array([_shows(row, measure, [*names, *wanted]) for row in rows])

@@ -20,23 +20,11 @@ _LEAST_VARIANCE, _GATE, _MULTI_HEIGHT = 0.003**2, 2.5, 0.003**2
 @loop()
 def fuse(points, variances, first, pitch, heights, spread, low, high):
     """
-    Fuse points into a map, one after the other.
+    Fuse points, (N, 3) float64 metres, into a map, one after the other.
 
-    Parameters
-    ----------
-    points : numpy.ndarray
-        (N, 3) float64 metres.
-    variances : numpy.ndarray
-        (N,) float64 of their heights, square metres.
-    first : tuple of float
-        Corner of the map, metres.
-    pitch : float
-        Size of a cell, metres.
-    heights, spread : numpy.ndarray
-        (X, Y) float64 height of each cell, NaN without data, and its variance; changed in place.
-    low, high : numpy.ndarray
-        (X, Y) float64 lowest and highest point of each cell; changed in place.
-
+    ``variances`` are (N,) float64 of their heights, square metres; ``first`` is the corner of the
+    map and ``pitch`` the size of a cell, metres. The rest are (X, Y) float64, changed in place:
+    height of each cell, NaN without data, and its variance, and lowest and highest point.
     """
     for k in range(len(points)):
         i = int(np.floor((points[k, 0] - first[0]) / pitch))
@@ -57,15 +45,10 @@ def fuse(points, variances, first, pitch, heights, spread, low, high):
 
 class Elevation(NamedTuple):
     """
-    An elevation map.
+    An elevation map: ``heights`` are (X, Y) metres, NaN without data.
 
-    Attributes
-    ----------
-    heights : numpy.ndarray
-        (X, Y) metres, NaN without data.
-    upright : numpy.ndarray
-        (X, Y) bool, cells whose points differ by more than a step: they have no one height.
-
+    ``upright`` is (X, Y) bool, cells whose points differ by more than a step: they have no one
+    height.
     """
 
     heights: np.ndarray

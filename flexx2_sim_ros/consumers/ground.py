@@ -23,13 +23,8 @@ class CameraAboveGround(NamedTuple):
     """
     A camera above the ground.
 
-    Attributes
-    ----------
-    rotation : numpy.ndarray
-        (3, 3) from the optical frame to the ground frame.
-    position : numpy.ndarray
-        (3,) of the camera in the ground frame, metres.
-
+    ``rotation`` is (3, 3) from the optical frame to the ground frame, ``position`` (3,) that of
+    the camera in the ground frame, metres.
     """
 
     rotation: np.ndarray
@@ -38,18 +33,9 @@ class CameraAboveGround(NamedTuple):
 
 def fit_ground(points: np.ndarray) -> tuple[float, float, float] | None:
     """
-    Fit a plane z = a x + b y + c by RANSAC.
+    Fit a plane z = a x + b y + c to points, (N, 3) metres, by RANSAC.
 
-    Parameters
-    ----------
-    points : numpy.ndarray
-        (N, 3) metres.
-
-    Returns
-    -------
-    tuple of float or None
-        a, b and c; None with too few points.
-
+    Returned are a, b and c; None with too few points.
     """
     some = points[:: max(len(points) // _SAMPLE, 1)]
     if len(some) < 10:
@@ -75,22 +61,10 @@ def mounted(height: float, pitch: float) -> CameraAboveGround:
 
 def find_ground(clean: np.ndarray, lens: Intrinsics, sensor: Sensor) -> CameraAboveGround | None:
     """
-    Find the ground: the largest plane that faces up.
+    Find the ground: the largest plane that faces up; None if the image shows none.
 
-    Parameters
-    ----------
-    clean : numpy.ndarray
-        (H, W) float32 true depth, metres, NaN where unknown.
-    lens : Intrinsics
-        Of the image.
-    sensor : Sensor
-        For its thresholds of depth jumps.
-
-    Returns
-    -------
-    Standing or None
-        None if the image shows no ground.
-
+    ``clean`` is (H, W) float32 true depth, metres, NaN where unknown. ``sensor`` has the
+    thresholds of depth jumps.
     """
     inverse, across, down = tangents(np.nan_to_num(clean), sensor)
     here = inverse[PAD:-PAD, PAD:-PAD]
@@ -131,18 +105,10 @@ def _standing(up: np.ndarray, along: np.ndarray, height: float) -> CameraAboveGr
 
 def best_centre(points: np.ndarray) -> float | None:
     """
-    Return how far ahead the window of the height grid shows most ground.
+    Return how far ahead the window of the height grid shows most ground, metres.
 
-    Parameters
-    ----------
-    points : numpy.ndarray
-        (N, 3) of the true depth, ground frame, metres.
-
-    Returns
-    -------
-    float or None
-        Metres; None where less than half of any window is seen.
-
+    ``points`` are (N, 3) of the true depth, ground frame, metres. None where less than half of any
+    window is seen.
     """
     pitch = float(AHEAD[1] - AHEAD[0])
     places = np.round(np.arange(0.0, _FAR, pitch), 3)

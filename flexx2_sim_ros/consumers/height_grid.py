@@ -14,20 +14,11 @@ _NONE = 0.5
 
 def height_errors(seen: np.ndarray, true: np.ndarray) -> dict[str, float]:
     """
-    Compare heights on a grid with the true ones.
+    Compare heights on a grid, (X, Y) metres, NaN without data, with the true ones.
 
-    Parameters
-    ----------
-    seen, true : numpy.ndarray
-        (X, Y) metres, NaN without data.
-
-    Returns
-    -------
-    dict of str to float
-        ``height_error``: mean absolute difference, mm. ``cells_without_data``: fraction of the
-        true cells, %. ``invented_steps``: neighbours that differ by more than a step where the
-        true ones do not. ``missed_steps``: the reverse. Empty if there are no true heights.
-
+    ``height_error``: mean absolute difference, mm. ``cells_without_data``: fraction of the true
+    cells, %. ``invented_steps``: neighbours that differ by more than a step where the true ones do
+    not. ``missed_steps``: the reverse. Empty if there are no true heights.
     """
     shown = np.isfinite(true)
     if not shown.any():
@@ -48,20 +39,9 @@ def edge_error(seen: np.ndarray, true: np.ndarray, pitch: float, reach: int = 3)
     """
     Return how far the edges of steps are from the true edges, along the first axis.
 
-    Parameters
-    ----------
-    seen, true : numpy.ndarray
-        (X, Y) metres, NaN without data.
-    pitch : float
-        Size of a cell, metres.
-    reach : int
-        Edges are looked for so many cells before and behind the true edge.
-
-    Returns
-    -------
-    float or None
-        Mean absolute distance, mm; None without a true step that is found again.
-
+    It is the mean absolute distance, mm; None without a true step that is found again. Heights are
+    (X, Y) metres, NaN without data, in cells of ``pitch`` metres. Edges are looked for ``reach``
+    cells before and behind the true edge.
     """
     distances = []
     for i, j in np.argwhere(np.abs(np.diff(true, axis=0)) > STEP):
@@ -94,20 +74,10 @@ _from_cell = on_images(grid_cells.from_cell)
 
 def mean_heights(points: np.ndarray, ahead: np.ndarray, left: np.ndarray) -> np.ndarray:
     """
-    Return the mean height of the points near each point of a grid.
+    Return the mean height of points, (N, 3) metres, near each point of a grid.
 
-    Parameters
-    ----------
-    points : numpy.ndarray
-        (N, 3) metres.
-    ahead, left : numpy.ndarray
-        (X,) and (Y,) evenly spaced coordinates of the grid, metres.
-
-    Returns
-    -------
-    numpy.ndarray
-        (X, Y) metres, NaN with fewer than `LEAST` points.
-
+    ``ahead`` (X,) and ``left`` (Y,) are evenly spaced coordinates of the grid, metres. Heights are
+    (X, Y) metres, NaN with fewer than `LEAST` points.
     """
     shape = len(ahead), len(left)
     cells, near = [], np.ones(len(points), bool)

@@ -27,19 +27,9 @@ _NAME = re.compile(r'[a-z][a-z0-9_]{0,39}')
 @dataclass(frozen=True)
 class ConsumerSource:
     """
-    Where the class of a consumer is.
+    Where the class of a consumer is: `attribute` of `module`, a name or the path of a Python file.
 
-    Attributes
-    ----------
-    label : str
-        What it is called until it is loaded: its name, or the file and class as given.
-    module : str
-        Name of a module, or path of a Python file.
-    attribute : str
-        The class in it.
-    is_file : bool
-        Whether ``module`` is a path.
-
+    ``label`` is what it is called until it is loaded: its name, or the file and class as given.
     """
 
     label: str
@@ -54,18 +44,9 @@ def sources(
     """
     Return where consumers are.
 
-    Parameters
-    ----------
-    wanted : collection of str
-        Names, or files and classes such as ``my.py:Grid``. Empty: all that are installed.
-    leave_out : callable
-        Called with the name of each installed package that cannot be read, and the error.
-
-    Raises
-    ------
-    InputError
-        For an unknown name or a file that does not exist.
-
+    ``wanted`` are names, or files and classes such as ``my.py:Grid``. Empty: all that are
+    installed. ``leave_out`` is called with the name of each installed package that cannot be read,
+    and the error. Raises InputError for an unknown name or a file that does not exist.
     """
     known = {name: _from_text(name, text) for name, text in BUILT_IN.items()}
     for point in entry_points(GROUP, leave_out):
@@ -103,11 +84,7 @@ def load(source: ConsumerSource) -> Consumer:
     """
     Load and create a consumer.
 
-    Raises
-    ------
-    InputError
-        When it does not follow the protocol; its own errors pass through.
-
+    Raises InputError when it does not follow the protocol; its own errors pass through.
     """
     module = _module_of_file(source.module) if source.is_file else import_module(source.module)
     kind: Any = getattr(module, source.attribute, None)

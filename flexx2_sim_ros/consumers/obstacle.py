@@ -18,16 +18,16 @@ _FAR = 3.0  # metres ahead that obstacles are looked for
 
 class Ahead(NamedTuple):
     """
-    What is ahead, one number for each frame.
+    What is ahead, (T,), one number for each frame.
 
     Attributes
     ----------
     tilt : numpy.ndarray
-        (T,) angle between the plane and the vertical axis, degrees; NaN without a plane.
+        Angle between the plane and the vertical axis, degrees; NaN without a plane.
     height : numpy.ndarray
-        (T,) of the plane below the camera's foot point, metres; NaN without a plane.
+        Of the plane below the camera's foot point, metres; NaN without a plane.
     distance : numpy.ndarray
-        (T,) of the nearest obstacle from the camera, along the ground, metres; infinite without.
+        Of the nearest obstacle from the camera, along the ground, metres; infinite without.
 
     """
 

@@ -23,15 +23,8 @@ class ConsumerViews:
     """
     A recording as its consumers get it.
 
-    Attributes
-    ----------
-    name : str
-        The recording's.
-    true : tuple of CameraView
-        The true depth of the scene, one for each pose of the camera.
-    seen : dict of str to tuple of CameraView
-        By rendition, e.g. ``real``: its images from the same poses.
-
+    ``true`` is the true depth of the scene, one for each pose of the camera; ``seen`` are, by
+    rendition, e.g. ``real``, its images from the same poses.
     """
 
     name: str
@@ -83,19 +76,9 @@ def run(
     step: Callable[[], None],
 ) -> Result:
     """
-    Run a consumer on all recordings.
+    Run a consumer on all recordings; one recording may take `limit` seconds.
 
-    Parameters
-    ----------
-    source : ConsumerSource
-        Where its class is.
-    recordings : sequence of ConsumerViews
-        What it gets.
-    limit : float
-        Seconds that one recording may take.
-    step : callable
-        Called after each recording.
-
+    ``step`` is called after each recording.
     """
     result, began = Result(source.label), time.monotonic()
     try:

@@ -20,18 +20,9 @@ def frames_around(
     Return which of a camera's kept frames are before and after a moment, as slots.
 
     Before the oldest frame both are the oldest one. After the newest they are the last two.
-
-    Parameters
-    ----------
-    stamps : numpy.ndarray
-        Nanoseconds of the frame in each slot.
-    first, slots : int
-        The camera has the slots ``first + 0`` to ``first + slots - 1``, used in turn.
-    oldest, count : int
-        Slot of its oldest frame, 0..slots - 1, and how many frames it has, 1 or more.
-    moment : int
-        Nanoseconds.
-
+    ``stamps`` of each slot and ``moment`` are nanoseconds. The camera has the slots ``first`` to
+    ``first + slots - 1``, used in turn. ``oldest`` is the slot of its oldest frame, 0..slots - 1,
+    and ``count`` how many frames it has, 1 or more.
     """
     early = i32(oldest)
     late = i32(oldest)
@@ -56,17 +47,9 @@ def is_late_nearer(share: np.float64) -> bool:
 
 def alike(change: float, late: float, seconds: float) -> bool:
     """
-    Say whether a pixel sees the same surface in two frames.
+    Say whether a pixel sees the same surface in two frames, `seconds` apart.
 
-    Parameters
-    ----------
-    change : float
-        By how much its depth changes, metres.
-    late : float
-        Its depth in the later frame, metres.
-    seconds : float
-        Between the frames.
-
+    ``change`` of its depth, and ``late``, its depth in the later frame, are in metres.
     """
     return size(change) < most(_ALIKE_SHARE * late, _ALIKE_SPEED * seconds)
 
@@ -79,20 +62,11 @@ def seen_between(early: float, late: float, nearer: float, share: float, seconds
 
 def between(early: np.ndarray, late: np.ndarray, share: float, seconds: float) -> np.ndarray:
     """
-    Return what is seen at a moment between two frames, or a little after.
+    Return what is seen at a moment between two frames `seconds` apart, or a little after.
 
     A surface moves evenly; where another one has come into view, the frame that is nearer in time
-    shows what there is.
-
-    Parameters
-    ----------
-    early, late : numpy.ndarray
-        (H, W) float32 metres.
-    share : float
-        0 at the time of ``early``, 1 at that of ``late``.
-    seconds : float
-        Between the two.
-
+    shows what there is. Frames are (H, W) float32 metres. ``share`` is 0 at the time of ``early``,
+    1 at that of ``late``.
     """
     nearer = late if is_late_nearer(np.float64(share)) else early
     images: tuple[Any, ...] = early, late, nearer

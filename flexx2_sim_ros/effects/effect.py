@@ -272,8 +272,7 @@ class Effect:
         """
         Return the numbers that the effect's formulas take, by name and in their order.
 
-        They are made of the parameters once a frame, or once a batch. By default they are the
-        parameters.
+        By default they are the parameters. They are made once a frame, or once a batch.
         """
         return {item.name: getattr(self, item.name) for item in self.parameters()}
 
@@ -295,20 +294,9 @@ def stream_of(name: str) -> int:
 
 def check_maps(effects: Iterable[Effect], width: int, height: int) -> None:
     """
-    Check that the maps of effects have the size of a camera's images.
+    Raise InputError where a map of an effect is not of `width` x `height` pixels.
 
-    Parameters
-    ----------
-    effects : iterable of Effect
-        What is to be switched on; those of strength 0 may have any map.
-    width, height : int
-        Of the images, pixels.
-
-    Raises
-    ------
-    InputError
-        Names the effect and both sizes.
-
+    Effects of strength 0 may have any map. The error names the effect and both sizes.
     """
     for effect in effects:
         for name, one in effect.forms.items():

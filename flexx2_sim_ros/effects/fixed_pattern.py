@@ -24,15 +24,9 @@ _ONE = f64(1.0)
 
 def mirrored(i: int, size: int, smallest: int) -> int:
     """
-    Return an index beyond a line's end as one within it, mirrored at the end.
+    Return an index at most two beyond 0..size - 1 as one within it, mirrored at the end.
 
-    Parameters
-    ----------
-    i, size : int
-        The index, at most two beyond 0..size - 1.
-    smallest : int
-        The image's smaller side; in tiny images an index beyond the end is the end.
-
+    ``smallest`` is the image's smaller side; in tiny images an index beyond the end is the end.
     """
     inside = least(most(i, i32(0)), size - 1)
     beyond = where(i < 0, -i, where(i >= size, 2 * (size - 1) - i, i))
@@ -43,17 +37,9 @@ def less_mean(
     white: NDArray[np.float32], first: int, height: int, width: int, y: int, x: int
 ) -> float:
     """
-    Return a pixel's noise less the mean over the 5 x 5 pixels around it.
+    Return the noise of pixel (y, x) less the mean over the 5 x 5 pixels around it.
 
-    Parameters
-    ----------
-    white : numpy.ndarray
-        Flat images.
-    first, height, width : int
-        The image's first element, and its size.
-    y, x : int
-        The pixel.
-
+    ``white`` are flat images; this one begins at element ``first``.
     """
     smallest = least(height, width)
     total = f32(0.0)
@@ -68,13 +54,7 @@ def to_unit_variance(total: np.float64, squares: np.float64, pixels: np.float64)
     """
     Return the factor that gives noise unit variance; 1 if it has none.
 
-    Parameters
-    ----------
-    total, squares : float
-        Sum of the noise and of its squares.
-    pixels : float
-        How many pixels that is.
-
+    It takes the sum of the noise and of its squares over so many `pixels`.
     """
     mean = total / pixels
     variance = squares / pixels - mean * mean

@@ -34,13 +34,8 @@ def border_place(place: float, jumps: bool) -> float:
     """
     Return where the border between two pixels is: 0 at the centre of the first, 1 of the second.
 
-    Parameters
-    ----------
-    place : float
-        The border's random number, 0..1: where a depth jump is, only its pixels are known.
-    jumps : bool
-        Whether there is one; a surface that goes on is divided evenly.
-
+    ``place`` is its random number, 0..1: where depth jumps, only the pixels of the jump are known.
+    A surface that goes on is divided evenly.
     """
     return where(jumps, place, _HALF)
 
@@ -49,13 +44,7 @@ def beyond_border(side: float, away: float) -> float:
     """
     Return the fraction of a square footprint that lies beyond a border.
 
-    Parameters
-    ----------
-    side : float
-        Of the square, pixels.
-    away : float
-        From the square's centre to the border, pixels.
-
+    ``side`` of the square, and ``away``, from its centre to the border, are in pixels.
     """
     return most(_HALF * side - away, _ZERO) / side
 

@@ -23,19 +23,10 @@ def survives_grazing(
     incidence: float, z: float, half: float, width: float, distance: float, strength: float
 ) -> float:
     """
-    Return the chance that a pixel stays valid.
+    Return the chance that a pixel at depth `z`, metres, and `incidence`, radians, stays valid.
 
-    Parameters
-    ----------
-    incidence, z : float
-        Incidence angle, radians, and depth, metres.
-    half, width : float
-        The angle at which half are lost at 1 m, and the logistic's width, radians.
-    distance : float
-        Logit added per factor e of depth.
-    strength : float
-        How often the chance to be lost is taken.
-
+    ``half`` is the angle at which half are lost at 1 m, ``width`` the logistic's, both radians;
+    ``distance`` is added to the logit per factor e of depth; ``strength`` is as in `survival`.
     """
     logit = (incidence - half) / width + distance * log_from_zero(z)
     return survival(logit, strength)
@@ -118,18 +109,10 @@ class GrazingDropout(Effect):
 
 def log_slant(cosine: np.ndarray, distance: np.ndarray) -> np.ndarray:
     """
-    Return the logarithm of the depth that a pixel spans, for a pixel of one radian.
+    Return the logarithm of the depth that a pixel spans, for a pixel of one radian, (H, W).
 
-    Parameters
-    ----------
-    cosine, distance : numpy.ndarray
-        (H, W) cosine of the incidence angle, and metres along the ray.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) ln(distance tan(incidence)), of metres.
-
+    It is ln(distance tan(incidence)), of metres, from the (H, W) cosine of the incidence angle and
+    distance along the ray, metres.
     """
     cosine = np.clip(cosine, np.float32(1e-3), np.float32(1 - 1e-6))
     return np.log(distance * np.sqrt(1 - cosine * cosine) / cosine)

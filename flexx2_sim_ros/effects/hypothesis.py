@@ -30,12 +30,10 @@ class StandIn:
 @dataclass(frozen=True)
 class Term:
     """
-    One parameter that a diagnosis fits.
+    One parameter, `name`, of an effect that a diagnosis fits.
 
     Attributes
     ----------
-    name : str
-        The effect's parameter.
     values : tuple of float
         Values that are simulated. Between them and ``neutral`` the diagnosis interpolates,
         beyond them it extrapolates.

@@ -44,23 +44,12 @@ def patch(
     reflectivity: float,
 ) -> tuple[float, float, float, float, float, float, float, float, float, float, float]:
     """
-    Describe a patch by the pixel in its middle.
+    Describe a patch of so many `pixels` by the pixel in its middle.
 
-    Parameters
-    ----------
-    here, du, dv, u, v, fx, fy : float
-        See `plane_normal`; ``here`` above 0.
-    pixels : float
-        How many pixels the patch has.
-    reflectivity : float
-        0..1.
-
-    Returns
-    -------
-    tuple of float
-        Position (x, y, z, metres), normal towards the camera (x, y, z), range (metres), radiosity
-        (reflectivity times irradiance times area), inverse depth, area (m^2), irradiance.
-
+    ``here`` (above 0) to ``fy`` are as for `plane_normal`. Returned are the position (x, y, z,
+    metres), the normal towards the camera (x, y, z), the range (metres), the radiosity
+    (reflectivity times irradiance times area), the inverse depth, the area (m^2) and the
+    irradiance.
     """
     rx = u / fx
     ry = v / fy
@@ -106,15 +95,8 @@ def light_from(
     """
     Return the light that a receiver gets from a sender, and how much longer its path is, metres.
 
-    Parameters
-    ----------
-    dx, dy, dz : float
-        From the receiver to the sender, metres.
-    sender_x, sender_y, sender_z, radiosity, area, sender_reach : float
-        The sender's normal, radiosity, area and range.
-    normal_x, normal_y, normal_z, reach : float
-        The receiver's normal and range.
-
+    ``dx``, ``dy``, ``dz`` are from the receiver to the sender, metres. The next six are the
+    sender's normal, radiosity, area and range, the last four the receiver's normal and range.
     """
     d2 = dx * dx + dy * dy + dz * dz
     d = root(most(d2, _NEAREST_SQUARED))
@@ -134,15 +116,9 @@ def receiver_before(pixel: int, receivers: int) -> tuple[int, float]:
 
 def receiver_weight(share: float, here: float, other: float) -> float:
     """
-    Return a receiver's weight for a pixel.
+    Return a receiver's weight for a pixel, from its bilinear weight `share`.
 
-    Parameters
-    ----------
-    share : float
-        Its bilinear weight.
-    here, other : float
-        Inverse depth of the pixel and of the receiver; 0 for nothing.
-
+    ``here`` and ``other`` are the inverse depths of the pixel and of the receiver; 0 for nothing.
     """
     alike = _ALIKE * here / (size(other - here) + _ALIKE * here)
     return where(other > _ZERO, (share + _LEAST_WEIGHT) * alike * alike * alike, _ZERO)
@@ -160,15 +136,9 @@ def receiver_weights(
     """
     Return the weights of the four receivers around a pixel, in this order; their sum is 1 or 0.
 
-    Parameters
-    ----------
-    here : float
-        Inverse depth of the pixel; 0 for no return.
-    right, down : float
-        The pixel's way from the receivers above and left to the others, 0..1.
-    above_left, above_right, below_left, below_right : float
-        Inverse depths of the receivers; 0 for no return, and where there is no receiver.
-
+    ``here`` is the pixel's inverse depth; 0 for no return. ``right`` and ``down`` are its way from
+    the receivers above and left to the others, 0..1. The receivers' inverse depths are 0 for no
+    return, and where there is no receiver.
     """
     w0 = receiver_weight((_ONE - right) * (_ONE - down), here, above_left)
     w1 = receiver_weight(right * (_ONE - down), here, above_right)
@@ -185,17 +155,9 @@ def with_bounce(
     """
     Return the shift, metres, by indirect light, and all light over the direct one.
 
-    Parameters
-    ----------
-    factor : float
-        On the indirect light.
-    real, imaginary : float
-        The indirect light over the direct one.
-    wave_number : float
-        Radians of phase a metre.
-    ray : float
-        Range over depth of the pixel: the longer path is along the ray.
-
+    ``factor`` is on the indirect light, which is ``real`` + i ``imaginary`` over the direct one.
+    ``wave_number`` is in radians of phase a metre. ``ray`` is the pixel's range over its depth:
+    the longer path is along the ray.
     """
     both = _ONE + factor * real
     across = factor * imaginary
@@ -211,24 +173,12 @@ _receiver_weights = compiled(receiver_weights)
 
 def bounce(state: FrameState, wave_numbers: Sequence[float]) -> list[np.ndarray]:
     """
-    Return the indirect light relative to the direct one.
+    Return the indirect light relative to the direct one, (H, W) complex64 of each frequency.
 
     Every patch of the image scatters the camera's own light diffusely on all others that face it;
-    occlusion between them is left out, and so is what lies outside the image.
-
-    Parameters
-    ----------
-    state : FrameState
-        With surface and reflectivity.
-    wave_numbers : sequence of float
-        Radians of phase a metre, of each modulation frequency.
-
-    Returns
-    -------
-    list of numpy.ndarray
-        For each modulation frequency (H, W) complex64: amplitude relative to the direct light's,
-        phase relative to its, as seen in depth. 0 where there is no return.
-
+    occlusion between them is left out, and so is what lies outside the image. `state` has surface
+    and reflectivity; ``wave_numbers`` are radians of phase a metre. The phase is as seen in depth.
+    0 where there is no return.
     """
     inverse = state.surface.inverse_depth
     height, width = state.depth.shape

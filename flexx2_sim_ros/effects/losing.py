@@ -11,15 +11,9 @@ _ONE = f32(1.0)
 
 def survival(logit: float, strength: float) -> float:
     """
-    Return the chance, 0..1, that a pixel stays valid.
+    Return the chance, 0..1, that a pixel stays valid: (1 - p)^strength.
 
-    Parameters
-    ----------
-    logit : float
-        p = 1 / (1 + e^-logit) is the chance to be lost.
-    strength : float
-        How often that chance is taken: (1 - p)^strength is returned.
-
+    p = 1 / (1 + e^-logit) is the chance to be lost.
     """
     return power(_ONE + exp(logit), -strength)
 
@@ -31,22 +25,10 @@ def kept_by(lost: np.ndarray, strength: float) -> np.ndarray:
 
 def lose(state: FrameState, survives: np.ndarray, stream: int) -> np.ndarray:
     """
-    Lose pixels, in ``state.measured``.
+    Lose pixels in ``state.measured``, at the stage DROPOUT; return which, (H, W) bool.
 
-    Parameters
-    ----------
-    state : FrameState
-        At the stage DROPOUT.
-    survives : numpy.ndarray
-        (H, W) float32, the chance of each pixel to stay valid.
-    stream : int
-        The effect's random numbers.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) bool, which were lost.
-
+    ``survives`` is (H, W) float32, the chance of each pixel to stay valid; ``stream`` are the
+    effect's random numbers.
     """
     lost: np.ndarray = state.uniforms(stream) > survives
     state.measured[lost] = np.nan

@@ -31,17 +31,10 @@ _STILL, _MOVING = np.uint8(1), np.uint8(2)
 
 def tap_moment(tap: float, taps: float, acquisition: float, stamp_at: float) -> float:
     """
-    Return when a raw frame is taken: 0 at the frame before, 1 at this one; never before 0.
+    Return when raw frame `tap` of `taps` is taken: 0 at the frame before, 1 at this one.
 
-    Parameters
-    ----------
-    tap, taps : float
-        Which raw frame out of how many.
-    acquisition : float
-        The time that all of them take, over the time between two frames.
-    stamp_at : float
-        When in that time the stamp is, 0..1.
-
+    It is never before 0. ``acquisition`` is the time that all of them take, over the time between
+    two frames; ``stamp_at`` is when in it the stamp is, 0..1.
     """
     return most(_ONE - acquisition * (stamp_at - (tap + _HALF) / taps), _ZERO)
 

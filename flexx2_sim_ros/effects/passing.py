@@ -19,24 +19,11 @@ def own_change(
     early: float, late: float, early_rho: float, late_rho: float, seconds: float
 ) -> tuple[float, float]:
     """
-    Return how what a pixel sees has changed since the frame before.
+    Return how what a pixel sees has changed since the frame before, `seconds` ago.
 
-    Parameters
-    ----------
-    early, late : float
-        Depth in the frame before and in this one, metres.
-    early_rho, late_rho : float
-        Reflectivity, above 0.
-    seconds : float
-        Between the frames.
-
-    Returns
-    -------
-    float
-        Depth before less depth now, metres; 0 where another surface was there.
-    float
-        The light before over that now; a colour that is clearly another one does not count.
-
+    Depths (``early``, ``late``) are in metres, reflectivities above 0. The first result is the
+    depth before less the depth now, metres; 0 where another surface was there. The second is the
+    light before over that now; a colour that is clearly another one does not count.
     """
     start = early - late
     same = alike(start, late, seconds)
@@ -83,19 +70,10 @@ def edge_speed(
     """
     Return how many pixels an edge has moved since the frame before, above 0 if ahead.
 
-    Where both of its sides are found nearest to it in the frame before; 0 where they are not.
-
-    Parameters
-    ----------
-    early, late, early_rho, late_rho : numpy.ndarray
-        Flat images: depth and reflectivity in the frame before and in this one.
-    early_i, late_i : int
-        The last pixel before the edge, in both.
-    step : int
-        From one pixel to the next, across the edge.
-    behind, ahead : int
-        How many pixels of the image are before that pixel and after it.
-
+    Both of its sides are looked for nearest to it in the frame before; 0 where they are not found.
+    The images, depth and reflectivity of both frames, are flat. ``early_i`` and ``late_i`` are the
+    last pixel before the edge, ``step`` is from one pixel to the next across it; ``behind`` and
+    ``ahead`` are how many pixels of the image are before that pixel and after it.
     """
     own = at(late, late_i)
     own_rho = at(late_rho, late_i)

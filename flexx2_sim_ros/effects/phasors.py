@@ -60,13 +60,10 @@ def frequency_factor() -> Any:
 @dataclass(frozen=True)
 class Wave:
     """
-    The light at one modulation frequency.
+    The light at one modulation frequency, whose `number` is in radians of phase a metre.
 
     Attributes
     ----------
-    state : FrameState
-    number : float
-        Radians of phase a metre.
     weight : float
         Of its distance in the depth.
     shift : numpy.ndarray
@@ -96,15 +93,9 @@ class Wave:
 
     def turn(self, before: np.ndarray, after: np.ndarray, pixels: Any = slice(None)) -> None:
         """
-        Shift depth by what the phase has turned.
+        Shift depth by what the phase has turned between `before` and `after`, in place.
 
-        Parameters
-        ----------
-        before, after : numpy.ndarray
-            (N,) complex64, the light of some pixels.
-        pixels : numpy.ndarray or slice
-            Which of the flat image.
-
+        They are (N,) complex64, the light of some `pixels` of the flat image.
         """
         turned = np.zeros(before.size, np.float32)
         turn(before, after, np.float32(self.number), turned)
@@ -116,19 +107,12 @@ class Wave:
 
 def waves(state: FrameState, mhz: float | None, factor: float | None) -> Iterator[Wave]:
     """
-    Yield the modulation frequencies that an effect on phases works at.
+    Yield the modulation frequencies that an effect on phases works at in a frame.
 
-    Parameters
-    ----------
-    state : FrameState
-        Of the frame.
-    mhz : float or None
-        One frequency, MHz, for a camera whose frequencies differ from its profile's. The phase is
-        then that of the range along the ray.
-    factor : float or None
-        Factor on the mode's frequencies, also of the range. Neither: the mode's frequencies and
-        the phase of depth, as in the kernels of `flexx2_sim_ros.batch`.
-
+    ``mhz`` is one frequency, MHz, for a camera whose frequencies differ from its profile's,
+    ``factor`` a factor on the mode's. The phase is then that of the range along the ray. With
+    neither it is the mode's frequencies and the phase of depth, as in the kernels of
+    `flexx2_sim_ros.batch`.
     """
     ray = None
     if mhz is not None or factor is not None:

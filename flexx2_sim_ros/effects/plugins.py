@@ -37,18 +37,9 @@ _broken: set[str] = set()
 
 def plug_ins(taken: Collection[str]) -> list[type[Effect]]:
     """
-    Load the effects of other packages.
+    Load the effects of other packages that can be used; a warning names each other one.
 
-    Parameters
-    ----------
-    taken : collection of str
-        Names that there are already.
-
-    Returns
-    -------
-    list of type of Effect
-        Those that can be used. Each other one is named in a warning.
-
+    ``taken`` are the names that there are already.
     """
     found: list[type[Effect]] = []
     names = set(taken)

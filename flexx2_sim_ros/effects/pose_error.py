@@ -45,15 +45,9 @@ def depth_ratio(dz: float, step_z: float, inverse: float) -> float:
     """
     Return a point's depth in the other camera over its depth in this one.
 
-    Parameters
-    ----------
-    dz : float
-        Of the turned ray to the point.
-    step_z : float
-        From one camera to the other, metres.
-    inverse : float
-        The point's inverse depth in this camera, 1/m; 0, infinitely far, needs no special case.
-
+    ``dz`` is of the turned ray to the point, ``step_z`` from one camera to the other, metres, and
+    ``inverse`` the point's inverse depth in this camera, 1/m; 0, infinitely far, needs no special
+    case.
     """
     return dz + step_z * inverse
 
@@ -64,19 +58,10 @@ def place_at(
     """
     Return the place along a row or column, in pixels, at which the other camera sees a point.
 
-    Parameters
-    ----------
-    direction : float
-        Of the ray to the point in the other camera's frame, along the row or column.
-    step : float
-        From one camera to the other in this direction, metres.
-    inverse : float
-        The point's inverse depth in this camera, 1/m.
-    far : float
-        Its depth in the other camera over that in this one.
-    focal, centre : float
-        Focal length and principal point, pixels.
-
+    ``direction`` of the ray to the point is in the other camera's frame, ``step`` from one camera
+    to the other in metres, both along the row or column. ``inverse`` is the point's inverse depth
+    in this camera, 1/m; ``far`` its depth in the other camera over that in this one. ``focal`` and
+    ``centre`` (the principal point's) are in pixels.
     """
     return focal * (direction + step * inverse) / far + centre
 

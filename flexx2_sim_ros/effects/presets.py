@@ -13,8 +13,8 @@ def preset_files() -> dict[str, str]:
     """
     Return the presets of ``config/effects`` by file name.
 
-    One for each effect at its typical strength, and ``typical.yaml`` with all that a typical
-    camera, well placed and calibrated, shows.
+    There is one for each effect at its typical strength, and ``typical.yaml`` with all that a
+    typical camera, well placed and calibrated, shows.
     """
     files = {
         f'{name}.yaml': effects_yaml([kind()], _comment(kind)) for name, kind in registry().items()

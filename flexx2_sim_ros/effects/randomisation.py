@@ -185,22 +185,11 @@ def parse_randomisation(
     """
     Read a randomisation from a table, as of a YAML file.
 
-    Parameters
-    ----------
-    table : mapping
-        ``effects``: by name, ``probability`` and ``parameters``, each a number or a table with
-        ``low`` and ``high`` (uniform), and ``mean`` and ``sd`` (normal). ``correlations``: lists
-        of two parameters (``effect.parameter``) and a number.
-    kinds : mapping
-        The effects there are, by name.
-    where : str
-        What to call the table in errors.
-
-    Raises
-    ------
-    InputError
-        Names what cannot be used.
-
+    ``effects`` of the table has, by name, ``probability`` and ``parameters``, each a number or a
+    table with ``low`` and ``high`` (uniform), and ``mean`` and ``sd`` (normal). ``correlations``
+    are lists of two parameters (``effect.parameter``) and a number. ``kinds`` are the effects
+    there are, by name; ``where`` is what to call the table in errors. Raises InputError that names
+    what cannot be used.
     """
     if not isinstance(table, Mapping) or not set(table) <= _KEYS or 'effects' not in table:
         raise InputError(f'{where}: must be a table of effects and correlations')

@@ -30,13 +30,8 @@ def widest_apart(spread: float, other: float, sigma: float) -> float:
     """
     Return how far noise may put the distances of two frequencies apart, metres.
 
-    Parameters
-    ----------
-    spread, other : float
-        The noise of each frequency's distance, in sigmas of their mean.
-    sigma : float
-        Of their mean, metres.
-
+    ``spread`` and ``other`` are the noise of each distance in sigmas of their mean, whose
+    ``sigma`` is in metres.
     """
     return _RARE * root(spread * spread + other * other) * sigma
 
@@ -62,21 +57,10 @@ def wrong_jump(
     """
     Return the jump to those whole wraps at which the frequencies' distances agree best, metres.
 
-    For every whole wrap of the finest frequency the others' nearest wraps are taken.
-
-    Parameters
-    ----------
-    errors : numpy.ndarray
-        How far each frequency's distance is from the mean, metres.
-    spans, weights : numpy.ndarray
-        Depth after which each phase repeats, metres, and weight in the mean.
-    count : int
-        How many frequencies there are.
-    ambiguity : float
-        Depth after which all phases together repeat, metres; the jump stays within it.
-    here : float
-        The mean, metres.
-
+    For every whole wrap of the finest frequency the others' nearest wraps are taken. ``errors``
+    are how far each frequency's distance is from their mean ``here``, ``spans`` the depth after
+    which each phase repeats, ``ambiguity`` that after which all of them repeat together, all in
+    metres; the jump stays within it. ``weights`` are those in the mean.
     """
     finest = i32(0)
     for f in range(count):
@@ -116,13 +100,8 @@ def folded(depth: float, ambiguity: float, chance: float, share: float) -> float
     """
     Return a depth modulo the ambiguity; NaN where there is nothing to wrap, or it is noticed.
 
-    Parameters
-    ----------
-    depth, ambiguity : float
-        Metres.
-    chance, share : float
-        The pixel's random number, 0..1, and the fraction that is not noticed.
-
+    Both are in metres. ``chance`` is the pixel's random number, 0..1, ``share`` the fraction that
+    is not noticed.
     """
     wraps = floor(depth / ambiguity)
     wrapped = where(wraps == _ZERO, _NAN, depth - wraps * ambiguity)

@@ -291,18 +291,8 @@ def check_map_files(folder: str | Path, before: str = '') -> None:
     """
     Check that maps of effects can be written to a folder, before a long computation.
 
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        The folder.
-    before : str
-        As for `map_file`.
-
-    Raises
-    ------
-    InputError
-        Where another file, such as a recording, has the name of a map's file.
-
+    `before` is as for `map_file`. Raises InputError where another file, such as a recording, has
+    the name of a map's file.
     """
     for name, kind in loadable().items():
         path = Path(folder) / map_file(name, before)

@@ -7,17 +7,9 @@ from dataclasses import dataclass, field
 @dataclass(frozen=True)
 class Free:
     """
-    A parameter that is fitted.
+    A parameter or optional number `name` that is fitted between `low` and `high`.
 
-    Attributes
-    ----------
-    name : str
-        Of a parameter or optional number of the effect.
-    low, high : float
-        Bounds of the fit.
-    log : bool
-        Whether steps are factors and not differences.
-
+    With ``log``, steps are factors and not differences.
     """
 
     name: str
@@ -55,19 +47,9 @@ class Scale:
     """
     A parameter that the shift of surfaces is proportional to, where poses hide most of the shift.
 
-    It is fitted with the poses; the strength is 1.
-
-    Attributes
-    ----------
-    label : str
-        For people.
-    name : str
-        Of the parameter.
-    most : float
-        Its upper bound; the lower one is 0.
-    variants : tuple of mapping
-        Other parameters of the effect. The variant is taken that suits the recordings best.
-
+    It is fitted with the poses, from 0 to ``most``; the strength is 1. ``label`` is for people,
+    ``name`` is the parameter's. ``variants`` are other parameters of the effect; the variant is
+    taken that suits the recordings best.
     """
 
     label: str

@@ -32,21 +32,10 @@ def mixed_with_alike(
     mix: float,
 ) -> float:
     """
-    Return a pixel's depth mixed with the mean of those of the 3 x 3 pixels that are alike.
+    Return the depth of pixel (y, x) mixed with the mean of the 3 x 3 pixels that are alike.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        Flat images, metres, NaN where invalid.
-    first, height, width : int
-        The image's first element, and its size.
-    y, x : int
-        The pixel.
-    limit : float
-        Pixels whose depths differ by at most this are alike, metres.
-    mix : float
-        Weight of the mean, 0..1.
-
+    ``depth`` are flat images, metres, NaN where invalid; this one begins at element ``first``.
+    Alike are depths that differ by at most ``limit``, metres. ``mix`` is the mean's weight, 0..1.
     """
     here = at(depth, first + y * width + x)
     total = f32(0.0)

@@ -131,23 +131,10 @@ class StrayLight(Effect):
 
 def spread_of(rows: int, columns: int, radius: float, exponent: float = 1.5) -> np.ndarray:
     """
-    Return how light spreads from one block to all others.
+    Return how light spreads from one block to all others, (2 * rows, 2 * columns) float64.
 
-    Parameters
-    ----------
-    rows, columns : int
-        Blocks of the image.
-    radius : float
-        Where half of the peak is left, blocks.
-    exponent : float
-        Of the kernel.
-
-    Returns
-    -------
-    numpy.ndarray
-        (2 * rows, 2 * columns) float64 of sum 1, (1 + r^2 / w^2)^-exponent; rows and columns
-        beyond the middle are distances to the other side.
-
+    It is (1 + r^2 / w^2)^-exponent with sum 1; ``radius`` is where half of the peak is left, in
+    blocks. Rows and columns beyond the middle are distances to the other side.
     """
     w2 = radius**2 / (2.0 ** (1.0 / exponent) - 1.0)
     y = np.minimum(np.arange(2 * rows), 2 * rows - np.arange(2 * rows))

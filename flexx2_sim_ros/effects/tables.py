@@ -19,15 +19,9 @@ _MOST_BYTES = 8 * MOST_SIDE**2
 @dataclass(frozen=True)
 class Curve:
     """
-    A function of one covariate: linear between knots, constant beyond them.
+    A function of one covariate: linear between knots, which rise, constant beyond them.
 
-    Attributes
-    ----------
-    knots, values : tuple of float
-        The same number of each; knots rise.
-    period : float or None
-        With which the curve repeats; None: it does not.
-
+    There are as many values as knots. With ``period`` the curve repeats; None: it does not.
     """
 
     knots: tuple[float, ...]
@@ -46,15 +40,7 @@ class Curve:
 
 
 class PixelMap:
-    """
-    One number for each pixel.
-
-    Parameters
-    ----------
-    values : numpy.ndarray
-        (H, W), finite; copied to float32 that cannot be changed.
-
-    """
+    """One number for each pixel: (H, W), finite; copied to float32 that cannot be changed."""
 
     def __init__(self, values: np.ndarray) -> None:
         """Keep a copy."""
@@ -117,11 +103,8 @@ class Table:
         """
         Return a value as a curve, map or number; None stays None.
 
-        Raises
-        ------
-        InputError
-            When it is none of them, or its numbers are out of bounds; names ``where``.
-
+        Raises InputError, which names `where`, when it is none of them, or its numbers are out of
+        bounds.
         """
         if value is None:
             return None
@@ -212,27 +195,11 @@ def optional_number(unit: str, low: float, high: float, text: str) -> Any:
 
 def read_map(folder: Path, name: Any, where: str) -> np.ndarray:
     """
-    Read a map from a file beside a file of effects.
+    Read a map from the .npz file `name` (without a folder) in the folder of a file of effects.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Of the file of effects.
-    name : str
-        The file's name, without a folder.
-    where : str
-        What the map is called in errors.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W); nothing of it is checked yet.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, is too large, or has anything but one array ``map`` in it.
-
+    Nothing of the map, (H, W), is checked yet; `where` is what it is called in errors. Raises
+    InputError when the file cannot be read, is too large, or has anything but one array ``map`` in
+    it.
     """
     if not isinstance(name, str) or Path(name).name != name or not name.endswith('.npz'):
         raise InputError(

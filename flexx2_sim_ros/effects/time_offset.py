@@ -98,16 +98,7 @@ def arriving_late(delay: Any) -> tuple[list[TimeOffset], list[Distribution]]:
     """
     Return the effect of images that arrive late, and how its delay is drawn.
 
-    Parameters
-    ----------
-    delay : float or sequence of float
-        Seconds, or the lowest and the highest.
-
-    Raises
-    ------
-    InputError
-        For anything else.
-
+    ``delay`` is in seconds, or the lowest and the highest. Raises InputError for anything else.
     """
     ends = delay if isinstance(delay, tuple | list) else (delay, delay)
     if len(ends) != 2 or not all(map(is_finite, ends)) or not 0 <= ends[0] <= ends[1] <= 1:

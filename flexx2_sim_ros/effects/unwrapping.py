@@ -32,16 +32,8 @@ def agree(state: FrameState, pixels: np.ndarray, lengths: np.ndarray | float = 1
     Let the frequencies of some pixels agree on one distance, as a camera does that unwraps them.
 
     It may be far from all surfaces in the pixel. One frequency alone has nothing to agree with.
-
-    Parameters
-    ----------
-    state : FrameState
-        Its ``shifts`` are changed in place.
-    pixels : numpy.ndarray
-        (N,) which of the flat image.
-    lengths : numpy.ndarray or float
-        (N,) factor on depth that gives the distance whose phases are compared.
-
+    The ``shifts`` of `state` are changed in place at the (N,) ``pixels`` of the flat image.
+    ``lengths`` (N,) is the factor on depth that gives the distance whose phases are compared.
     """
     frequencies = state.mode.modulation_hz
     if len(frequencies) < 2 or not pixels.size:

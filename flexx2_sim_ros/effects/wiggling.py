@@ -30,15 +30,10 @@ def harmonics(
     b4: float,
 ) -> float:
     """
-    Return the shift by four harmonics of the modulation.
+    Return the shift by four harmonics of the modulation at a phase in `turns`, metres.
 
-    Parameters
-    ----------
-    turns : float
-        Of phase.
-    a1, b1, a2, b2, a3, b3, a4, b4 : float
-        Of the sine (a) and the cosine (b) of one to four times the phase, metres.
-
+    ``a1`` to ``a4`` are of the sine, ``b1`` to ``b4`` of the cosine of one to four times the
+    phase, metres.
     """
     c1, s1 = direction(turns)
     c2 = c1 * c1 - s1 * s1

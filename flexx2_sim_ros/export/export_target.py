@@ -74,18 +74,8 @@ def reach(noise: MapperNoise, cell: float) -> tuple[float, tuple[str, ...]]:
     """
     Return up to which distance sigma is at most half a cell, and what to say if it never is.
 
-    Parameters
-    ----------
-    noise : MapperNoise
-        The camera.
-    cell : float
-        Edge length of a cell, metres.
-
-    Returns
-    -------
-    tuple of float and tuple of str
-        Metres: the range of the mode if sigma is never at most half a cell, or is so to the end.
-
+    Both are in metres. It is the range of the mode if sigma is never at most half a cell, or is so
+    to the end.
     """
     usable = noise.typical <= cell / 2  # False for NaN
     if not usable.any():
@@ -118,15 +108,8 @@ def common_losses(
     """
     Return what no target, or hardly one, can hold.
 
-    Parameters
-    ----------
-    noise : MapperNoise
-        What the camera has.
-    bias : bool
-        Whether the target holds the mean error over all distances.
-    lateral : bool
-        Whether the target holds sigma_x.
-
+    ``bias`` and ``lateral`` say whether the target holds the mean error over all distances, and
+    sigma_x.
     """
     found = []
     if len(noise.angles) > 1:

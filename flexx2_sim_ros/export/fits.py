@@ -21,10 +21,9 @@ class NoiseFit:
         For people, e.g. ``a z^2``.
     values : tuple of float
         Its coefficients.
-    worst : float
-        The worst ratio of what is written to the camera's own value: 1 where they agree.
-    at : float
-        Distance of that ratio, metres.
+    worst, at : float
+        The worst ratio of what is written to the camera's own value, 1 where they agree, and its
+        distance, metres.
 
     """
 
@@ -52,17 +51,8 @@ def fit_power(
     """
     Fit ``a z^power`` by least squares of the logarithm: a factor of 2 weighs the same everywhere.
 
-    Parameters
-    ----------
-    distance, sigma : numpy.ndarray
-        (N,) metres; NaN in sigma is left out.
-    power : int
-        0 for a constant.
-    form : str
-        What to call it.
-    low, high : float
-        Bounds of a.
-
+    Distance and sigma are (N,) metres; NaN in sigma is left out. The power is 0 for a constant,
+    ``form`` what to call it; a is from ``low`` to ``high``.
     """
     distance, sigma = _seen(distance, sigma)
     value = float(np.clip(np.exp(np.mean(np.log(sigma / distance**power))), low, high))
@@ -73,13 +63,8 @@ def fit_structured_light(distance: np.ndarray, sigma: np.ndarray) -> NoiseFit:
     """
     Fit ``a + b (z - c)^2 + d z^e`` by least squares of the logarithm.
 
-    The last term is left out where it does not bring the worst ratio nearer to 1 by half.
-
-    Parameters
-    ----------
-    distance, sigma : numpy.ndarray
-        (N,) metres; NaN in sigma is left out.
-
+    The last term is left out where it does not bring the worst ratio nearer to 1 by half. Distance
+    and sigma are (N,) metres; NaN in sigma is left out.
     """
     distance, sigma = _seen(distance, sigma)
     far = float(distance.max())

@@ -188,20 +188,8 @@ def wall_depth(camera: Intrinsics, distance: float, angle: float) -> np.ndarray:
     """
     Return the exact depth of a wall that is turned about the horizontal axis of the image.
 
-    Parameters
-    ----------
-    camera : Intrinsics
-        The lens.
-    distance : float
-        Along the optical axis, metres.
-    angle : float
-        Between the optical axis and the wall's normal, degrees.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) float64 metres; NaN where a ray misses the wall.
-
+    It is (H, W) float64 metres; NaN where a ray misses the wall. ``distance`` is along the optical
+    axis, metres, ``angle`` between that axis and the wall's normal, degrees.
     """
     slope = math.tan(math.radians(angle))
     with np.errstate(divide='ignore', invalid='ignore'):

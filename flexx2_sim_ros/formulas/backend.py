@@ -12,17 +12,8 @@ class Backend:
     Compile formulas, each once, together with the formulas that they call.
 
     The code of a formula stays the same. Only the values of its global names change: those of
-    `scalars` to the backend's own, constants to what the backend wants constants to be.
-
-    Parameters
-    ----------
-    names : mapping
-        The backend's own definitions of the names in `scalars`.
-    constant : callable
-        Turns a constant (a NumPy number or a tuple of such) into the backend's.
-    finish : callable
-        Compiles a function whose global names all belong to the backend.
-
+    `scalars` to the backend's own, ``names``, constants (NumPy numbers or tuples of such) by
+    ``constant``. ``finish`` compiles a function whose global names all belong to the backend.
     """
 
     def __init__(

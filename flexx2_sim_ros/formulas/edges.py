@@ -7,11 +7,7 @@ def is_upright(across: int, down: int) -> bool:
     """
     Say whether an edge runs nearer to vertical, or diagonally.
 
-    Parameters
-    ----------
-    across, down : int
-        Depth jumps along rows and along columns in the window around it.
-
+    It takes the number of depth jumps along rows and along columns in the window around it.
     """
     # One more or less is where the window happens to cut a diagonal.
     return across + 1 >= down
@@ -19,17 +15,10 @@ def is_upright(across: int, down: int) -> bool:
 
 def pixels_moved(draw: float, sigma: float, limit: int) -> int:
     """
-    Return by how many pixels an edge moves.
+    Return by how many pixels an edge moves, at most `limit`.
 
-    Parameters
-    ----------
-    draw : float
-        A random number of unit variance.
-    sigma : float
-        Standard deviation before rounding, pixels.
-    limit : int
-        Largest displacement, pixels.
-
+    ``draw`` is a random number of unit variance, ``sigma`` the standard deviation before rounding,
+    pixels.
     """
     return i32(nearest(least(most(sigma * draw, -f32(limit)), f32(limit))))
 
@@ -43,15 +32,9 @@ def passed_pixel(along: int, step: int, shift: int) -> int:
     """
     Return the position of a pixel that an edge passes when it moves.
 
-    Parameters
-    ----------
-    along : int
-        The edge is between the positions ``along`` and ``along + 1`` of a line.
-    step : int
-        Which pixel it passes: 1 for the first.
-    shift : int
-        By how many pixels it moves; below 0 it moves towards position 0.
-
+    The edge is between the positions ``along`` and ``along + 1`` of a line. ``step`` is 1 for the
+    first pixel that it passes; ``shift`` is by how many pixels it moves, below 0 towards position
+    0.
     """
     return where(shift > 0, along + step, along + 1 - step)
 

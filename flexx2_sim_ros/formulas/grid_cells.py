@@ -7,15 +7,8 @@ def nearest_cell(x: float, first: float, pitch: float) -> float:
     """
     Return the index of the grid point nearest to a place, as a whole number.
 
-    Parameters
-    ----------
-    x : float
-        The place, metres.
-    first : float
-        Place of the grid point with index 0, metres.
-    pitch : float
-        Distance of the grid points, metres.
-
+    All are in metres: ``first`` is the grid point with index 0, ``pitch`` the distance of grid
+    points.
     """
     return nearest((x - first) / pitch)
 

@@ -15,13 +15,8 @@ def shift_between(
     """
     Return the distance, metres, by which the phase of light is ahead of that of the first light.
 
-    Parameters
-    ----------
-    real, imaginary, first_real, first_imaginary : float
-        The two as complex numbers; 0 is returned if one of them is 0.
-    wave_number : float
-        Radians of phase a metre.
-
+    Both are complex numbers; 0 is returned if one of them is 0. ``wave_number`` is in radians of
+    phase a metre.
     """
     ahead = arctan2(
         imaginary * first_real - real * first_imaginary,

@@ -75,17 +75,9 @@ def plane_normal(
     """
     Return the normal n, 1/m, of the plane n . X = 1 that a pixel sees.
 
-    Parameters
-    ----------
-    here : float
-        Inverse depth, 1/m.
-    du, dv : float
-        Its slopes along the row and the column, 1/m a pixel.
-    u, v : float
-        From the principal point to the pixel, pixels.
-    fx, fy : float
-        Focal lengths, pixels.
-
+    ``here`` is inverse depth, 1/m, ``du`` and ``dv`` its slopes along the row and the column, 1/m
+    a pixel; ``u`` and ``v`` are from the principal point to the pixel, ``fx`` and ``fy`` focal
+    lengths, pixels.
     """
     return fx * du, fy * dv, here - u * du - v * dv
 
@@ -109,19 +101,8 @@ def cos_incidence(
     """
     Return the cosine of the angle between a pixel's ray and its surface's normal.
 
-    Parameters
-    ----------
-    here : float
-        Inverse depth; 1 is returned where it is 0.
-    du, dv : float
-        Its slopes along the row and the column, 1/m a pixel.
-    u, v : float
-        From the principal point to the pixel, pixels.
-    rx, ry : float
-        The same over the focal lengths: the pixel's ray is (rx, ry, 1).
-    fx, fy : float
-        Focal lengths, pixels.
-
+    It is 1 where ``here``, the inverse depth, is 0. ``rx`` and ``ry`` are ``u`` and ``v`` over the
+    focal lengths: the pixel's ray is (rx, ry, 1). The rest is as for `plane_normal`.
     """
     nx, ny, nz = plane_normal(here, du, dv, u, v, fx, fy)
     # n . ray = p for the pixel's ray.
@@ -133,13 +114,8 @@ def beside(here: float, du: float, dv: float, across: float, down: float) -> flo
     """
     Return the inverse depth of a surface a fraction of a pixel beside a pixel's middle.
 
-    Parameters
-    ----------
-    here, du, dv : float
-        Inverse depth in the middle, and its slopes; see `plane_normal`.
-    across, down : float
-        How far beside, pixels.
-
+    ``here``, ``du`` and ``dv`` are as for `plane_normal`; ``across`` and ``down`` are how far
+    beside, pixels.
     """
     value = here + across * du + down * dv
     return where(value > _ZERO, value, here)
@@ -151,17 +127,8 @@ def model_sigma(
     """
     Return the model's sigma_z of a surface, metres; a fit may be negative somewhere.
 
-    Parameters
-    ----------
-    z : float
-        Depth, metres.
-    cosine : float
-        Of the incidence angle.
-    a, b, c, d, n : float
-        The mode's coefficients.
-    cap : float
-        Largest incidence angle, radians.
-
+    ``z`` is depth, metres, ``cosine`` that of the incidence angle, which is at most ``cap``,
+    radians. The rest are the mode's coefficients.
     """
     theta = least(arccos(cosine), cap)
     slant = theta / (_HALF_PI - theta)

@@ -60,31 +60,13 @@ def decode_camera_info(
     notes: list[str] | None = None,
 ) -> Intrinsics:
     """
-    Decode a ``sensor_msgs/CameraInfo``.
+    Decode a ``sensor_msgs/CameraInfo``, or `CameraFields`, as the intrinsics of an image.
 
-    Parameters
-    ----------
-    message
-        The message, or `CameraFields`.
-    field : str
-        What to call it in errors.
-    size : tuple of int, optional
-        Height and width of the image: whether the camera info is that of the full sensor.
-    rectified : bool
-        Whether the image is rectified.
-    notes : list of str, optional
-        What was taken otherwise than the fields say is added here.
-
-    Returns
-    -------
-    Intrinsics
-        Of the image; of the size in the message where `size` does not fit.
-
-    Raises
-    ------
-    InputError
-        When it cannot be a pinhole camera with plumb_bob or rational_polynomial distortion.
-
+    ``size``, height and width of the image, tells whether the camera info is that of the full
+    sensor. Where it does not fit, the result has the size in the message. ``field`` is what to
+    call the message in errors. What was taken otherwise than the fields say is added to ``notes``.
+    Raises InputError when it cannot be a pinhole camera with plumb_bob or rational_polynomial
+    distortion.
     """
     said: list[str] = []
     try:

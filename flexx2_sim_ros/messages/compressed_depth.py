@@ -19,23 +19,10 @@ def decompress(message: Any, field: str) -> Any:
     """
     Return the image that a ``sensor_msgs/CompressedImage`` holds without loss.
 
-    Parameters
-    ----------
-    message
-        Of a topic whose name ends in `SUFFIX`; depth of 16 bits as PNG or RVL.
-    field : str
-        What to call it in errors, e.g. its topic.
-
-    Returns
-    -------
-    object
-        With the fields of ``sensor_msgs/Image``.
-
-    Raises
-    ------
-    InputError
-        For other depth, of which the compressed images are rounded, and damaged or too large ones.
-
+    It has the fields of ``sensor_msgs/Image``. The message is of a topic whose name ends in
+    `SUFFIX`, with depth of 16 bits as PNG or RVL; ``field`` is what to call it in errors, e.g. its
+    topic. Raises InputError for other depth, of which the compressed images are rounded, and
+    damaged or too large ones.
     """
     encoding, _, form = str(message.format).partition(';')
     if encoding not in _WHOLE or 'compressedDepth' not in form:
@@ -60,25 +47,10 @@ def decompress(message: Any, field: str) -> Any:
 
 def decode_rvl(content: bytes, field: str) -> np.ndarray:
     """
-    Decode RVL (Wilson, Fast Lossless Depth Image Compression, 2017) after its width and height.
+    Decode RVL (Wilson, Fast Lossless Depth Image Compression, 2017) to (H, W) uint16.
 
-    Parameters
-    ----------
-    content : bytes
-        Width and height of 32 bits, and numbers in groups of three bits.
-    field : str
-        What to call it in errors.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) uint16.
-
-    Raises
-    ------
-    InputError
-        When it is damaged or has too many pixels.
-
+    ``content`` is width and height of 32 bits, and numbers in groups of three bits; ``field`` is
+    what to call it in errors. Raises InputError when it is damaged or has too many pixels.
     """
     width, height = struct.unpack_from('<II', content) if len(content) >= 8 else (0, 0)
     if not 0 < width * height <= MOST_PIXELS:

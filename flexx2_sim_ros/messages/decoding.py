@@ -45,28 +45,12 @@ def check_stamp(stamp: Any, field: str) -> None:
 
 def decode_image(message: Any, field: str, encodings: tuple[str, ...]) -> np.ndarray:
     """
-    Decode a single-channel ``sensor_msgs/Image``.
+    Decode a single-channel ``sensor_msgs/Image`` to (height, width) float32, C-contiguous.
 
-    Parameters
-    ----------
-    message
-        The message; rows may be padded, bytes of either order.
-    field : str
-        What to call it in errors, e.g. its topic.
-    encodings : tuple of str
-        Which of 32FC1, 64FC1 and 16UC1 to accept.
-
-    Returns
-    -------
-    numpy.ndarray
-        (height, width) float32, C-contiguous; metres for depth (16UC1 is in millimetres, and
-        its largest value becomes NaN: no depth). May share the message's memory.
-
-    Raises
-    ------
-    InputError
-        When encoding, size, step or data length do not fit.
-
+    It is metres for depth (16UC1 is in millimetres, and its largest value becomes NaN: no depth),
+    and may share the message's memory. Rows may be padded, bytes of either order. ``field`` is
+    what to call the message in errors, e.g. its topic; ``encodings`` are which of 32FC1, 64FC1 and
+    16UC1 to accept. Raises InputError when encoding, size, step or data length do not fit.
     """
     raw = image_pixels(message, field, encodings)
     _, unit = _ENCODINGS[message.encoding]
@@ -82,24 +66,9 @@ def image_pixels(message: Any, field: str, encodings: tuple[str, ...]) -> np.nda
     """
     Return the pixels of a single-channel ``sensor_msgs/Image`` without conversion.
 
-    Parameters
-    ----------
-    message, field
-        As in `decode_image`.
-    encodings : tuple of str
-        Which of 32FC1, 64FC1, 16UC1, mono16, 8UC1 and mono8 to accept.
-
-    Returns
-    -------
-    numpy.ndarray
-        (height, width) of the encoding's dtype and the message's byte order, a view of the
-        message's memory.
-
-    Raises
-    ------
-    InputError
-        When encoding, size, step or data length do not fit.
-
+    They are (height, width) of the encoding's dtype and the message's byte order, a view of the
+    message's memory. ``encodings`` are which of 32FC1, 64FC1, 16UC1, mono16, 8UC1 and mono8 to
+    accept; the rest is as for `decode_image`.
     """
     if message.encoding not in encodings:
         raise InputError(
@@ -130,28 +99,12 @@ def decode_distortion(
     model: str, coefficients: Iterable[float], field: str = 'camera_info'
 ) -> tuple[float, ...]:
     """
-    Return the distortion of a camera info or of a calibration file.
+    Return the distortion of a camera info or a calibration file, as `Intrinsics.distortion`.
 
-    Parameters
-    ----------
-    model : str
-        ``plumb_bob`` (or another name of it) or ``rational_polynomial``; any other if all
-        coefficients are 0.
-    coefficients : iterable of float
-        In the order of `Intrinsics.distortion`; zeros at the end may be left out.
-    field : str
-        What to call the message or file in errors.
-
-    Returns
-    -------
-    tuple of float
-        As `Intrinsics.distortion`; five zeros for no distortion.
-
-    Raises
-    ------
-    InputError
-        For another model, or too many coefficients.
-
+    ``model`` is ``plumb_bob`` (or another name of it) or ``rational_polynomial``; any other if all
+    coefficients are 0: then five zeros are returned. Zeros at the end of the coefficients may be
+    left out. ``field`` is what to call the message or file in errors. Raises InputError for
+    another model, or too many coefficients.
     """
     given = [float(value) for value in coefficients]
     if _simple(model) in _PLUMB_BOBS:

@@ -23,17 +23,8 @@ class CameraOutputs:
     """
     Publish the frames of a camera under ``~/``, as the vendor's driver does.
 
-    An image or a cloud is computed only if its topic has a subscription.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node that publishes.
-    settings : CameraParameters
-        Its parameters, as they are now.
-    sensor : Sensor
-        Gives the full scale of the grey image.
-
+    An image or a cloud is computed only if its topic has a subscription. ``settings`` are the
+    node's parameters, as they are now; ``sensor`` gives the full scale of the grey image.
     """
 
     def __init__(self, node: Node, settings: CameraParameters, sensor: Sensor) -> None:

@@ -40,14 +40,9 @@ class CameraParameters:
     """
     Declare, check and hold the parameters of a camera node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node to declare them on.
-    profile : Profile
-        The camera; gives modes and default intrinsics.
-    on_change : callable
-        Called after a change of the mode or the effects, with whether the mode has changed.
+    ``profile`` gives modes and default intrinsics. ``on_change`` is called after a change of the
+    mode or the effects, with whether the mode has changed. Raises InputError when a value given at
+    the start cannot be used.
 
     Attributes
     ----------
@@ -57,11 +52,6 @@ class CameraParameters:
         Pose of the lens in that frame: metres; roll, pitch, yaw in radians.
     chain : Chain or None
         How depth is processed for ``~/processed/depth_image``, if it is.
-
-    Raises
-    ------
-    InputError
-        When a value given at the start cannot be used.
 
     """
 

@@ -38,21 +38,8 @@ class EffectParameters:
     ``*`` while a number differs from the file's. Setting a value that ends with ``*`` does not
     change the numbers, so parameters can be saved and set again in any order.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node to declare them on.
-
-    Attributes
-    ----------
-    chosen : tuple of Effect
-        All effects with their present parameters; those of strength 0 are off.
-
-    Raises
-    ------
-    InputError
-        When a value given at the start cannot be used.
-
+    ``chosen`` are all effects with their present parameters; those of strength 0 are off. Raises
+    InputError when a value given at the start cannot be used.
     """
 
     def __init__(self, node: Node) -> None:
@@ -114,11 +101,7 @@ class EffectParameters:
         """
         Check new values by name; return all effects with these values.
 
-        Raises
-        ------
-        InputError
-            When a value or the file cannot be used.
-
+        Raises InputError when a value or the file cannot be used.
         """
         if FILE in values and isinstance(self._next, InputError):
             raise self._next

@@ -27,11 +27,6 @@ class FrameGate:
     of it is accepted. After a gap, the timing continues from the first input. A stamp that goes
     back (a simulation was reset) restarts it.
 
-    Parameters
-    ----------
-    rate_hz : float
-        The mode's frame rate.
-
     Attributes
     ----------
     early, repeats, restarts : int

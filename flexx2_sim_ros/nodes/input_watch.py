@@ -17,17 +17,9 @@ _LATELY_SECONDS = 5.0
 @dataclass(frozen=True)
 class Remark:
     """
-    A remark about the input.
+    A remark about the input, for users; `warn` says whether they should act on it.
 
-    Attributes
-    ----------
-    kind : str
-        Identifies the reason; independent of values in the text.
-    text : str
-        The remark, for users.
-    warn : bool
-        Whether the user should act on it.
-
+    ``kind`` identifies the reason; independent of values in the text.
     """
 
     kind: str
@@ -39,13 +31,7 @@ class InputWatch:
     """
     Watch the input for lost messages, unpaired messages and images without a pixel in range.
 
-    Parameters
-    ----------
-    inputs : mapping of str to Input
-        By name (``clean/depth_image``).
-    pairing : StampPairing
-        Pairs images with their companions.
-
+    ``inputs`` are by name (``clean/depth_image``).
     """
 
     def __init__(self, inputs: Mapping[str, Input], pairing: StampPairing) -> None:

@@ -18,22 +18,10 @@ class LateFrames:
     Publish each frame when the node's clock has reached its stamp plus a delay.
 
     Frames stay in order. The node's clock is that of ``/clock`` with ``use_sim_time``. If the
-    stamps are those of another clock, a frame waits for the delay after it was made. The
-    oldest frames are dropped when too many wait, as while the clock stands still, and all of
-    them when it is set back by more than two seconds.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Has the clock and the timer.
-
-    Attributes
-    ----------
-    other_clock : bool
-        Whether the stamp of the last frame was of another clock.
-    dropped : int
-        Number of frames that were dropped.
-
+    stamps are those of another clock, a frame waits for the delay after it was made. The oldest
+    frames are dropped when too many wait, as while the clock stands still, and all of them when it
+    is set back by more than two seconds. ``other_clock`` says whether the stamp of the last frame
+    was of another clock, ``dropped`` how many frames were dropped.
     """
 
     def __init__(self, node: Node) -> None:
@@ -60,15 +48,8 @@ class LateFrames:
         """
         Publish a frame when it is due; at once if it is due already.
 
-        Parameters
-        ----------
-        stamp, delay : int
-            Nanoseconds.
-        rate_hz : float
-            How many frames a second come at most.
-        publish : callable
-            Publishes the frame; must not raise.
-
+        Stamp and delay are nanoseconds. At most ``rate_hz`` frames a second come. ``publish`` must
+        not raise.
         """
         now = self._now()
         if not (delay or self._waiting):

@@ -15,19 +15,9 @@ def message_class(kind: str) -> type:
     """
     Return the Python class of a message type such as ``sensor_msgs/msg/Image``.
 
-    Importing a module runs it, and the name comes from outside. So only packages that rosidl
-    generated are imported, and this is checked on their files.
-
-    Parameters
-    ----------
-    kind : str
-        The type, as a bag or the ROS graph names it.
-
-    Raises
-    ------
-    InputError
-        When it is no message type, or not installed.
-
+    Importing a module runs it, and the name comes from outside, from a bag or the ROS graph. So
+    only packages that rosidl generated are imported, and this is checked on their files. Raises
+    InputError when it is no message type, or not installed.
     """
     match = _TYPE.fullmatch(kind)
     if match is None:

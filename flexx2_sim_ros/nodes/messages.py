@@ -44,17 +44,9 @@ def cloud_message(
     """
     Return a cloud of x, y, z, conf, one point for each pixel, row by row.
 
-    Parameters
-    ----------
-    head : Header
-        Stamp and frame.
-    points : numpy.ndarray
-        (H, W, 3) float32 metres.
-    confidence : numpy.ndarray
-        (H, W) float32 in 0..1.
-    swapped : bool
-        Whether to exchange width and height, as the vendor's driver does. The bytes stay the same.
-
+    ``points`` are (H, W, 3) float32 metres, ``confidence`` is (H, W) float32 in 0..1. If
+    ``swapped``, width and height are exchanged, as the vendor's driver does; the bytes stay the
+    same.
     """
     height, width = confidence.shape[::-1] if swapped else confidence.shape
     fields = [
@@ -95,17 +87,9 @@ def transform(
     stamp: int, frames: tuple[str, str], position: np.ndarray, turn: np.ndarray
 ) -> TransformStamped:
     """
-    Return the pose of the second frame in the first.
+    Return the pose of the second frame in the first; ``stamp`` is in nanoseconds.
 
-    Parameters
-    ----------
-    stamp : int
-        Nanoseconds.
-    frames : tuple of str
-        Parent and child.
-    position, turn : numpy.ndarray
-        (3,) metres and (4,) quaternion (w, x, y, z).
-
+    ``position`` is (3,) metres, ``turn`` a (4,) quaternion (w, x, y, z).
     """
     return TransformStamped(
         header=header(stamp, frames[0]),

@@ -13,18 +13,8 @@ class Pacer:
     """
     Count ticks. Tick k is at the simulated time k / rate, independent of pace and pauses.
 
-    Parameters
-    ----------
-    rate_hz : float
-        Ticks per simulated second.
-
-    Attributes
-    ----------
-    tick : int
-        Number of ticks so far.
-    lag : float
-        Real seconds given up so far because ticks took too long.
-
+    ``tick`` is the number of ticks so far, ``lag`` the real seconds given up so far because ticks
+    took too long.
     """
 
     def __init__(self, rate_hz: float) -> None:

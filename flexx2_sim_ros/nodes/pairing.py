@@ -10,17 +10,10 @@ _KEPT = 16
 @dataclass(frozen=True)
 class Match:
     """
-    A depth image and its companions.
+    A depth image, its stamp in nanoseconds, and its companions: messages or None.
 
-    Attributes
-    ----------
-    stamp : int
-        The image's stamp, nanoseconds.
-    image, info : Any
-        The messages; ``info`` is the one of the image's stamp, else the latest, else None.
-    reflectivity : Any
-        The message of exactly the image's stamp, or None.
-
+    ``info`` is the one of the image's stamp, else the latest, else None; ``reflectivity`` is of
+    exactly the image's stamp.
     """
 
     stamp: int
@@ -40,12 +33,8 @@ class StampPairing:
     When stamps go back (a simulation was reset), messages from before are not paired with
     messages from after, except for the last camera info.
 
-    Attributes
-    ----------
-    paired, unpaired : dict of str to int
-        By name of companion: number of images with this companion, and of companions that were
-        dropped because no image had their stamp.
-
+    By name of companion, ``paired`` counts images with this companion, and ``unpaired`` the
+    companions that were dropped because no image had their stamp.
     """
 
     def __init__(self) -> None:

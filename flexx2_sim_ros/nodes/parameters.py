@@ -39,32 +39,12 @@ def declare(
     ignore_override: bool = False,
 ) -> Any:
     """
-    Declare a parameter and return its value.
+    Declare a parameter and return its value, of the default's type.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node to declare it on.
-    name, description : str
-        For people.
-    default
-        A value of the parameter's type. If it is a float or a list of floats, whole numbers are
-        accepted too (``-p rate:=30``); if it is a text, whatever looks like another type.
-    read_only : bool
-        Whether it can be set at the start only.
-    ignore_override : bool
-        Whether it cannot even be set at the start.
-
-    Returns
-    -------
-    Any
-        The value, of the default's type.
-
-    Raises
-    ------
-    InputError
-        When the value given at the start is of another type, or a text that a file does not keep.
-
+    If the default is a float or a list of floats, whole numbers are accepted too (``-p
+    rate:=30``); if it is a text, whatever looks like another type. A ``read_only`` parameter can
+    be set at the start only, with ``ignore_override`` not even then. Raises InputError when the
+    value given at the start is of another type, or a text that a file does not keep.
     """
     if isinstance(default, str):
         text = default if ignore_override else _given_text(node, name, default)
@@ -94,25 +74,10 @@ def declare(
 
 def as_declared(name: str, value: Any, now: Any) -> Any:
     """
-    Return a new value of a parameter that can change, as the type of its present value.
+    Return a new value of a parameter that can change, as the type of its present value, `now`.
 
-    Parameters
-    ----------
-    name : str
-        The parameter.
-    value, now
-        The new and the present value.
-
-    Returns
-    -------
-    Any
-        The new value unchanged, if it cannot be of this type; rclpy says so.
-
-    Raises
-    ------
-    InputError
-        When it is a text that a file does not keep.
-
+    It is unchanged if it cannot be of this type; rclpy says so. Raises InputError when it is a
+    text that a file does not keep.
     """
     if isinstance(now, str):
         text = _as_text(value)
@@ -131,11 +96,7 @@ def as_loaded(value: Any) -> Any:
     """
     Return what ``ros2 param load`` makes of a value in a file.
 
-    Raises
-    ------
-    InputError
-        When it ends with an error.
-
+    Raises InputError when it ends with an error.
     """
     with one_sentence('ros2 param load cannot read it'):
         message = ParameterMessage(value=get_parameter_value(str(value)))

@@ -16,11 +16,7 @@ class ReflectivityUnit:
     """
     Bring reflectivity in percent or bytes to 0 to 1, from the first image on that tells the unit.
 
-    Parameters
-    ----------
-    say : callable
-        Called once, with what it is taken for.
-
+    ``say`` is called once, with what it is taken for.
     """
 
     def __init__(self, say: Callable[[str], None]) -> None:
@@ -42,17 +38,10 @@ class ReflectivityUnit:
 @dataclass(frozen=True)
 class NothingInRange:
     """
-    The likely reason why an image has no pixel in range.
+    The likely reason why an image has no pixel in range, as a text for users.
 
-    Attributes
-    ----------
-    kind : str
-        Identifies the reason; independent of values in the text.
-    text : str
-        The reason, for users.
-    wrong : bool
-        Whether the input is likely wrong; otherwise nothing is in front of the camera.
-
+    ``kind`` identifies the reason; independent of values in the text. If ``wrong``, the input is
+    likely wrong; otherwise nothing is in front of the camera.
     """
 
     kind: str
@@ -62,20 +51,9 @@ class NothingInRange:
 
 def sees_something(depth: np.ndarray, nearest: float, farthest: float) -> bool:
     """
-    Return whether some pixel is within the range, by a quick check.
+    Return whether a pixel of a coarse grid is in range; False is no proof, see `explain`.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (H, W) metres; invalid values of any kind.
-    nearest, farthest : float
-        The range, metres.
-
-    Returns
-    -------
-    bool
-        True if a pixel of a coarse grid is in range. False is no proof; see `explain`.
-
+    ``depth`` is (H, W) metres, with invalid values of any kind; the range is in metres.
     """
     rows, columns = (max(1, size // _SAMPLES) for size in depth.shape)
     sample = depth[::rows, ::columns]
@@ -86,22 +64,10 @@ def explain(
     depth: np.ndarray, encoding: str, nearest: float, farthest: float
 ) -> NothingInRange | None:
     """
-    Return why no pixel is within the range.
+    Return why no pixel is within the range, metres; None if one is.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (H, W) metres, as decoded; invalid values of any kind.
-    encoding : str
-        Of the message: ``32FC1``, ``64FC1`` or ``16UC1``.
-    nearest, farthest : float
-        The range, metres.
-
-    Returns
-    -------
-    Finding or None
-        None if a pixel is in range.
-
+    ``depth`` is (H, W) metres, as decoded, with invalid values of any kind; ``encoding`` is that
+    of the message: ``32FC1``, ``64FC1`` or ``16UC1``.
     """
     if ((depth >= nearest) & (depth <= farthest)).any():
         return None

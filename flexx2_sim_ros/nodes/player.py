@@ -41,29 +41,11 @@ _UNDER_WAY_SECONDS = 0.5
 
 class Player(Node):
     """
-    Publish the messages of a bag.
+    Publish the messages of a bag, and with `clock` also ``/clock``.
 
-    Parameters
-    ----------
-    bag : Bag
-        The bag.
-    patterns : sequence of str
-        Which topics, with wildcards; all when empty.
-    clock : bool
-        Whether to publish ``/clock``.
-
-    Attributes
-    ----------
-    sent : int
-        Messages published.
-    late : float
-        Largest delay of a message, seconds.
-
-    Raises
-    ------
-    InputError
-        When no topic remains to play.
-
+    ``patterns`` are the topics, with wildcards; all when empty. ``sent`` counts the messages
+    published, ``late`` is the largest delay of one, seconds. Raises InputError when no topic
+    remains to play.
     """
 
     def __init__(self, bag: Bag, patterns: Sequence[str], clock: bool) -> None:
@@ -123,15 +105,9 @@ class Player(Node):
 
     def play(self, rate: float, stop: Callable[[], bool]) -> None:
         """
-        Play the bag once.
+        Play the bag once, at `rate` seconds of the bag per second of real time.
 
-        Parameters
-        ----------
-        rate : float
-            Seconds of the bag per second of real time.
-        stop : callable
-            Called often; playing ends when it returns true.
-
+        ``stop`` is called often; playing ends when it returns true.
         """
         self._now = None
         for topic, kind, received, data in self._bag.messages(self._publishers_by_topic):

@@ -108,8 +108,8 @@ class Capture:
         """
         Return the realised and the modelled sigma_z, root mean square, metres.
 
-        Over pixels that were valid in every frame and away from edges (there, lateral noise
-        sometimes shows another surface).
+        They are over pixels that were valid in every frame and away from edges (there, lateral
+        noise sometimes shows another surface); NaN below three frames.
         """
         count = self._count
         if count < 3 or self.depth is None:
@@ -132,12 +132,8 @@ class Probe:
     """
     Watch camera nodes and set their mode.
 
-    Parameters
-    ----------
-    cameras : list of str
-        Namespaces; ``<camera>/flexx2_camera`` is the node. Its clean images are
-        ``<camera>/clean/depth_image``, or what it subscribes to instead.
-
+    ``cameras`` are namespaces; ``<camera>/flexx2_camera`` is the node. Its clean images are
+    ``<camera>/clean/depth_image``, or what it subscribes to instead.
     """
 
     def __init__(self, cameras: list[str]) -> None:
@@ -232,11 +228,7 @@ class Probe:
         """
         Switch every camera to a mode and restart the measurement.
 
-        Raises
-        ------
-        InputError
-            When a camera refuses or does not answer.
-
+        Raises InputError when a camera refuses or does not answer.
         """
         self._from = dict.fromkeys(self._from, 1 << 62)
         for name, client in self._clients.items():

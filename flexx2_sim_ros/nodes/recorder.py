@@ -100,16 +100,9 @@ class Recorder(Node):
     """
     Subscribe to all cameras, including those that appear later, and pass messages to a sink.
 
-    Messages are not decoded. A subscription is reliable if the publisher is.
-
-    Parameters
-    ----------
-    sink : BagSink
-        Takes the messages.
-    cameras : sequence of str
-        Only these, by name (namespace) or node; all when empty.
-    also : sequence of str
-        Other topics to record, with wildcards: ``*/point_cloud_0``.
+    Messages are not decoded. A subscription is reliable if the publisher is. ``cameras`` are the
+    only ones to record, by name (namespace) or node; all when empty. ``also`` are other topics to
+    record, with wildcards: ``*/point_cloud_0``.
 
     Attributes
     ----------

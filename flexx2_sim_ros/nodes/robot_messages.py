@@ -52,27 +52,11 @@ def decode_pose(message: Odometry, field: str) -> tuple[np.ndarray, np.ndarray]:
 
 def decode_joints(message: JointState, field: str, joints: JointNames) -> dict[str, float]:
     """
-    Return the joint positions of a message, radians.
+    Return the joint positions of a message of any simulator, radians, by name.
 
-    Parameters
-    ----------
-    message : JointState
-        Of any simulator.
-    field : str
-        What errors call it.
-    joints : JointNames
-        Of the robot.
-
-    Returns
-    -------
-    dict of str to float
-        By the robot's names; joints that it does not have by those of the message.
-
-    Raises
-    ------
-    InputError
-        When names and positions do not match, a joint comes twice, or a position is not finite.
-
+    Names are the robot's; joints that it does not have keep those of the message. ``field`` is
+    what errors call the message. Raises InputError when names and positions do not match, a joint
+    comes twice, or a position is not finite.
     """
     if len(message.name) != len(message.position):
         raise InputError(
@@ -100,19 +84,9 @@ def joint_state(
     stamp: int, joints: Mapping[str, int], qpos: np.ndarray, velocity: np.ndarray
 ) -> JointState:
     """
-    Return the robot's joints as a message.
+    Return the robot's joints as a message; ``stamp`` is in nanoseconds.
 
-    Parameters
-    ----------
-    stamp : int
-        Nanoseconds.
-    joints : mapping of str to int
-        Addresses in `qpos` by name.
-    qpos : numpy.ndarray
-        The model's positions.
-    velocity : numpy.ndarray
-        Velocities of the joints, in the order of `joints`.
-
+    ``joints`` are addresses in the model's `qpos` by name, ``velocity`` is in their order.
     """
     addresses = list(joints.values())
     return JointState(
@@ -132,19 +106,10 @@ def odometry(
     angular: np.ndarray,
 ) -> Odometry:
     """
-    Return the robot's true pose and velocity as a message.
+    Return the robot's true pose and velocity as a message; ``stamp`` is in nanoseconds.
 
-    Parameters
-    ----------
-    stamp : int
-        Nanoseconds.
-    frames : tuple of str
-        Of the pose, and of the robot and its velocities.
-    position, quaternion : numpy.ndarray
-        (3,) and (4,) (w, x, y, z) in the first frame.
-    linear, angular : numpy.ndarray
-        (3,) velocities in the second frame, m/s and rad/s.
-
+    The first of ``frames`` has the position (3,) and the quaternion (4,) (w, x, y, z). The second
+    is the robot's: the velocities, (3,), are in it, m/s and rad/s.
     """
     message = Odometry(header=messages.header(stamp, frames[0]), child_frame_id=frames[1])
     message.pose.pose = Pose(

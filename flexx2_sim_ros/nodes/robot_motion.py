@@ -63,22 +63,8 @@ class Walking:
     """
     The robot trots as ``cmd_vel`` commands; half a second after the last command it stands.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node to listen with.
-    model, data : mujoco.MjModel, mujoco.MjData
-        The robot in its scene.
-    robot : Robot
-        Which robot it is.
-    how : Gait
-        Limits and timing; may be replaced while it walks.
-
-    Raises
-    ------
-    InputError
-        When the model does not have the robot's legs.
-
+    ``how`` has limits and timing; it may be replaced while the robot walks. Raises InputError when
+    the model does not have the robot's legs.
     """
 
     def __init__(
@@ -164,27 +150,10 @@ class Mirroring:
     The robot takes its pose from ``odom`` and ``joint_states`` of another simulator.
 
     A pose is shown when the joints of the same time are known: at the next joint message with its
-    stamp or a later one, or at the next pose if no such message arrives before it.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node to listen with.
-    model, data : mujoco.MjModel, mujoco.MjData
-        The robot in its scene.
-    robot : Robot
-        Which robot it is.
-    rate : float
-        Most poses shown per second, Hz.
-    show : callable
-        Called with the stamp (nanoseconds) and the frame of the trunk (or an empty string) when
-        the state is complete.
-
-    Raises
-    ------
-    InputError
-        When the robot cannot be moved freely.
-
+    stamp or a later one, or at the next pose if no such message arrives before it. At most
+    ``rate`` poses are shown per second. ``show`` is called with the stamp (nanoseconds) and the
+    frame of the trunk (or an empty string) when the state is complete. Raises InputError when the
+    robot cannot be moved freely.
     """
 
     def __init__(

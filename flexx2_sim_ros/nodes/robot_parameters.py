@@ -41,35 +41,10 @@ _NUMBERS = {
 
 class RobotParameters:
     """
-    Declare, check and hold the parameters of the robot node.
+    Declare, check and hold the parameters of the robot node; attributes are as given.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node to declare them on.
-
-    Attributes
-    ----------
-    rate : float
-        Hz of each camera.
-    robot : Robot
-        Which robot it is.
-    motion, profile, robot_model, scene, renderer, board_camera : str
-        As given.
-    publish_clock, paused : bool
-        As given.
-    frame_prefix : str
-        As given.
-    follows_clock : bool
-        Whether time comes from another node's ``/clock``; the node sets it.
-    mounts : list of CameraMount
-        The cameras.
-
-    Raises
-    ------
-    InputError
-        When a value given at the start cannot be used.
-
+    ``rate`` is in Hz of each camera. ``follows_clock`` says whether time comes from another node's
+    ``/clock``; the node sets it. Raises InputError when a value given at the start cannot be used.
     """
 
     def __init__(self, node: Node) -> None:

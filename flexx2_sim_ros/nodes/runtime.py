@@ -20,22 +20,12 @@ _REPEAT_SECONDS = 5.0
 
 def run_node(make_node: Callable[..., Any], several: bool = False) -> int:
     """
-    Make a node and spin it until it is told to stop.
+    Make a node and spin it until it is told to stop; return the process's exit code.
 
-    Parameters
-    ----------
-    make_node : callable
-        Returns the node; called after ``rclpy.init``, with options of `rclpy.node.Node`.
-    several : bool
-        Whether the command line may name namespaces. Each of them gets a node; one that cannot
-        start does not stop the others.
-
-    Returns
-    -------
-    int
-        The process's exit code: 0 after Ctrl-C, SIGTERM or a shutdown, 1 when a node could not
-        start (the reason is on stderr).
-
+    It is 0 after Ctrl-C, SIGTERM or a shutdown, 1 when a node could not start (the reason is on
+    stderr). ``make_node`` returns the node; it is called after ``rclpy.init``, with options of
+    `rclpy.node.Node`. With ``several``, the command line may name namespaces. Each of them gets a
+    node; one that cannot start does not stop the others.
     """
     import rclpy
     from rclpy.executors import ExternalShutdownException

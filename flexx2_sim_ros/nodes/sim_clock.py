@@ -19,20 +19,9 @@ class SimClock:
     """
     Publish ``/clock``, or follow it if another node of this machine already publishes it.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        The node; its parameter ``use_sim_time`` makes it follow.
-    publish : bool
-        Whether to publish unless it follows.
-    on_time : callable
-        Called with each time of the followed clock, nanoseconds.
-
-    Attributes
-    ----------
-    follows : bool
-        Whether time comes from another node.
-
+    ``use_sim_time`` of the node makes it follow; unless it follows, ``publish`` says whether to
+    publish. ``on_time`` is called with each time of the followed clock, nanoseconds. ``follows``
+    says whether time comes from another node.
     """
 
     def __init__(self, node: Node, publish: bool, on_time: Callable[[int], None]) -> None:

@@ -27,24 +27,11 @@ class SteadyNode(Node):
     """
     A node whose services, including those of rclpy, answer every request.
 
-    An error in a service callback is logged, and the request is refused. Parameters of one
-    request are set together with `set_parameters_atomically`; if that is refused, each is set
-    alone. A read-only parameter may be set to its present value, so that a file of
-    ``ros2 param dump`` can be loaded. A time of ``/clock`` before zero is ignored. It has its name
-    alone on this machine (`claim_name`).
-
-    Parameters
-    ----------
-    name : str
-        The node's name.
-    options
-        As those of `rclpy.node.Node`.
-
-    Attributes
-    ----------
-    set_first : frozenset of str
-        Parameters that others depend on: they are set before the others.
-
+    An error in a service callback is logged, and the request is refused. Parameters of one request
+    are set together with `set_parameters_atomically`; if that is refused, each is set alone. First
+    come those of ``set_first``, which others depend on. A read-only parameter may be set to its
+    present value, so that a file of ``ros2 param dump`` can be loaded. A time of ``/clock`` before
+    zero is ignored. It has its name alone on this machine (`claim_name`).
     """
 
     set_first: frozenset[str] = frozenset()

@@ -23,18 +23,9 @@ _OVERRIDABLE = (
 
 def matching(offers: Sequence[QoSProfile]) -> tuple[ReliabilityPolicy, DurabilityPolicy]:
     """
-    Return the strongest reliability and durability that match every publisher.
+    Return the strongest reliability and durability that match every publisher's offer.
 
-    Parameters
-    ----------
-    offers : sequence of QoSProfile
-        QoS that the topic's publishers offer.
-
-    Returns
-    -------
-    ReliabilityPolicy, DurabilityPolicy
-        Reliable unless a publisher is not; transient local only if all publishers are.
-
+    Reliable unless a publisher is not; transient local only if all publishers are.
     """
     reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
     latched = bool(offers) and all(
@@ -47,15 +38,7 @@ def matching(offers: Sequence[QoSProfile]) -> tuple[ReliabilityPolicy, Durabilit
 
 
 class LossCounter:
-    """
-    Count lost messages by the publisher's sequence numbers.
-
-    Attributes
-    ----------
-    lost : int
-        Messages missing between those that arrived.
-
-    """
+    """Count lost messages, those missing between the ones that arrived, by sequence numbers."""
 
     def __init__(self) -> None:
         """Start without lost messages."""
@@ -64,15 +47,10 @@ class LossCounter:
 
     def count(self, number: int | None, alone: Callable[[], bool]) -> None:
         """
-        Add the sequence number of a message.
+        Add the sequence number of a message; None if the middleware has none.
 
-        Parameters
-        ----------
-        number : int or None
-            The sequence number; None if the middleware has none.
-        alone : callable
-            Returns whether the topic has one publisher; numbers of several are not comparable.
-
+        ``alone`` returns whether the topic has one publisher; numbers of several are not
+        comparable.
         """
         if number is not None and self._last is not None and number > self._last + 1 and alone():
             self.lost += number - self._last - 1
@@ -87,24 +65,8 @@ class Input:
     messages larger than the publisher's shared memory. A volatile one misses latched messages.
     So the subscription requests the strongest QoS that all publishers offer, and it is created
     again when that changes. ROS parameters (``qos_overrides.<topic>.subscription.*``) override
-    this; their default is ``best_available``.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Subscribes.
-    kind : type
-        Of the messages.
-    topic : str
-        Its name, before remapping.
-    callback : callable
-        Called with every message.
-
-    Attributes
-    ----------
-    topic : str
-        The name after remapping.
-
+    this; their default is ``best_available``. The argument ``topic`` is the name before remapping,
+    the attribute that after it.
     """
 
     def __init__(

@@ -24,15 +24,7 @@ def camera_transforms(
     """
     Return transforms of ``<camera>_link`` in the base and ``<camera>_optical_frame`` in the link.
 
-    Parameters
-    ----------
-    base : str
-        The frame of the trunk.
-    mounts : iterable of CameraMount
-        The cameras.
-    prefix : str
-        Prefix of the cameras' frames.
-
+    ``base`` is the frame of the trunk, ``prefix`` that of the cameras' frames.
     """
     result = []
     for mount in mounts:
@@ -51,15 +43,9 @@ def optical_transform(
     """
     Return a camera's optical frame in the frame that the camera is mounted on.
 
-    Parameters
-    ----------
-    frames : tuple of str
-        The parent, and the optical frame.
-    position : sequence of float
-        The lens in the parent, metres.
-    rpy : sequence of float
-        Roll, pitch, yaw in radians. Zero looks along the parent's x axis, upright.
-
+    ``frames`` are the parent and the optical frame. ``position`` of the lens in the parent is in
+    metres; ``rpy`` is roll, pitch, yaw in radians, and zero looks along the parent's x axis,
+    upright.
     """
     return transform(0, frames, np.array(position), _turned(rpy, _OPTICAL))
 
@@ -77,13 +63,7 @@ class FramePublisher:
     """
     Publish transforms; without tf2_msgs, log that once and do nothing.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        To publish with.
-    moving : bool
-        Whether any frames move.
-
+    ``moving`` says whether any frames move.
     """
 
     def __init__(self, node: Node, *, moving: bool = True) -> None:

@@ -20,18 +20,8 @@ def take(node: Node, name: str) -> socket.socket | None:
     Claim a name in the node's ROS domain for this process.
 
     The claim is an abstract socket name, which Linux releases when the process ends, even after a
-    crash. On other systems nothing is claimed.
-
-    Returns
-    -------
-    socket.socket or None
-        Must be kept; closing it releases the name.
-
-    Raises
-    ------
-    OSError
-        When the name is claimed.
-
+    crash. On other systems nothing is claimed. The socket must be kept; closing it releases the
+    name. Raises OSError when the name is claimed.
     """
     if sys.platform != 'linux':
         return None
@@ -50,16 +40,8 @@ def claim_name(node: Node) -> socket.socket | None:
     """
     Claim a node's name on this machine: in the graph, a second node appears only after 3 s.
 
-    Returns
-    -------
-    socket.socket or None
-        Must be kept while the node runs.
-
-    Raises
-    ------
-    InputError
-        When another process has claimed it.
-
+    The socket must be kept while the node runs. Raises InputError when another process has claimed
+    it.
     """
     try:
         return take(node, node.get_fully_qualified_name())

@@ -29,21 +29,9 @@ class Viewer(Node):
 
     Cameras are found by their topics, including cameras that appear later. They are subscribed to
     only while a page is open. Subscriptions are best effort: viewers never block the stream.
-
-    Parameters
-    ----------
-    cameras : sequence of str
-        Only these, by name (namespace) or node; all when empty.
-    drive_topic : str
-        Where to publish ``geometry_msgs/Twist``.
-
-    Attributes
-    ----------
-    shots, status
-        As in `Source`.
-    wake : callable
-        Called when `shots` or `status` has changed.
-
+    ``cameras`` are the only ones, by name (namespace) or node; all when empty. ``drive_topic`` is
+    where to publish ``geometry_msgs/Twist``. ``wake`` is called when `shots` or `status` has
+    changed.
     """
 
     def __init__(self, cameras: Sequence[str], drive_topic: str) -> None:

@@ -27,19 +27,9 @@ def model_sigma(p, cosine, coefficients, cap, out):
     """
     Write sigma_z of every pixel of a surface.
 
-    Parameters
-    ----------
-    p : numpy.ndarray
-        (H + 4, W + 4) float32 padded inverse depth, 0 for nothing.
-    cosine : numpy.ndarray
-        (H, W) float32 cosine of the incidence angle.
-    coefficients : numpy.ndarray
-        (5,) float32: a, b, c, d, n.
-    cap : float
-        Largest incidence angle, radians.
-    out : numpy.ndarray
-        (H, W) float32, metres; 0 without a return.
-
+    ``p`` is (H + 4, W + 4) float32 padded inverse depth, 0 for nothing, ``cosine`` (H, W) float32
+    that of the incidence angle, ``coefficients`` (5,) float32 a, b, c, d, n, and ``cap`` the
+    largest incidence angle, radians. ``out`` is (H, W) float32, metres; 0 without a return.
     """
     a, b, c, d, n = coefficients
     for y in range(out.shape[0]):
@@ -50,19 +40,11 @@ def model_sigma(p, cosine, coefficients, cap, out):
 @loop(error_model='numpy', fastmath=FAST)
 def scale_by_surface(p, cosine, reflectivity, coefficients, sigma):
     """
-    Scale sigma_z by a factor that depends on each pixel's reflectivity.
+    Scale sigma_z, (H, W) float32 metres, in place by a factor of each pixel's reflectivity.
 
-    Parameters
-    ----------
-    p, cosine : numpy.ndarray
-        Padded inverse depth and cosine of incidence, as above.
-    reflectivity : numpy.ndarray
-        (H, W) float32 in 0..1.
-    coefficients : numpy.ndarray
-        (3,) float32: white, constant_share, read_share; see `formulas.surfaces.surface_factor`.
-    sigma : numpy.ndarray
-        (H, W) float32, metres; changed in place.
-
+    ``p`` and ``cosine`` are as for `model_sigma`, ``reflectivity`` is (H, W) float32 in 0..1.
+    ``coefficients`` are (3,) float32: white, constant_share, read_share; see
+    `formulas.surfaces.surface_factor`.
     """
     white, constant_share, read_share = coefficients
     for y in range(sigma.shape[0]):
@@ -81,22 +63,10 @@ def sigma_image(
     surface: Surface, noise: NoiseModel, reflectivity: np.ndarray | None = None
 ) -> np.ndarray:
     """
-    Return sigma_z of the base model at every pixel of a surface.
+    Return sigma_z of the base model at every pixel of a surface, (H, W) float32 metres.
 
-    Parameters
-    ----------
-    surface : Surface
-        What the camera looks at.
-    noise : NoiseModel
-        That of the mode.
-    reflectivity : numpy.ndarray, optional
-        (H, W) in 0..1. Without it, all surfaces have the noise of the white board.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) float32, metres; 0 without a return.
-
+    It is 0 without a return. ``reflectivity`` is (H, W) in 0..1; without it, all surfaces have the
+    noise of the white board.
     """
     p, cosine = surface.inverse_depth, surface.cos_incidence
     sigma = np.empty(cosine.shape, np.float32)

@@ -16,15 +16,9 @@ import numpy as np
 
 class Lazy:
     """
-    A function that is compiled at its first call, with those that it calls.
+    A function, in the language of numba, that is compiled at its first call, with those it calls.
 
-    Parameters
-    ----------
-    function : callable
-        In the language of numba.
-    make : callable
-        Compiles it; called once.
-
+    ``make`` compiles it; it is called once.
     """
 
     def __init__(self, function: Any, make: Callable[[Any], Any]) -> None:
@@ -126,20 +120,9 @@ def loop(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
     Compile a loop over images, to be kept on disk until its code or that of a formula changes.
 
-    numba itself compares the file of the loop alone. So the name under which it keeps the loop
-    gets a digest of all that the loop calls. A loop that cannot be kept is compiled in each
-    process.
-
-    Parameters
-    ----------
-    **options
-        Of `numba.njit`.
-
-    Returns
-    -------
-    callable
-        Decorator of a function.
-
+    It returns a decorator of a function; the options are those of `numba.njit`. numba itself
+    compares the file of the loop alone. So the name under which it keeps the loop gets a digest of
+    all that the loop calls. A loop that cannot be kept is compiled in each process.
     """
 
     def compile_loop(function: Callable[..., Any]) -> Lazy:

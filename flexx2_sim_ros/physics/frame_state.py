@@ -34,16 +34,11 @@ class Stage(IntEnum):
 @dataclass
 class Memory:
     """
-    What effects keep of one camera between frames, by effect.
+    What effects keep of one camera between frames: ``kept``, by the effect's name.
 
-    Attributes
-    ----------
-    kept : dict
-        By the effect's name; an effect alone knows what it keeps there.
-    first_stamp, last_stamp : int
-        Of the first frame since the reset (when the camera was switched on, as far as it knows)
-        and of the latest one, nanoseconds.
-
+    An effect alone knows what it keeps there. ``first_stamp`` and ``last_stamp`` are of the first
+    frame since the reset (when the camera was switched on, as far as it knows) and of the latest
+    one, nanoseconds.
     """
 
     kept: dict[str, Any] = field(default_factory=dict)
@@ -67,15 +62,9 @@ class Common:
     """
     What states of the same frame have in common, whatever their effects: made once, by `once`.
 
-    Attributes
-    ----------
-    scene : dict
-        The light and the noise of the model, by name. States that share it have the same clean
-        depth, reflectivity and intrinsics.
-    frame : dict
-        The random numbers and what depends on them. States that share it also have the same
-        stamp, key and ``exposure_share``.
-
+    ``scene`` has the light and the noise of the model, by name. States that share it have the same
+    clean depth, reflectivity and intrinsics. ``frame`` has the random numbers and what depends on
+    them. States that share it also have the same stamp, key and ``exposure_share``.
     """
 
     scene: dict[Any, Any] = field(default_factory=dict)
@@ -264,18 +253,8 @@ def check_frequencies(effects: Iterable[EffectProtocol], mode: Mode) -> None:
     """
     Check that a mode has modulation frequencies, and that they are known, where effects need them.
 
-    Parameters
-    ----------
-    effects : iterable of Effect
-        What is to be switched on; those of strength 0 need nothing.
-    mode : Mode
-        The camera's mode.
-
-    Raises
-    ------
-    InputError
-        Names the effects, and either the kind of camera or the field of the profile.
-
+    Effects of strength 0 need nothing. Raises InputError, which names the effects, and either the
+    kind of camera or the field of the profile.
     """
     reason = why_no_phases(mode)
     if not reason:

@@ -29,19 +29,9 @@ _beside = compiled(surfaces.beside)
 
 def pixel_rays(camera: Intrinsics) -> np.ndarray:
     """
-    Return the ray of every pixel, distortion taken off.
+    Return the ray of every pixel, distortion taken off, (2, H, W) float64.
 
-    Parameters
-    ----------
-    camera : Intrinsics
-        The camera, with its distortion.
-
-    Returns
-    -------
-    numpy.ndarray
-        (2, H, W) float64: x/z and y/z of the ray in the optical frame; NaN where the distortion
-        cannot be inverted.
-
+    They are x/z and y/z in the optical frame; NaN where the distortion cannot be inverted.
     """
     return _pixel_rays(camera).copy()
 
@@ -72,11 +62,7 @@ def centred(camera: Intrinsics) -> Intrinsics:
     """
     Return the plain pinhole to render for a camera: itself, or one that sees as much.
 
-    Parameters
-    ----------
-    camera : Intrinsics
-        Any camera; a renderer takes neither distortion nor a principal point off the middle.
-
+    A renderer takes neither distortion nor a principal point off the middle.
     """
     centre = (camera.width - 1) / 2, (camera.height - 1) / 2
     if (camera.cx, camera.cy) == centre and not any(camera.distortion):
@@ -106,18 +92,11 @@ def _distort(
 
 class Reprojection:
     """
-    How one camera looks through another's depth images.
+    How one camera looks through another's depth images; they share one optical centre and axes.
 
-    Parameters
-    ----------
-    camera : Intrinsics
-        The camera to simulate.
-    source : Intrinsics
-        The camera that the depth images come from; both share one optical centre and axes.
-    radial : bool
-        Whether the depth images hold distances along the ray instead of along the axis.
-    sensor : Sensor
-        For its thresholds of depth jumps, across which nothing is interpolated.
+    The latter are of the camera `source`. If ``radial``, they hold distances along the ray instead
+    of along the axis. ``sensor`` has the thresholds of depth jumps, across which nothing is
+    interpolated.
 
     Attributes
     ----------
@@ -165,15 +144,10 @@ class Reprojection:
     @property
     def lines(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """
-        Return where in the source each pixel looks.
+        Return where in the source each pixel looks, (H * W,) each.
 
-        Returns
-        -------
-        tuple of numpy.ndarray
-            (H * W,) each: the source's pixel that its ray falls into (int32, flat; -1 where the
-            distortion cannot be inverted), and how far from its middle, columns and rows
-            (float32, pixels).
-
+        That is the source's pixel that its ray falls into (int32, flat; -1 where the distortion
+        cannot be inverted), and how far from its middle, columns and rows (float32, pixels).
         """
         lost = np.isnan(self.rays[0]).ravel()
         return np.where(lost, np.int32(-1), self._index), self._du, self._dv
@@ -185,19 +159,10 @@ class Reprojection:
 
     def depth(self, image: np.ndarray) -> np.ndarray:
         """
-        Look a depth image up.
+        Look a depth image up: (H, W) float32, metres along the optical axis, NaN for nothing.
 
-        Parameters
-        ----------
-        image : numpy.ndarray
-            (source.height, source.width) float32, metres; whatever is no positive finite number
-            means nothing.
-
-        Returns
-        -------
-        numpy.ndarray
-            (H, W) float32, metres along the optical axis, NaN for nothing.
-
+        ``image`` is (source.height, source.width) float32, metres; whatever is no positive finite
+        number means nothing.
         """
         if self.radial:
             image = image / self._ray_length
@@ -227,20 +192,10 @@ def _look_up(p, across, down, index, du, dv, out):
 
 def points(depth: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """
-    Turn depth into points.
+    Turn depth, (H, W) metres along the optical axis, into points.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (H, W) metres along the optical axis.
-    rays : numpy.ndarray
-        (2, H, W) from `pixel_rays`.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W, 3) float32 x, y, z in the optical frame, NaN where depth is.
-
+    ``rays`` are (2, H, W) from `pixel_rays`. Points are (H, W, 3) float32 x, y, z in the optical
+    frame, NaN where depth is.
     """
     out = np.empty((*depth.shape, 3), np.float32)
     out[..., 0] = rays[0] * depth

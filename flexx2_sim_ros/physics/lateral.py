@@ -51,17 +51,9 @@ def upright_edges(
     """
     Sort jumps into edges that move along the row and edges that move along the column.
 
-    Parameters
-    ----------
-    row_jumps, column_jumps : numpy.ndarray
-        (H, W) uint8, as in `Surface`.
-
-    Returns
-    -------
-    row_edges, column_edges : numpy.ndarray
-        int32, flat pixel indices, rising: the row jumps of edges that run nearer to vertical (or
-        exactly diagonal), and the column jumps of the others.
-
+    Both jumps are (H, W) uint8, as in `Surface`. Returned are int32 flat pixel indices, rising:
+    the row jumps of edges that run nearer to vertical (or exactly diagonal), and the column jumps
+    of the others.
     """
     places = np.flatnonzero((row_jumps | column_jumps).view(np.bool_))
     edges: tuple[np.ndarray, np.ndarray] = _sort_edges(row_jumps, column_jumps, places)
@@ -143,28 +135,12 @@ def displaced_pixels(
     """
     Say which pixels show another one's surface once the edges have moved.
 
-    Parameters
-    ----------
-    row_edges, column_edges : numpy.ndarray
-        int32 flat pixel indices from `upright_edges`.
-    height, width : int
-        Of the image, pixels.
-    neighbourhood : int
-        Edges of one line no further apart than this move together.
-    sigma : float
-        Standard deviation before rounding, pixels.
-    limit : int
-        Largest displacement, pixels.
-    key, stamp_low, stamp_high
-        The counter-based generator's key and stamp.
-    laplace : float
-        Fraction of edges that move by a Laplacian of the same standard deviation.
-
-    Returns
-    -------
-    moved, origin : numpy.ndarray
-        int32 flat pixel indices: pixels, each once, and the pixel whose value each one takes.
-
+    Edges are int32 flat pixel indices from `upright_edges`. Those of one line no further apart
+    than ``neighbourhood`` move together, with the standard deviation ``sigma`` before rounding and
+    by at most ``limit``, in pixels. ``key``, ``stamp_low`` and ``stamp_high`` are those of the
+    counter-based generator. ``laplace`` is the fraction of edges that move by a Laplacian of the
+    same standard deviation. Returned are int32 flat pixel indices: pixels, each once, and the
+    pixel whose value each one takes.
     """
     distance = np.full(height * width, _NEVER, np.uint8)
     moved = np.empty(height * width, np.int32)

@@ -6,18 +6,9 @@ import scipy  # its parts are imported on use
 
 def nearest_pixels(known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return where the nearest known pixel of each pixel is.
+    Return row and column, (H, W) int each, of the nearest known pixel: an index into images.
 
-    Parameters
-    ----------
-    known : numpy.ndarray
-        (H, W) bool, True somewhere.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Row and column, (H, W) int each: an index into images.
-
+    ``known`` is (H, W) bool, True somewhere.
     """
     row, column = scipy.ndimage.distance_transform_edt(
         ~known, return_distances=False, return_indices=True

@@ -28,20 +28,9 @@ FAST = {'contract', 'reassoc', 'arcp', 'nsz', 'afn'}
 
 def camera_key(seed: int, name: str) -> np.ndarray:
     """
-    Derive the generator's key.
+    Derive the generator's key, (2,) uint32, from any seed and a camera's name.
 
-    Parameters
-    ----------
-    seed : int
-        Any whole number.
-    name : str
-        The camera's name; two names give unrelated keys.
-
-    Returns
-    -------
-    numpy.ndarray
-        Shape (2,), uint32.
-
+    Two names give unrelated keys.
     """
     digest = hashlib.blake2b(
         f'{int(seed)}/{name}'.encode(errors='surrogateescape'), digest_size=8

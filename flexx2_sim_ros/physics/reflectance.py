@@ -7,19 +7,9 @@ _LEAST_COSINE = 0.05  # the light of a steeper surface says nothing of its refle
 
 def falloff(depth: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     """
-    Return by what an amplitude is multiplied to get a reflectivity, up to scale.
+    Return by what an amplitude is multiplied to get a reflectivity, up to scale, (..., H, W) m^2.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (..., H, W) metres along the optical axis, NaN for nothing.
-    cosine : numpy.ndarray
-        (..., H, W) of the angle between ray and surface normal.
-
-    Returns
-    -------
-    numpy.ndarray
-        (..., H, W) m^2, NaN for nothing.
-
+    ``depth`` is in metres along the optical axis, ``cosine`` that of the angle between ray and
+    surface normal. NaN for nothing.
     """
     return np.asarray(depth**2 / np.maximum(cosine, _LEAST_COSINE))

@@ -38,10 +38,9 @@ class Surface:
     ----------
     inverse_depth : numpy.ndarray
         (H + 4, W + 4) float32, 1/m, 0 without a return, with a border of zeros two pixels wide.
-    row_jumps : numpy.ndarray
-        (H, W) uint8, 1 where a depth jump lies between pixels (y, x) and (y, x + 1).
-    column_jumps : numpy.ndarray
-        (H, W) uint8, 1 where a depth jump lies between pixels (y, x) and (y + 1, x).
+    row_jumps, column_jumps : numpy.ndarray
+        (H, W) uint8, 1 where a depth jump lies between pixels (y, x) and (y, x + 1), or (y + 1,
+        x).
     cos_incidence : numpy.ndarray
         (H, W) float32, cosine of the angle between a pixel's ray and its surface normal; 1
         without a return.
@@ -63,20 +62,9 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics, sensor: Sensor) -> Surfac
     """
     Find the depth jumps and incidence angles of a clean depth image.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (H, W) float32, metres along the optical axis. NaN, infinities, zero and negative values
-        mean no return.
-    intrinsics : Intrinsics
-        The camera the depth image belongs to; its distortion is not used.
-    sensor : Sensor
-        For its thresholds of depth jumps.
-
-    Returns
-    -------
-    Surface
-
+    ``depth`` is (H, W) float32, metres along the optical axis. NaN, infinities, zero and negative
+    values mean no return. Distortion in ``intrinsics`` is not used; ``sensor`` has the thresholds
+    of depth jumps.
     """
     height, width = depth.shape
     inverse = np.zeros((height + 2 * PAD, width + 2 * PAD), np.float32)
@@ -196,19 +184,9 @@ def tangents(depth: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray,
     """
     Return the tangent plane of every pixel of a depth image.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (H, W) float32, metres; whatever is no distance means nothing.
-    sensor : Sensor
-        For its thresholds of depth jumps.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Inverse depth padded by a border of two pixels (0 for nothing), and its slopes along rows
-        and columns, (H, W) float32, 1/m and 1/m a pixel.
-
+    That is inverse depth padded by a border of two pixels (0 for nothing), and its slopes along
+    rows and columns, (H, W) float32, 1/m and 1/m a pixel. ``depth`` is (H, W) float32, metres;
+    whatever is no distance means nothing. ``sensor`` has the thresholds of depth jumps.
     """
     height, width = depth.shape
     inverse = np.zeros((height + 2 * PAD, width + 2 * PAD), np.float32)

@@ -24,10 +24,6 @@ class Chain:
     """
     Stages one after the other, for one camera or for those of many environments.
 
-    Parameters
-    ----------
-    stages : sequence of Stage
-
     Examples
     --------
     >>> import numpy as np

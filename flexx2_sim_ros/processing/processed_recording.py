@@ -13,18 +13,8 @@ class ProcessedRecording(RecordingReader):
     """
     The depth of a recording after a chain; other images at the same pixels, by the nearest.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        The recording.
-    chain : Chain
-        Its stages; what it keeps is not used.
-
-    Raises
-    ------
-    InputError
-        When the images are too small for the stages.
-
+    What the chain keeps is not used. Raises InputError when the images are too small for the
+    stages.
     """
 
     def __init__(self, reader: RecordingReader, chain: Chain) -> None:

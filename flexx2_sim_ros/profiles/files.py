@@ -101,18 +101,9 @@ def find_profile(name: str | Path) -> Profile:
     """
     Return a shipped profile by name, or read one from a file.
 
-    Parameters
-    ----------
-    name : str or pathlib.Path
-        A name out of `shipped`, whatever its case, or the path of a file; empty: the Flexx2. A
-        name goes before a file of the same name.
-
-    Raises
-    ------
-    InputError
-        As `load_profile`, after ``profile:``; for a name that is not shipped the message lists
-        those that are.
-
+    ``name`` is out of `shipped`, whatever its case, or the path of a file; empty: the Flexx2. A
+    name goes before a file of the same name. Raises InputError as `load_profile`, after
+    ``profile:``; for a name that is not shipped the message lists those that are.
     """
     known = str(name).lower()
     if known in ('', BUILT_IN):
@@ -139,11 +130,6 @@ def load_profile(path: str | Path) -> Profile:
     ----------
     path : str or pathlib.Path
         A YAML file as `save_profile` writes it.
-
-    Returns
-    -------
-    Profile
-        Ready for ``Camera(profile=...)``.
 
     Raises
     ------
@@ -358,21 +344,10 @@ def is_mode_name(name: Any) -> bool:
 
 def sigma_problem(noise: NoiseModel, near: float, far: float) -> str | None:
     """
-    Say what is wrong with a noise model in a range of depths.
+    Say what is wrong with a noise model from `near` to `far`, metres; None if nothing is.
 
-    Parameters
-    ----------
-    noise : NoiseModel
-        The model.
-    near, far : float
-        The range, metres.
-
-    Returns
-    -------
-    str or None
-        None when sigma_z is positive at all depths (then, d not being negative, at all angles
-        too), and below the depth itself up to 60 degrees.
-
+    Right is a sigma_z that is positive at all depths (then, d not being negative, at all angles
+    too), and below the depth itself up to 60 degrees.
     """
     z = np.geomspace(near, far, 2001)
     if noise.c:

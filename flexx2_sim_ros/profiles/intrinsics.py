@@ -89,10 +89,6 @@ class Intrinsics:
             Up to five ``plumb_bob`` or six to eight ``rational_polynomial`` coefficients; missing
             ones are zero.
 
-        Returns
-        -------
-        Intrinsics
-
         Raises
         ------
         InputError
@@ -182,21 +178,8 @@ def full_distortion(coefficients: Iterable[float]) -> tuple[float, ...]:
     """
     Return distortion coefficients with the zeros that were left out at their end.
 
-    Parameters
-    ----------
-    coefficients : iterable of float
-        Up to eight, in the order of `Intrinsics.distortion`.
-
-    Returns
-    -------
-    tuple of float
-        Five, or eight if there are more than five.
-
-    Raises
-    ------
-    InputError
-        When there are more than eight.
-
+    Up to eight, in the order of `Intrinsics.distortion`, become five, or eight if there are more
+    than five. Raises InputError when there are more than eight.
     """
     given = [float(value) for value in coefficients]
     for length in DISTORTION_MODELS:

@@ -183,16 +183,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Profile:
-    """
-    A camera: its name, intrinsics and modes.
-
-    Attributes
-    ----------
-    model : str
-    intrinsics : Intrinsics
-    modes : tuple of Mode
-
-    """
+    """A camera: its name, intrinsics and modes."""
 
     model: str
     intrinsics: Intrinsics
@@ -246,17 +237,8 @@ class _CameraConfig:
     """
     The Flexx2 apart from its modes: ``config/flexx2.yaml``, which explains every number.
 
-    Attributes
-    ----------
-    model : str
-    width, height : int
-        Pixels.
-    field_of_view_deg : tuple of float
-        Horizontal and vertical.
-    incidence_cap : float
-        Of all noise models, radians.
-    sensor : Sensor
-
+    ``field_of_view_deg`` is horizontal and vertical; ``incidence_cap`` is that of all noise
+    models, radians.
     """
 
     model: str
@@ -272,11 +254,7 @@ def _camera_config() -> _CameraConfig:
     """
     Return ``config/flexx2.yaml``.
 
-    Raises
-    ------
-    InputError
-        When it is malformed; the message names the file and the field.
-
+    Raises InputError when it is malformed; the message names the file and the field.
     """
     path = config_dir() / 'flexx2.yaml'
     table = read_config(path)

@@ -58,18 +58,9 @@ class Sensor:
 
     def outside(self, camera: Intrinsics) -> np.ndarray | None:
         """
-        Return the pixels that never have depth.
+        Return the pixels of the camera's image that never have depth, (H, W) bool.
 
-        Parameters
-        ----------
-        camera : Intrinsics
-            Of the image; its distortion is not used.
-
-        Returns
-        -------
-        numpy.ndarray or None
-            (H, W) bool, not to be changed; None where every pixel may have depth.
-
+        It is not to be changed; None where every pixel may have depth. Distortion is not used.
         """
         if not self.valid_region and self.valid_mask is None:
             return None

@@ -54,22 +54,9 @@ def read_sensor(top: Section, camera: Intrinsics, folder: Path) -> tuple[Sensor,
     """
     Read the section, and the incidence cap in radians.
 
-    What the file does not give stays as it is by default.
-
-    Parameters
-    ----------
-    top : Section
-        The whole file.
-    camera : Intrinsics
-        The profile's.
-    folder : pathlib.Path
-        Where the file lies; the name of its mask is relative to it.
-
-    Raises
-    ------
-    InputError
-        Names the file and the field.
-
+    What the file does not give stays as it is by default. ``top`` is the whole file, ``camera``
+    the profile's, and ``folder`` where the file lies; the name of its mask is relative to it.
+    Raises InputError, which names the file and the field.
     """
     cap = NoiseModel.incidence_cap
     if not top.has('sensor'):

@@ -17,15 +17,10 @@ _ROOM = 0.5 + 1e-6  # pixels beyond the image's border: what rounding makes of a
 @dataclass(frozen=True)
 class ValidMask:
     """
-    Which pixels may have depth.
+    Which pixels of a camera's image may have depth; its distortion is not used.
 
-    Attributes
-    ----------
-    bits : bytes
-        Eight pixels a byte, row by row, as `numpy.packbits` makes them; 1: may have depth.
-    camera : Intrinsics
-        Of the image; its distortion is not used.
-
+    ``bits`` are eight pixels a byte, row by row, as `numpy.packbits` makes them; 1: may have
+    depth.
     """
 
     bits: bytes
@@ -40,18 +35,10 @@ class ValidMask:
 
     def outside(self, camera: Intrinsics) -> np.ndarray:
         """
-        Return the pixels of another image that never have depth.
+        Return the pixels of another image that never have depth, (H, W) bool.
 
-        Parameters
-        ----------
-        camera : Intrinsics
-            Of that image, which may be a crop or have another resolution: rays are compared.
-
-        Returns
-        -------
-        numpy.ndarray
-            (H, W) bool; True where the ray leaves the mask's image, too.
-
+        That image may be a crop or have another resolution: rays are compared. True where the ray
+        leaves the mask's image, too.
         """
         own = self.camera
         columns = (np.arange(camera.width) - camera.cx) / camera.fx * own.fx + own.cx
@@ -77,21 +64,11 @@ def mask_of(image: np.ndarray, camera: Intrinsics) -> ValidMask:
 
 def read_mask(path: Path, camera: Intrinsics) -> ValidMask:
     """
-    Read a mask.
+    Read a mask, of the size of the profile's camera.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        A PNG, or an ``.npy`` file of bool or whole numbers; what is not 0 (in a PNG: not black)
-        may have depth.
-    camera : Intrinsics
-        The profile's; the image must have its size.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or has another size or no pixel that may have depth.
-
+    It is a PNG, or an ``.npy`` file of bool or whole numbers; what is not 0 (in a PNG: not black)
+    may have depth. Raises InputError when the file cannot be read, or has another size or no pixel
+    that may have depth.
     """
     name = shown_path(path)
     if path.suffix.lower() not in SUFFIXES or not is_regular_file(path):

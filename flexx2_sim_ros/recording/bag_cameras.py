@@ -48,8 +48,6 @@ class CameraTopics:
         Full name of the node; empty if unknown.
     depth : str
         Topic of the depth image, also if only the cloud is published.
-    info, cloud, gray : str
-        Topics of the camera info, the point cloud and the gray image.
     space : str
         The namespace in which ``clean/depth_image`` is, without a slash at its end.
     inputs : dict of str to str
@@ -95,17 +93,8 @@ class Sample:
     """
     Properties of an image or camera info topic, from its first message.
 
-    Attributes
-    ----------
-    size : tuple of int
-        (height, width), pixels.
-    frame_id : str
-        Of its header.
-    encoding : str
-        Of the pixels; empty for a camera info.
-    part : tuple of int or None
-        (height, width) of the images by binning and region of a camera info, if it has any.
-
+    ``size`` is (height, width), pixels; ``encoding`` is empty for a camera info, and ``part`` the
+    (height, width) of the images by its binning and region, if it has any.
     """
 
     size: tuple[int, int]
@@ -117,16 +106,10 @@ class Sample:
 @dataclass(frozen=True)
 class Survey:
     """
-    The cameras that were found.
+    The cameras that were found, by name.
 
-    Attributes
-    ----------
-    cameras : dict of str to CameraTopics
-        By name.
-    unclear : list of list of str
-        Topics of depth images that share one camera info, so that the camera's depth is not
-        known.
-
+    ``unclear`` are topics of depth images that share one camera info, so that the camera's depth
+    is not known.
     """
 
     cameras: dict[str, CameraTopics]
@@ -135,22 +118,10 @@ class Survey:
 
 def sample(kind: str, data: bytes, where: str) -> Sample:
     """
-    Return the properties of a topic from one of its messages.
+    Return the properties of a topic from one of its messages, CDR.
 
-    Parameters
-    ----------
-    kind : str
-        ``sensor_msgs/msg/Image``, ``CompressedImage`` (of depth) or ``CameraInfo``.
-    data : bytes
-        The message, CDR.
-    where : str
-        What to call it in errors.
-
-    Raises
-    ------
-    InputError
-        When it is not a message of that type.
-
+    ``kind`` is ``sensor_msgs/msg/Image``, ``CompressedImage`` (of depth) or ``CameraInfo``;
+    ``where`` is what to call the message in errors. Raises InputError when it is not of that type.
     """
     message = messages.decode_pixels(kind, data, where)
     frame = str(message.header.frame_id)
@@ -179,18 +150,9 @@ def _of_node(name: str, node: str) -> CameraTopics:
 
 def find_cameras(topics: dict[str, str]) -> dict[str, CameraTopics]:
     """
-    Find the cameras among topics by the names that the real driver and our nodes give them.
+    Find the cameras, by name, by the names of topics from the real driver and our nodes.
 
-    Parameters
-    ----------
-    topics : dict of str to str
-        Types by topic.
-
-    Returns
-    -------
-    dict of str to CameraTopics
-        By name.
-
+    ``topics`` are types by topic.
     """
     kinds = {_DEPTH: messages.IMAGE, _CLOUD: messages.POINT_CLOUD}
     nodes = sorted(
@@ -235,21 +197,8 @@ def survey(topics: dict[str, str], samples: Mapping[str, Sample], lens: bool = F
 
     A depth image of any name is a camera if a camera info has its size and frame, and no other
     depth image has the same camera info. Copies of depth in the pixels of a colour image are left
-    out if the depth image itself is there.
-
-    Parameters
-    ----------
-    topics : dict of str to str
-        Types by topic.
-    samples : mapping of str to Sample
-        Properties of the `unknown_topics`.
-    lens : bool
-        Whether the lens is known from elsewhere: depth images need no camera info.
-
-    Returns
-    -------
-    Survey
-
+    out if the depth image itself is there. ``topics`` are types by topic, ``samples`` those of the
+    `unknown_topics`. If the ``lens`` is known from elsewhere, depth images need no camera info.
     """
     cameras = find_cameras(topics)
     taken = {camera.info for camera in cameras.values()}

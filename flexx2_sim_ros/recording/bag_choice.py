@@ -37,26 +37,12 @@ def choose_camera(
     lens: bool = False,
 ) -> CameraTopics:
     """
-    Return a camera of a bag.
+    Return a camera of a bag, by its name or the topic of its depth image; None for the only one.
 
-    Parameters
-    ----------
-    bag : Bag
-        Where to look.
-    camera : str or None
-        Its name or the topic of its depth image; None for the only one.
-    infrared : str, optional
-        The topic of its infrared image, where the bag does not tell.
-    clean : str, optional
-        The topic of its clean depth images, if it is not ``clean/depth_image``.
-    lens : bool
-        Whether its lens is known: it needs no camera info.
-
-    Raises
-    ------
-    InputError
-        When there is none or several; the message has all names, and why topics are none.
-
+    ``infrared`` is the topic of its infrared image, where the bag does not tell, ``clean`` that of
+    its clean depth images, if it is not ``clean/depth_image``. If the ``lens`` is known, it needs
+    no camera info. Raises InputError when there is none or several; the message has all names, and
+    why topics are none.
     """
     for option, topic in (('infrared', infrared), ('clean', clean)):
         if topic is not None and bag.topics.get(topic) != messages.IMAGE:

@@ -38,28 +38,17 @@ class Bag:
     A rosbag2 bag (a folder, or a single ``.mcap`` or ``.db3`` file), or a ``.bag`` file of ROS 1.
 
     Of a bag that was cut off (no end, no ``metadata.yaml``, a journal left behind), the intact
-    messages are read, and `notes` says how many. No file is changed.
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The bag.
+    messages are read, and `notes` says how many. No file is changed. Raises InputError when there
+    is no bag, or it has no complete message.
 
     Attributes
     ----------
-    path : pathlib.Path
-        The bag.
     topics : dict of str to str
         Types, as ``sensor_msgs/msg/Image``, by topic; topics without messages are left out.
     latched : set of str
         Topics whose publishers were transient local according to the bag.
     notes : list of str
         Notes for the user; reading can add to them.
-
-    Raises
-    ------
-    InputError
-        When there is no bag, or it has no complete message.
 
     """
 
@@ -77,15 +66,7 @@ class Bag:
             raise InputError('; '.join([f'{path}: it contains no complete message', *self.notes]))
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
-        """
-        Iterate over the messages, by the time they were received.
-
-        Parameters
-        ----------
-        topics : collection of str, optional
-            Only these; all when left out.
-
-        """
+        """Iterate over the messages of some topics (default: all), by the time of reception."""
         wanted = self.topics if topics is None else topics
         files = [self.path] if self.path.is_file() else filter(Path.is_file, self.path.iterdir())
         with naming(self.path):

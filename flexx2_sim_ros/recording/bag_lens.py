@@ -20,26 +20,11 @@ import numpy as np
 
 class BagLens:
     """
-    The lens of a camera in a bag.
+    The lens of a camera in the bag `path`.
 
-    Parameters
-    ----------
-    path : str
-        The bag, for messages.
-    where : CameraTopics
-        The camera.
-    info : message or None
-        Its first ``sensor_msgs/CameraInfo`` that says something.
-    given : Calibration or None
-        The lens to take instead.
-    rectified : bool or None
-        Whether depth is rectified; None: the name of its topic says it.
-
-    Raises
-    ------
-    InputError
-        When there is neither a camera info nor a lens.
-
+    ``info`` is its first ``sensor_msgs/CameraInfo`` that says something, ``given`` the lens to
+    take instead, both may be None. ``rectified`` says whether depth is; None: the name of its
+    topic says it. Raises InputError when there is neither a camera info nor a lens.
     """
 
     def __init__(
@@ -79,13 +64,9 @@ class BagLens:
 
     def camera(self, size: tuple[int, int], notes: list[str]) -> Intrinsics:
         """
-        Return the camera of images of a size, and add what was assumed to the notes.
+        Return the camera of images of a size (height, width); what was assumed goes to the notes.
 
-        Raises
-        ------
-        InputError
-            When it cannot be a camera.
-
+        Raises InputError when it cannot be a camera.
         """
         if self._given is not None:
             camera = self._given.intrinsics(size, self._rectified, notes)
@@ -112,22 +93,9 @@ def view_of(
     """
     Return how the recorded camera looks through the clean images of a simulator.
 
-    Parameters
-    ----------
-    camera : Intrinsics
-        The recorded camera.
-    clean_info : message
-        The ``sensor_msgs/CameraInfo`` of the clean images.
-    radial : bool
-        Whether the clean images hold distances along the ray instead of along the axis.
-    rectified : bool
-        Whether the clean images are rectified.
-
-    Returns
-    -------
-    Reprojection or None
-        None where both have the same pixels, or where the message describes no camera.
-
+    ``clean_info`` is the ``sensor_msgs/CameraInfo`` of the clean images. If ``radial``, they hold
+    distances along the ray instead of along the axis. None where both have the same pixels, or
+    where the message describes no camera.
     """
     try:
         source = decode_camera_info(clean_info, rectified=rectified)
@@ -143,23 +111,11 @@ def looked_up(
     decoder: Callable[[bytes], np.ndarray], view: Reprojection, depth: bool
 ) -> Callable[[bytes], np.ndarray]:
     """
-    Return a decoder of the images as the recorded camera sees them.
+    Return a decoder of images as the recorded camera sees them: (H, W) float32 at its pixels.
 
-    Parameters
-    ----------
-    decoder : callable
-        Returns a clean image of a message, (H, W). One that is not of the source's size is left
-        as it is.
-    view : Reprojection
-        As from `view_of`.
-    depth : bool
-        Whether it is depth, metres; else reflectivity.
-
-    Returns
-    -------
-    callable
-        The image at the camera's pixels, float32; NaN where the clean images do not reach.
-
+    NaN is where the clean images do not reach. ``decoder`` returns a clean image of a message, (H,
+    W): depth in metres if ``depth``, else reflectivity. One that is not of the size of the source
+    of ``view`` is left as it is.
     """
 
     def look(data: bytes) -> np.ndarray:

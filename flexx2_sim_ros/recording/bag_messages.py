@@ -44,22 +44,9 @@ def typestore() -> Typestore:
 
 def decode(kind: str, data: bytes, where: str) -> Any:
     """
-    Return a serialized message's values.
+    Return the values of a serialized message, CDR, of a type such as ``sensor_msgs/msg/Image``.
 
-    Parameters
-    ----------
-    kind : str
-        Its type, as ``sensor_msgs/msg/Image``.
-    data : bytes
-        The message, CDR.
-    where : str
-        What to call it in errors.
-
-    Raises
-    ------
-    InputError
-        When it is not a message of that type.
-
+    ``where`` is what to call it in errors. Raises InputError when it is not of that type.
     """
     try:
         return typestore().deserialize_cdr(data, kind)
@@ -82,11 +69,7 @@ def header_stamp(data: bytes, where: str) -> int:
     """
     Return the stamp (nanoseconds) of a message that begins with a header, without decoding it.
 
-    Raises
-    ------
-    InputError
-        When there is no such stamp.
-
+    Raises InputError when there is no such stamp.
     """
     if len(data) >= 12:
         sec, nanosec = struct.unpack_from('<iI' if data[1] & 1 else '>iI', data, 4)

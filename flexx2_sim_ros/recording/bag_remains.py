@@ -25,17 +25,9 @@ _SQLITE_HEADER = 100
 
 class Message(NamedTuple):
     """
-    A message of a bag.
+    A message (CDR) of a bag, its topic and type, as ``sensor_msgs/msg/Image``.
 
-    Attributes
-    ----------
-    topic, kind : str
-        Its topic and type, as ``sensor_msgs/msg/Image``.
-    time : int
-        When it was received, nanoseconds.
-    data : bytes
-        The message, CDR.
-
+    ``time`` is when it was received, nanoseconds.
     """
 
     topic: str
@@ -49,12 +41,6 @@ class McapRemains:
     An MCAP file without its end.
 
     Of the last, incomplete chunk, intact messages are read if chunks are not compressed.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-
     """
 
     def __init__(self, path: Path) -> None:
@@ -126,20 +112,10 @@ def _text(body: bytes, start: int) -> tuple[str, int]:
 
 class SqliteRemains:
     """
-    An SQLite file that was not closed or was cut off.
+    A ``.db3`` file that was not closed or was cut off.
 
-    A journal beside it is applied first, to a copy. The bag is not changed.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        The ``.db3`` file.
-
-    Raises
-    ------
-    InputError
-        When there is no room for the copy.
-
+    A journal beside it is applied first, to a copy. The bag is not changed. Raises InputError when
+    there is no room for the copy.
     """
 
     def __init__(self, path: Path) -> None:

@@ -34,27 +34,11 @@ def _kind(item: Any) -> str:
 
 class Ros1Bag:
     """
-    A ``.bag`` file of ROS 1.
+    A ``.bag`` file of ROS 1; what a person should know is added to ``notes``.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    notes : list of str
-        What a person should know is added here.
-
-    Attributes
-    ----------
-    topics : dict of str to str
-        Types by topic; topics of types that are not read here are left out.
-    latched : set of str
-        Topics whose publishers were latched.
-
-    Raises
-    ------
-    InputError
-        When it is no such file, is damaged, or was not closed.
-
+    ``topics`` are types by topic, without those of types that are not read here. ``latched`` are
+    topics whose publishers were latched. Raises InputError when it is no such file, is damaged, or
+    was not closed.
     """
 
     def __init__(self, path: Path, notes: list[str]) -> None:

@@ -58,32 +58,13 @@ _CARRIED_BY_IMAGES = {
 
 class BagWriter:
     """
-    A bag that is being written.
+    A bag that is being written, a folder; all calls must come from one thread, as SQLite requires.
 
-    All calls must come from one thread (a requirement of SQLite).
-
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The folder to make; the name must be free.
-    storage : str
-        ``mcap`` or ``sqlite3``.
-    compression : str
-        ``none``, or ``zstd`` for the chunks of MCAP files.
-
-    Attributes
-    ----------
-    path : pathlib.Path
-        The folder.
-    offers : dict of str to list of rosbags.interfaces.Qos
-        QoS of each topic's publishers, for programs that play the bag; to be set before the
-        topic's first message. Default: reliable and volatile, as the driver.
-
-    Raises
-    ------
-    InputError
-        When the name is taken, the folder cannot be made, or the storage has no compression.
-
+    ``storage`` is ``mcap`` or ``sqlite3``, ``compression`` ``none``, or ``zstd`` for the chunks of
+    MCAP files. ``offers`` is the QoS of each topic's publishers, for programs that play the bag;
+    to be set before the topic's first message. Default: reliable and volatile, as the driver.
+    Raises InputError when the name is taken, the folder cannot be made, or the storage has no
+    compression.
     """
 
     def __init__(self, path: str | Path, storage: str = 'mcap', compression: str = 'none') -> None:
@@ -114,17 +95,9 @@ class BagWriter:
 
     def write(self, topic: str, kind: str, time: int, data: bytes) -> None:
         """
-        Add a message.
+        Add a message, CDR, of a type such as ``sensor_msgs/msg/Image``.
 
-        Parameters
-        ----------
-        topic, kind : str
-            Its topic and type, as ``sensor_msgs/msg/Image``.
-        time : int
-            When it was received, nanoseconds; not before the last message.
-        data : bytes
-            The message, CDR.
-
+        ``time`` is when it was received, nanoseconds; not before the last message.
         """
         connection = self._connections.get(topic)
         if connection is None:
@@ -171,20 +144,9 @@ def check_new(path: Path) -> None:
 
 def check_bag_name(path: Path, others: str = '') -> None:
     """
-    Check the name of a bag's folder.
+    Raise InputError when a bag's folder is named like a file: ``walk.npz`` could not be read.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The folder.
-    others : str
-        What else the name could be, for the error.
-
-    Raises
-    ------
-    InputError
-        When it ends like the name of a file: a folder ``walk.npz`` could not be read.
-
+    ``others`` is what else the name could be, for the error.
     """
     # `wall_1.5m` and `walk_2026.01.31` are folders.
     if path.suffix[1:2].isalpha():

@@ -39,24 +39,12 @@ class _Stack:
 
 class BagRecording(RecordingReader):
     """
-    A camera's recording in a rosbag2 bag.
+    A camera's recording in a rosbag2 bag: a folder, or a ``.mcap`` or ``.db3`` file.
 
     Frames are the messages of the depth image, or of the cloud if there is no image. Other
     images belong to the frame with their stamp. Zero, negative and infinite depths become NaN
-    (invalid). A bag from `flexx2 convert` returns the original recording exactly.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A folder, or a ``.mcap`` or ``.db3`` file.
-    camera, profile, clean, infrared, lens, rectified
-        As for `open_recording`.
-
-    Raises
-    ------
-    InputError
-        When there is no such bag or camera, or no lens.
-
+    (invalid). A bag from `flexx2 convert` returns the original recording exactly. Arguments are as
+    for `open_recording`. Raises InputError when there is no such bag or camera, or no lens.
     """
 
     def __init__(

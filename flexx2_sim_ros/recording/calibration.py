@@ -27,15 +27,9 @@ WAY_OUT = 'flexx2 convert --calibration FILE or --intrinsics FX FY CX CY says th
 @dataclass(frozen=True)
 class Calibration:
     """
-    What a calibration file says.
+    What the calibration file `name` says.
 
-    Attributes
-    ----------
-    name : str
-        The file, for messages.
-    modes : tuple of CameraFields
-        As a camera info says it, for each size of the images; a size of 0 x 0 is any.
-
+    ``modes`` has it as a camera info, for each size of the images; a size of 0 x 0 is any.
     """
 
     name: str
@@ -45,20 +39,10 @@ class Calibration:
         self, size: tuple[int, int], rectified: bool = False, notes: list[str] | None = None
     ) -> Intrinsics:
         """
-        Return the camera of images of a size.
+        Return the camera of images of a size (height, width).
 
-        Parameters
-        ----------
-        size : tuple of int
-            Height and width.
-        rectified, notes
-            As for `decode_camera_info`.
-
-        Raises
-        ------
-        InputError
-            When the file is of another size, or its numbers cannot be a camera.
-
+        ``rectified`` and ``notes`` are as for `decode_camera_info`. Raises InputError when the
+        file is of another size, or its numbers cannot be a camera.
         """
         fields = next((one for one in self.modes if _fits(one, size)), None)
         if fields is None:
@@ -89,22 +73,13 @@ def calibration_of(numbers: Sequence[float]) -> Calibration:
 
 def read_calibration(path: Path) -> Calibration:
     """
-    Read a calibration file.
+    Read a calibration file; size and distortion may be left out.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        ``ost.yaml`` of ``camera_calibration``, what ``ros2 topic echo`` prints of a camera info, a
-        file of OpenCV's ``FileStorage`` (YAML), ``camchain.yaml`` of Kalibr, JSON of Open3D
-        (``intrinsic_matrix``), of librealsense (``fx``, ``fy``, ``ppx``, ``ppy``), of Azure Kinect
-        (``calibration.json``, its depth camera) or of perception (``.intr``), or a text of 3 x 3
-        or 4 x 4 numbers or of fx, fy, cx, cy. Size and distortion may be left out.
-
-    Raises
-    ------
-    InputError
-        When it is no such file.
-
+    It is ``ost.yaml`` of ``camera_calibration``, what ``ros2 topic echo`` prints of a camera info,
+    a file of OpenCV's ``FileStorage`` (YAML), ``camchain.yaml`` of Kalibr, JSON of Open3D
+    (``intrinsic_matrix``), of librealsense (``fx``, ``fy``, ``ppx``, ``ppy``), of Azure Kinect
+    (``calibration.json``, its depth camera) or of perception (``.intr``), or a text of 3 x 3 or 4
+    x 4 numbers or of fx, fy, cx, cy. Raises InputError when it is no such file.
     """
     content, name = read_mapping(path, as_yaml=_as_yaml), shown_path(path)
     if _AZURE in content:

@@ -43,15 +43,9 @@ _TABLE = 'flexx2_checksums'
 @dataclass(frozen=True)
 class Check:
     """
-    Result of the verification of a file's checksums.
+    Result of the verification of a file's checksums: what is wrong, or None.
 
-    Attributes
-    ----------
-    problem : str or None
-        What is wrong; None if nothing was found.
-    protected : bool
-        Whether all messages have checksums. Otherwise damage may not be noticed.
-
+    ``protected`` says whether all messages have checksums. Otherwise damage may not be noticed.
     """
 
     problem: str | None
@@ -60,19 +54,10 @@ class Check:
 
 class BagRow(NamedTuple):
     """
-    A message of an SQLite bag.
+    A message (CDR) of an SQLite bag, its topic and type.
 
-    Attributes
-    ----------
-    topic, kind : str
-        Its topic and type.
-    time : int
-        When it was received, nanoseconds.
-    data : bytes
-        The message, CDR.
-    intact : bool
-        Whether its checksum is right, or the bag has none.
-
+    ``time`` is when it was received, nanoseconds; ``intact`` says whether its checksum is right,
+    or the bag has none.
     """
 
     topic: str
@@ -230,11 +215,7 @@ def sqlite_rows(connection: sqlite3.Connection) -> Iterator[BagRow]:
     """
     Iterate over the messages of an SQLite bag, in the order of writing.
 
-    Raises
-    ------
-    sqlite3.Error, KeyError
-        When the file is damaged.
-
+    Raises sqlite3.Error or KeyError when the file is damaged.
     """
     _check_tables(connection)
     topics = {

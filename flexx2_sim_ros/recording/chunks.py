@@ -124,22 +124,10 @@ def _whole(new_decompressor: Callable[[], Any], what: str) -> Callable[[bytes], 
 
 def limited(messages: Iterable[_Sized], files: Iterable[Path]) -> Iterator[_Sized]:
     """
-    Iterate over the messages of a bag up to the limit of their total size.
+    Iterate over the messages of a bag, made of `files`, up to the limit of their total size.
 
-    An index can also name one message many times.
-
-    Parameters
-    ----------
-    messages : iterable of Message
-        The messages.
-    files : iterable of pathlib.Path
-        All files of the bag.
-
-    Raises
-    ------
-    ChunkLimitError
-        When they are larger than the limit.
-
+    An index can also name one message many times. Raises ChunkLimitError when the messages are
+    larger than the limit.
     """
     limit = file_limit_bytes(FILE_LIMIT, _FILE_LIMIT_MB, sum(one.stat().st_size for one in files))
     total = 0

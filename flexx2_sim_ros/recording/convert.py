@@ -127,25 +127,9 @@ def convert_views(
     """
     Write each view in a folder, or episode of a data set, as a recording of its own.
 
-    Parameters
-    ----------
-    source : pathlib.Path
-        A folder of images, or of such folders (see `views`), or a LeRobot data set.
-    target : pathlib.Path
-        A folder, which gets an ``.npz`` file of the name of each view or episode.
-    given, progress, processed, camera
-        As for `convert`.
-
-    Returns
-    -------
-    list of (RecordingReader, pathlib.Path)
-        As of `convert`.
-
-    Raises
-    ------
-    InputError
-        As `convert`.
-
+    ``source`` is a folder of images, or of such folders (see `views`), or a LeRobot data set. The
+    folder ``target`` gets an ``.npz`` file of the name of each. The rest, errors too, is as for
+    `convert`.
     """
     found: dict[str, Callable[[], tuple[RecordingReader, Given]]]
     if is_dataset(source):
@@ -244,17 +228,10 @@ def write_npz(
     reader: RecordingReader, path: Path, progress: Callable[[float], None] = lambda share: None
 ) -> None:
     """
-    Write a recording as a NumPy archive.
+    Write a recording as a NumPy archive, which appears when it is complete.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        What to write.
-    path : pathlib.Path
-        The file; it appears when it is complete, and replaces one of that name.
-    progress : callable
-        Called with the fraction of all images that are written.
-
+    It replaces a file of that name. ``progress`` is called with the fraction of all images that
+    are written.
     """
     done, total = itertools.count(1), len(reader.layouts) * len(reader.stamp)
 

@@ -41,10 +41,9 @@ class Given:
         Keys of the recording format, and what an ``.npz`` file of another program calls them.
     partial_truth : bool
         Whether the ground truth is unknown where `clean_depth` is NaN, and not "no return".
-    clean : str or None
-        The topic of a bag's clean depth images, if it is not ``clean/depth_image``.
-    infrared : str or None
-        The topic of the infrared image in a bag, where the bag does not tell.
+    clean, infrared : str or None
+        Topics of a bag: of the clean depth images, if it is not ``clean/depth_image``, and of the
+        infrared image, where the bag does not tell.
     radial : bool
         Whether depth is measured along the ray of each pixel instead of along the optical axis.
     intrinsics : tuple of float or None
@@ -102,21 +101,11 @@ class Given:
 
 def in_metres(depth: np.ndarray, unit: float | None = None) -> np.ndarray:
     """
-    Return depth as a recording has it.
+    Return depth as a recording has it: float32 metres, NaN where invalid.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        Counts of any real dtype; 0, negative and not finite values are invalid, and of 16 bits
-        65535.
-    unit : float, optional
-        Metres of a count; left out, whole numbers are millimetres, and others metres.
-
-    Returns
-    -------
-    numpy.ndarray
-        float32 metres, NaN where invalid.
-
+    ``depth`` are counts of any real dtype; 0, negative and not finite values are invalid, and of
+    16 bits 65535. ``unit`` is metres of a count; left out, whole numbers are millimetres, and
+    others metres.
     """
     if unit is None:
         unit = MILLIMETRE if depth.dtype.kind in 'iu' else 1.0
@@ -130,26 +119,11 @@ def in_metres(depth: np.ndarray, unit: float | None = None) -> np.ndarray:
 
 class CompletedRecording(RecordingReader):
     """
-    A recording with more or other arrays than its file has.
+    A recording with more or other arrays than its file, `source`, has.
 
-    Parameters
-    ----------
-    source : RecordingReader
-        The file.
-    arrays : mapping of str to numpy.ndarray
-        Arrays of the recording format that are not stacks.
-    radial : bool
-        Whether `source` has depth along the ray.
-    profile : Profile, optional
-        The camera, instead of that of `source`.
-    notes : sequence of str
-        Further notes.
-
-    Raises
-    ------
-    InputError
-        When they do not fit the recording.
-
+    ``arrays`` are not stacks; ``radial`` says that `source` has depth along the ray; ``profile``
+    replaces that of `source`; ``notes`` are added. Raises InputError when they do not fit the
+    recording.
     """
 
     def __init__(
@@ -186,20 +160,10 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
     """
     Return a recording with what a user says of it.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        The file.
-    given : Given
-        Its mode, profile, mask, rate, whether the ground truth is partial and depth along the ray
-        are used.
-
-    Raises
-    ------
-    InputError
-        When the profile lacks the mode, the mask cannot be read or has another size, the file has
-        stamps and a rate is given, or its ground truth is partial and it has none.
-
+    Of `given` the mode, profile, mask, rate, whether the ground truth is partial and depth along
+    the ray are used. Raises InputError when the profile lacks the mode, the mask cannot be read or
+    has another size, the file has stamps and a rate is given, or its ground truth is partial and
+    it has none.
     """
     arrays: dict[str, np.ndarray] = {}
     notes: list[str] = []

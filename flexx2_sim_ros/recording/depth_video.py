@@ -22,14 +22,8 @@ class Coding:
     """
     How depth becomes codes: in equal steps of depth, or of the logarithm of depth + shift.
 
-    Attributes
-    ----------
-    depth_min, depth_max : float
-        Depth of the first and the last code, metres.
-    shift : float
-        Metres.
-    use_log : bool
-
+    ``depth_min`` and ``depth_max`` are the depth of the first and the last code; with ``shift``,
+    in metres.
     """
 
     depth_min: float
@@ -62,18 +56,9 @@ def coding_of(where: str, info: Mapping[str, Any]) -> Coding:
     """
     Return the coding of a feature.
 
-    Parameters
-    ----------
-    where : str
-        File and feature, for errors.
-    info : mapping
-        Its ``info`` in ``meta/info.json``, with the keys ``video.depth_min`` and so on.
-
-    Raises
-    ------
-    InputError
-        When a key is missing or is no number that can be.
-
+    ``info`` is its ``info`` in ``meta/info.json``, with the keys ``video.depth_min`` and so on,
+    and ``where`` file and feature, for errors. Raises InputError when a key is missing or is no
+    number that can be.
     """
     found: dict[str, Any] = {}
     for name in ('depth_min', 'depth_max', 'shift'):
@@ -103,29 +88,11 @@ def depth_frames(
     path: Path, coding: Coding, times: np.ndarray, size: tuple[int, int]
 ) -> Iterator[np.ndarray]:
     """
-    Iterate over some images of a video; needs PyAV.
+    Iterate over images of an MP4 video, (H, W) float32 metres, NaN where invalid; needs PyAV.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file, an MP4.
-    coding : Coding
-        What its codes mean.
-    times : numpy.ndarray
-        (T,) rising seconds of the images that are wanted, in the video.
-    size : tuple of int
-        Height and width that the video must have.
-
-    Yields
-    ------
-    numpy.ndarray
-        (H, W) float32 metres, NaN where invalid.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, has another size or format, or lacks an image.
-
+    ``times`` are the (T,) rising seconds of the images that are wanted, in the video; ``size`` is
+    the height and width that it must have. Raises InputError when it cannot be read, has another
+    size or format, or lacks an image.
     """
     import av
 

@@ -10,24 +10,12 @@ BAG_FILES = (*_ROS2_FILES, '.bag')
 
 def find_recordings(folder: str | Path) -> list[Path]:
     """
-    List the recordings in a folder.
+    List the recordings in a folder: ``.npz`` files and bags (folders, or files of bags).
 
-    Parameters
-    ----------
-    folder : str or pathlib.Path
-        With ``.npz`` files and bags (folders, ``.mcap``, ``.db3`` or ``.bag`` files).
-
-    Returns
-    -------
-    list of pathlib.Path
-        Sorted by name; at least one. Unreadable folders are included, so that opening them gives
-        the reason; hidden files are not.
-
-    Raises
-    ------
-    InputError
-        When there is no such folder or no recording in it, or it cannot be read.
-
+    Files of bags end in ``.mcap``, ``.db3`` or ``.bag``. Recordings are sorted by name; at least
+    one. Unreadable folders are included, so that opening them gives the reason; hidden files are
+    not. Raises InputError when there is no such folder or no recording in it, or it cannot be
+    read.
     """
     folder = Path(folder)
     try:

@@ -16,20 +16,9 @@ _MOST = 100_000  # arrays; assumed
 
 class Hdf5File:
     """
-    An open HDF5 file.
+    An open HDF5 file, made by `open_hdf5`; ``headers`` is by path, as ``data/demo_0/obs/depth``.
 
-    Made by `open_hdf5`. Only numbers that lie in the file itself are read: no objects, no links.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-    file : h5py.File
-
-    Attributes
-    ----------
-    headers : dict of str to h5py.Dataset
-        By path, for example ``data/demo_0/obs/depth``.
-
+    Only numbers that lie in the file itself are read: no objects, no links.
     """
 
     def __init__(self, path: Path, file: Any) -> None:
@@ -68,15 +57,7 @@ class Hdf5File:
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[Hdf5File]:
-    """
-    Open an HDF5 file; needs h5py.
-
-    Raises
-    ------
-    InputError
-        When it cannot be read.
-
-    """
+    """Open an HDF5 file; needs h5py. Raises InputError when it cannot be read."""
     import h5py
 
     with one_sentence(f'{shown_path(path)}: cannot be read'), h5py.File(path, 'r') as file:

@@ -40,22 +40,10 @@ class ImageRecording(RecordingReader):
     or milliseconds, microseconds or nanoseconds since 1970. Without them frames are in the order
     of the names' numbers.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The folder or file.
-    given : Given
-        Its calibration (else the folder's only YAML file) and unit (else
-        millimetres, and metres of floating-point numbers) are used.
-    view : pathlib.Path, optional
-        The only depth image of the folder to read.
-
-    Raises
-    ------
-    InputError
-        When there are no such images, one of them is of another kind or size, or there is no
-        calibration for them.
-
+    Of `given` the calibration (else the folder's only YAML file) and unit (else millimetres, and
+    metres of floating-point numbers) are used. ``view`` is the only depth image of the folder to
+    read. Raises InputError when there are no such images, one of them is of another kind or size,
+    or there is no calibration for them.
     """
 
     def __init__(self, path: Path, given: Given, view: Path | None = None) -> None:

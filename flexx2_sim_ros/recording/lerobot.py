@@ -34,16 +34,8 @@ class Feature:
     """
     A feature of the data set that is depth.
 
-    Attributes
-    ----------
-    key : str
-    kind : str
-        The ``dtype``: ``image``, ``video``, or that of numbers in the table.
-    size : tuple of int
-        Height and width.
-    info : dict
-        What the file says of its video and unit.
-
+    ``kind`` is the ``dtype``: ``image``, ``video``, or that of numbers in the table. ``size`` is
+    height and width, ``info`` what the file says of its video and unit.
     """
 
     key: str
@@ -63,27 +55,11 @@ class Place:
 
 class Dataset:
     """
-    A LeRobot data set and its depth feature.
+    A LeRobot data set, a folder, and its depth feature.
 
-    Parameters
-    ----------
-    root : pathlib.Path
-        The folder.
-    camera : str, optional
-        The feature: its key, or the last part of it. Not needed if only one has depth.
-
-    Attributes
-    ----------
-    root : pathlib.Path
-    depth : Feature
-    episodes : dict of int to Place
-
-    Raises
-    ------
-    InputError
-        When ``meta/info.json`` or the tables of episodes cannot be read, or there is no such
-        feature.
-
+    ``camera`` is the feature: its key, or the last part of it; not needed if only one has depth.
+    Raises InputError when ``meta/info.json`` or the tables of episodes cannot be read, or there is
+    no such feature.
     """
 
     def __init__(self, root: Path, camera: str | None = None) -> None:
@@ -161,18 +137,9 @@ class Episode(RecordingReader):
     """
     The depth of an episode, read image by image; needs pyarrow, and PyAV for videos.
 
-    Parameters
-    ----------
-    dataset : Dataset
-    given : Given
-        Its episode (needed unless there is only one), lens and unit (else as the data set says,
-        else millimetres for whole numbers and metres) are used.
-
-    Raises
-    ------
-    InputError
-        When there is no such episode, no lens for it, or it cannot be read.
-
+    Of `given` the episode (needed unless there is only one), lens and unit (else as the data set
+    says, else millimetres for whole numbers and metres) are used. Raises InputError when there is
+    no such episode, no lens for it, or it cannot be read.
     """
 
     def __init__(self, dataset: Dataset, given: Given) -> None:

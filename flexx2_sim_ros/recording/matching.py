@@ -14,15 +14,9 @@ _Place = tuple[int, int, int]
 @dataclass
 class Topic:
     """
-    The messages of a topic.
+    The messages of a topic: the first one, CDR, and the stamps of all and when they were received.
 
-    Attributes
-    ----------
-    first : bytes
-        The first one, CDR.
-    stamps, times : list of int
-        Of each message: its stamp, and when it was received, nanoseconds.
-
+    Both are in nanoseconds.
     """
 
     first: bytes
@@ -39,16 +33,8 @@ def match(own: Topic, other: Topic) -> np.ndarray:
     topic lacks a run, or has messages in another order. Of the messages with a stamp, those two
     then belong together that arrived nearest to each other.
 
-    Parameters
-    ----------
-    own, other : Topic
-        Each with a message at least.
-
-    Returns
-    -------
-    numpy.ndarray
-        (T,) int64 for each message of `own`: the number of the other's, or `ABSENT`.
-
+    Both topics have at least a message. Returned is (T,) int64 for each message of `own`: the
+    number of the other's, or `ABSENT`.
     """
     places, others = list(_places(own.stamps)), list(_places(other.stamps))
     if places[-1][0] == others[-1][0]:

@@ -58,10 +58,6 @@ def load_scene(path: str | Path) -> Scene:
     path : str or pathlib.Path
         An ``.npz`` file; nothing in it is unpickled.
 
-    Returns
-    -------
-    Scene
-
     Raises
     ------
     InputError

@@ -15,20 +15,10 @@ import numpy as np
 
 class NpzRecording(RecordingReader):
     """
-    An ``.npz`` recording.
+    An ``.npz`` recording; nothing in the file is unpickled.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file; nothing in it is unpickled.
-    profile : Profile, optional
-        As for `open_recording`.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or is not a recording.
-
+    ``profile`` is as for `open_recording`. Raises InputError when the file cannot be read, or is
+    not a recording.
     """
 
     def __init__(self, path: Path, profile: Profile | None = None) -> None:
@@ -139,10 +129,6 @@ def open_recording(
         Whether the depth images of a bag are rectified; left out, those of a topic ``image_rect``
         are.
 
-    Returns
-    -------
-    RecordingReader
-
     Raises
     ------
     InputError
@@ -163,18 +149,12 @@ def open_recording(
 
 def load_recording(path: str | Path, camera: str | None = None) -> Recording:
     """
-    Read a whole recording into memory.
-
-    For long recordings, use ``open_recording(path).chunks()``.
+    Read a whole recording into memory; for long ones, use ``open_recording(path).chunks()``.
 
     Parameters
     ----------
     path, camera
         As for `open_recording`.
-
-    Returns
-    -------
-    Recording
 
     Raises
     ------

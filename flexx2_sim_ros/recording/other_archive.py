@@ -15,20 +15,11 @@ ARCHIVES = ('.npz', *SUFFIXES)
 
 class OtherArchive(RecordingReader):
     """
-    An ``.npz`` or HDF5 file of another program, held in memory.
+    An ``.npz`` or HDF5 file of another program, held in memory; nothing in it is unpickled.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file; nothing in it is unpickled.
-    given : Given
-        Its keys, unit (else millimetres for whole numbers, and metres) and calibration are used.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read, lacks a key, or is not a recording with these options.
-
+    Of `given` the keys, unit (else millimetres for whole numbers, and metres) and calibration are
+    used. Raises InputError when the file cannot be read, lacks a key, or is not a recording with
+    these options.
     """
 
     def __init__(self, path: Path, given: Given) -> None:

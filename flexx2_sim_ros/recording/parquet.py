@@ -19,27 +19,10 @@ _WHOLE = (4, 5, 6)
 @contextmanager
 def open_table(path: Path, columns: list[str], most_rows: int = MOST_ROWS) -> Iterator[Any]:
     """
-    Open a table; needs pyarrow, of a version that unpickles nothing.
+    Open a table, of which `columns` will be read; needs pyarrow that unpickles nothing.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file.
-    columns : list of str
-        What will be read.
-    most_rows : int
-        Rows that it may have.
-
-    Yields
-    ------
-    pyarrow.parquet.ParquetFile
-
-    Raises
-    ------
-    InputError
-        When it cannot be read, lacks a column, has more rows, or a row group of the columns is
-        over the limit.
-
+    Raises InputError when it cannot be read, lacks a column, has more than ``most_rows`` rows, or
+    a row group of the columns is over the limit.
     """
     import pyarrow.parquet
 

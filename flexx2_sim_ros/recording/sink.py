@@ -21,17 +21,10 @@ _FLUSH_SECONDS = 0.25
 
 class BagSink:
     """
-    Write messages as they arrive, through a queue of bounded size.
+    Write messages as they arrive, through a queue of at most `capacity` bytes.
 
     `put` never waits: it refuses messages when the queue is full. If this process crashes, the
-    bag lacks at most the last second.
-
-    Parameters
-    ----------
-    writer : BagWriter
-        The bag; it is opened and closed by the thread.
-    capacity : int
-        Largest size of the queue, bytes.
+    bag lacks at most the last second. The writer is opened and closed by the thread.
 
     Attributes
     ----------
@@ -86,11 +79,7 @@ class BagSink:
         """
         Write the queue, and close the bag.
 
-        Raises
-        ------
-        InputError
-            When the bag could not be written to its end.
-
+        Raises InputError when the bag could not be written to its end.
         """
         self._queue.put(None)
         self._thread.join()
@@ -139,17 +128,9 @@ _GAP_PERIODS = 1.5
 @dataclass(frozen=True)
 class Gaps:
     """
-    Gaps in the stamps of a stream.
+    Gaps in the stamps of a stream: how many, and the longest, seconds; 0 without gaps.
 
-    Attributes
-    ----------
-    count : int
-        Number of gaps.
-    longest : float
-        The longest one, seconds; 0 without gaps.
-    returns : int
-        Number of stamps that went back or repeated.
-
+    ``returns`` is the number of stamps that went back or repeated.
     """
 
     count: int = 0
@@ -159,20 +140,10 @@ class Gaps:
 
 def find_gaps(stamps: Sequence[int]) -> Gaps:
     """
-    Compare each step between stamps with those around it.
+    Compare each step between stamps, nanoseconds in the order of messages, with those around it.
 
     The usual step is the upper quartile of the eight steps before and after. So a change of the
     rate is no gap, nor are the alternating steps of a 45 Hz mode with 60 Hz input.
-
-    Parameters
-    ----------
-    stamps : sequence of int
-        Nanoseconds, in the order of the messages.
-
-    Returns
-    -------
-    Gaps
-
     """
     steps = np.diff(np.asarray(stamps, np.int64))
     forward = steps[steps > 0]

@@ -13,27 +13,10 @@ _SAME_NANOSECONDS = 1000
 
 def read_stamps(path: str | Path, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, ...]:
     """
-    Check the stamps of a file that has them.
+    Check the stamps of a file: return (T,) float64 seconds and (T,) int64 nanoseconds.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path
-        The file, for messages.
-    arrays : mapping of str to numpy.ndarray
-        Its arrays: ``stamp``, seconds, or ``stamp_ns``, nanoseconds, or both.
-
-    Returns
-    -------
-    stamp : numpy.ndarray
-        (T,) float64, seconds.
-    stamp_ns : numpy.ndarray
-        (T,) int64, nanoseconds.
-
-    Raises
-    ------
-    InputError
-        When they are no finite numbers (T,), or differ; the message names file and key.
-
+    ``arrays`` has ``stamp``, seconds, or ``stamp_ns``, nanoseconds, or both. Raises InputError,
+    which names file and key, when they are no finite numbers (T,), or differ.
     """
     given = {key: arrays[key] for key in ('stamp', 'stamp_ns') if key in arrays}
     for key, values in given.items():
@@ -78,23 +61,11 @@ def stamps_of(arrays: Mapping[str, np.ndarray | None]) -> list[int]:
 
 def in_time(stamp_ns: np.ndarray, path: str) -> tuple[np.ndarray | None, list[str]]:
     """
-    Find the order of time of frames, each stamp once.
+    Find the order of time of frames, each stamp once, from their (T,) stamps in a file.
 
-    Parameters
-    ----------
-    stamp_ns : numpy.ndarray
-        (T,) of frames as they are in a file.
-    path : str
-        The file, for notes.
-
-    Returns
-    -------
-    order : numpy.ndarray or None
-        The numbers of frames by stamp, the first of each stamp; None where nothing is to be
-        changed: stamps rise, or begin again, as those of a simulation that was reset.
-    notes : list of str
-        Which frames repeat a stamp or come late.
-
+    Returned are the numbers of frames by stamp, the first of each stamp, and notes on which frames
+    repeat a stamp or come late. The order is None where nothing is to be changed: stamps rise, or
+    begin again, as those of a simulation that was reset. ``path`` is for the notes.
     """
     if (np.diff(stamp_ns) > 0).all() or _begins_again(stamp_ns):
         return None, []

@@ -18,13 +18,7 @@ def tidy(reader: RecordingReader, units: bool = True) -> RecordingReader:
     """
     Return a recording with rising stamps, depth in metres and reflectivity up to 1.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        The file. Notes say what is changed.
-    units : bool
-        Whether values tell the units; else the user has said them.
-
+    Notes say what is changed. With ``units``, values tell the units; else the user has said them.
     """
     order, notes = in_time(reader.stamp_ns, str(reader.path))
     factors: dict[str, float] = {}
@@ -40,15 +34,8 @@ def factor_of(key: str, image: np.ndarray | None, path: str) -> tuple[float, str
     """
     Return what an image must be multiplied with, and a note; 1 and no note in the usual unit.
 
-    Parameters
-    ----------
-    key : str
-        One of `TRUSTED`.
-    image : numpy.ndarray or None
-        Some of its values; not finite and not positive ones say nothing.
-    path : str
-        The recording, for the note.
-
+    ``key`` is one of `TRUSTED`; ``image`` are some of its values (not finite and not positive ones
+    say nothing), or None; ``path`` is for the note.
     """
     if image is None or image.dtype.kind not in 'fiu':
         return 1.0, ''

@@ -84,19 +84,11 @@ class Accuracy:
 
 def plane_axes(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the axes that a plane's two tilts are about.
+    Return the axes, each (3,), that a plane's two tilts are about; tilts are right-handed.
 
-    Parameters
-    ----------
-    normal : numpy.ndarray
-        (3,) unit normal that points away from the camera, optical frame.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (3,) the image's x axis projected onto the plane (its y axis, where the plane faces along
-        x); (3,) normal x the first. Tilts are right-handed.
-
+    ``normal`` is (3,), unit, away from the camera, in the optical frame. The first axis is the
+    image's x axis projected onto the plane (its y axis, where the plane faces along x), the second
+    normal x the first.
     """
     axis = np.eye(3)[0 if abs(normal[0]) < _ALONG else 1]
     first = axis - (axis @ normal) * normal
@@ -128,26 +120,10 @@ def _root(variances: np.ndarray) -> float:
 
 def read_truth(path: Path, arrays: Mapping[str, np.ndarray], shape: tuple[int, int, int]) -> Truth:
     """
-    Check a recording's keys that say how well its ground truth is known.
+    Check and return the keys of a recording that say how well its ground truth is known.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The recording, for messages.
-    arrays : mapping of str to numpy.ndarray
-        Its arrays.
-    shape : tuple of int
-        (T, H, W) of its depth.
-
-    Returns
-    -------
-    Truth
-
-    Raises
-    ------
-    InputError
-        When one of them has a wrong shape, dtype or value; the message names file and key.
-
+    ``shape`` is (T, H, W) of its depth. Raises InputError, which names file and key, when one of
+    them has a wrong shape, dtype or value.
     """
     known = arrays.get('known')
     if known is not None and (known.dtype != bool or known.shape not in (shape, shape[1:])):

@@ -9,11 +9,7 @@ def uptime_of(reader: RecordingReader) -> np.ndarray | None:
     """
     Return (T,) seconds since power-on of each frame, as the recording says; None if it does not.
 
-    Raises
-    ------
-    InputError
-        When `uptime` is not one number or one for each frame.
-
+    Raises InputError when `uptime` is not one number or one for each frame.
     """
     uptime = reader.arrays.get('uptime')
     if uptime is None:

@@ -13,22 +13,12 @@ def exact_for_rays(model: mujoco.MjModel) -> mujoco.MjModel:
     """
     Return a copy of a model in which `mujoco.mj_multiRay` finds every geom that `mj_ray` finds.
 
-    ``mj_multiRay`` skips bodies by their bounding volume and geoms by the angles of their
-    corners. Before MuJoCo 4.0 the angles are too small for large geoms near the origin, so it
-    sees through parts of stairs and floors. In all versions the bounding volume of a body has
-    only the geoms that collide, so it misses geoms that are there to be seen and are outside of
-    it. Bodies without a bounding volume are not culled.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Not changed.
-
-    Returns
-    -------
-    mujoco.MjModel
-        For casting rays only, with the data of the original.
-
+    ``mj_multiRay`` skips bodies by their bounding volume and geoms by the angles of their corners.
+    Before MuJoCo 4.0 the angles are too small for large geoms near the origin, so it sees through
+    parts of stairs and floors. In all versions the bounding volume of a body has only the geoms
+    that collide, so it misses geoms that are there to be seen and are outside of it. Bodies
+    without a bounding volume are not culled. The copy is for casting rays only, with the data of
+    the original.
     """
     exact = copy.copy(model)
     if mujoco.mj_version() < _FIXED:

@@ -24,15 +24,9 @@ class SceneGround:
     """
     The ground of a MuJoCo scene.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        From `build_model`. Not changed.
-    data : mujoco.MjData
-        A state of it, complete up to its positions whenever this is asked; it is kept.
-    robot : numpy.ndarray
-        (ngeom,) bool: shapes that are not ground.
-
+    ``model`` is from `build_model` and not changed. ``data`` is a state of it, complete up to its
+    positions whenever this is asked; it is kept. ``robot`` (ngeom,) bool are shapes that are not
+    ground.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: np.ndarray) -> None:

@@ -14,23 +14,10 @@ _NO_COLOUR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 
 def load_materials(path: str | Path | None = None) -> dict[str, float]:
     """
-    Read the reflectivities of named materials.
+    Read the diffuse reflectivities at 940 nm, 0 to 1, by material name.
 
-    Parameters
-    ----------
-    path : str or pathlib.Path, optional
-        A file like ``config/materials.yaml``, which is the default.
-
-    Returns
-    -------
-    dict of str to float
-        Diffuse reflectivity at 940 nm, 0 to 1, by material name.
-
-    Raises
-    ------
-    InputError
-        When the file cannot be read or an entry is not a number from 0 to 1.
-
+    The file is like ``config/materials.yaml``, which is the default. Raises InputError when it
+    cannot be read or an entry is not a number from 0 to 1.
     """
     path = config_dir() / 'materials.yaml' if path is None else Path(path)
     entries = read_section(path, 'materials', dict)
@@ -52,19 +39,9 @@ def reflectivity_table(
     """
     Return every geom's reflectivity at 940 nm, to be indexed with a renderer's ``geom_id``.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Any model. Only the part of a material's name after the last ``/`` counts.
-    materials : dict of str to float, optional
-        Reflectivity by material name; default `load_materials()`.
-
-    Returns
-    -------
-    np.ndarray
-        (ngeom + 1,) float32, 0 to 1. A geom without a listed material takes the Rec. 709
-        luminance of its colour. The last entry, which id -1 picks, is 0.
-
+    It is (ngeom + 1,) float32, 0 to 1. A geom without a listed material takes the Rec. 709
+    luminance of its colour. The last entry, which id -1 picks, is 0. ``materials`` is reflectivity
+    by name, of which the part after the last ``/`` counts; default `load_materials()`.
     """
     materials = load_materials() if materials is None else materials
     table = np.zeros(model.ngeom + 1, np.float32)

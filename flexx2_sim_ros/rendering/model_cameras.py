@@ -16,20 +16,9 @@ _INVISIBLE = 5
 
 class ModelCameras:
     """
-    The cameras of a model by name, each checked once against the intrinsics.
+    The cameras of a model by name, each checked once against the intrinsics that all must have.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Copied.
-    intrinsics : Intrinsics
-        What every camera must have.
-
-    Attributes
-    ----------
-    model : mujoco.MjModel
-        The copy. After `select`, only the geoms that one camera can see are visible in it.
-
+    ``model`` is a copy. After `select`, only the geoms that one camera can see are visible in it.
     """
 
     def __init__(self, model: mujoco.MjModel, intrinsics: Intrinsics) -> None:
@@ -43,11 +32,7 @@ class ModelCameras:
         """
         Make visible what a camera can see; return the camera's id.
 
-        Raises
-        ------
-        InputError
-            When the model has no such camera or it has other intrinsics.
-
+        Raises InputError when the model has no such camera or it has other intrinsics.
         """
         if name not in self._found:
             index = self._find(name)

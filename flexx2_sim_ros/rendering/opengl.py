@@ -22,22 +22,8 @@ class OpenGlRenderer:
     """
     A `DepthRenderer` that draws every geom in the colour of its id and reads the depth buffer.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Copied.
-    intrinsics : Intrinsics
-        Of every camera.
-    backend : str
-        ``egl`` or ``osmesa``.
-    reasons : tuple of str
-        Why better backends cannot be used.
-
-    Raises
-    ------
-    Exception
-        Of any kind, when a library or driver is missing or broken.
-
+    The model is copied. ``backend`` is ``egl`` or ``osmesa``; ``reasons`` are why better ones
+    cannot be used. Raises errors of any kind, when a library or driver is missing or broken.
     """
 
     def __init__(

@@ -80,23 +80,9 @@ def board_model(intrinsics: Intrinsics, camera: str = 'camera') -> mujoco.MjMode
     """
     Return the scene ``board`` with one camera in front of it, without a robot.
 
-    Parameters
-    ----------
-    intrinsics : Intrinsics
-        Of the camera; the principal point in the middle, no distortion.
-    camera : str
-        Its name, for `place_board`.
-
-    Returns
-    -------
-    mujoco.MjModel
-        The camera looks along +x, 1 m above the ground.
-
-    Raises
-    ------
-    InputError
-        When the intrinsics cannot be rendered.
-
+    The camera looks along +x, 1 m above the ground; its name is for `place_board`. ``intrinsics``
+    have the principal point in the middle and no distortion; raises InputError when they cannot be
+    rendered.
     """
     check_view(intrinsics, NEAR, FAR)
     spec, (scene, _) = mujoco.MjSpec(), load_scene('board')

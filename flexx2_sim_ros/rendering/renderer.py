@@ -16,15 +16,7 @@ class RayCaster:
     """
     A `DepthRenderer` that casts one exact ray for each pixel.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Copied.
-    intrinsics : Intrinsics
-        Of every camera.
-    reasons : tuple of str
-        Why better backends cannot be used.
-
+    The model is copied. ``reasons`` are why better backends cannot be used.
     """
 
     backend = 'ray'
@@ -86,13 +78,8 @@ class DepthRenderer(Protocol):
     """
     What `open_renderer` returns.
 
-    Attributes
-    ----------
-    backend : str
-        ``egl``, ``osmesa`` or ``ray``.
-    reasons : tuple of str
-        Why each better backend cannot be used; empty if this is the best one.
-
+    ``backend`` is ``egl``, ``osmesa`` or ``ray``; ``reasons`` are why each better one cannot be
+    used, empty if this is the best one.
     """
 
     backend: str
@@ -150,10 +137,6 @@ def open_renderer(
     backend : str
         ``egl``, ``osmesa``, ``ray`` (``mj_multiRay``; no graphics library needed), or ``auto``:
         the first of them that works. Environment variables have no influence.
-
-    Returns
-    -------
-    DepthRenderer
 
     Raises
     ------

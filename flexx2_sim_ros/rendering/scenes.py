@@ -41,25 +41,10 @@ _BOX = mujoco.mjtGeom.mjGEOM_BOX
 
 def load_scene(scene: str) -> tuple[mujoco.MjSpec, str]:
     """
-    Return a scene to attach to a robot, and its source.
+    Return a scene to attach to a robot, and its name or path, for messages.
 
-    Parameters
-    ----------
-    scene : str
-        One of `SCENES`, or the path of an MJCF file.
-
-    Returns
-    -------
-    spec : mujoco.MjSpec
-        The scene; it compiles without a robot.
-    source : str
-        Its name or path, for messages.
-
-    Raises
-    ------
-    InputError
-        When there is no such scene or it does not compile.
-
+    ``scene`` is one of `SCENES`, or the path of an MJCF file; it compiles without a robot. Raises
+    InputError when there is no such scene or it does not compile.
     """
     builders = {'board': _board, 'rubble': _rubble}
     if scene in builders:
@@ -114,30 +99,15 @@ def place_board(
     """
     Place the board of the scene `board` in front of a camera.
 
-    The board's front face crosses the camera's optical axis at `distance`, and the angle between
-    its normal and the axis is `angle`. The board is turned about the image's vertical, with the
-    right edge away from the camera. The face's depth at pixel (u, v) is exactly
-    ``distance / (1 - tan(angle) (u - cx) / fx)``. A backdrop stands 1.5 m behind it, square to the
-    axis. Other cameras see both from their own positions.
+    The board's front face crosses the camera's optical axis at `distance`, 0.1 to 10 m, and the
+    angle between its normal and the axis is `angle`, -80 to 80 degrees. The board is turned about
+    the image's vertical, with the right edge away from the camera. The face's depth at pixel (u,
+    v) is exactly ``distance / (1 - tan(angle) (u - cx) / fx)``. A backdrop stands 1.5 m behind it,
+    square to the axis. Other cameras see both from their own positions.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Model with the scene `board`; the board's place in it is changed permanently.
-    data : mujoco.MjData
-        The robot in its pose, complete up to its positions; it is updated.
-    camera : str
-        The camera's name.
-    distance : float
-        Metres, 0.1 to 10.
-    angle : float
-        Degrees, -80 to 80.
-
-    Raises
-    ------
-    InputError
-        When the model has no board or no such camera, or a number is out of range.
-
+    The board's place in ``model`` is changed permanently. ``data`` has the robot in its pose,
+    complete up to its positions; it is updated. Raises InputError when the model has no board or
+    no such camera, or a number is out of range.
     """
     near, far = BOARD_DISTANCES
     if not near <= distance <= far:

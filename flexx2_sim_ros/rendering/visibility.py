@@ -11,25 +11,11 @@ _ONLY = np.array([1, 0, 0, 0, 0, 0], np.uint8)
 
 def unseen_geoms(model: mujoco.MjModel, camera: int, intrinsics: Intrinsics) -> np.ndarray:
     """
-    Return which shapes of a robot are always outside the view of a camera on it.
+    Return which shapes of a robot are always outside the view of a camera on it, (ngeom,) bool.
 
     Shapes that are fixed to the camera are tested with its rays. Shapes that move are tested in
-    many poses from the whole range of the joints. Only shapes of the robot are tested.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        Any model. Not changed.
-    camera : int
-        The camera's id.
-    intrinsics : Intrinsics
-        Of the camera.
-
-    Returns
-    -------
-    numpy.ndarray
-        (ngeom,) bool; all False for a camera that is fixed to the world.
-
+    many poses from the whole range of the joints. Only shapes of the robot are tested; all False
+    for a camera that is fixed to the world. ``camera`` is its id.
     """
     body = model.cam_bodyid[camera]
     bodies = model.geom_bodyid

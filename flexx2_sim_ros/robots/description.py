@@ -85,18 +85,8 @@ def links_of(model: mujoco.MjModel, robot: Robot | None = None) -> list[Link]:
     """
     Return the links of the robot's trunk and its descendants, parents first.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        From `build_model`.
-    robot : Robot, optional
-        The one that the model was built with; default `load_robot()`.
-
-    Returns
-    -------
-    list of Link
-        The first one is the trunk, fixed to the frame ``base``.
-
+    The first one is the trunk, fixed to the frame ``base``. ``model`` is from `build_model`, with
+    `robot` (default `load_robot()`).
     """
     trunk = find_parts(model, robot).trunk
     links = [
@@ -196,20 +186,9 @@ def _at_zero(
 
 def poses(links: list[Link], qpos: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """
-    Return the poses of links in their parents.
+    Return the poses of links in their parents: (3,) metres and (4,) (w, x, y, z) of each.
 
-    Parameters
-    ----------
-    links : list of Link
-        Any of those of `links_of`.
-    qpos : numpy.ndarray
-        The model's positions.
-
-    Returns
-    -------
-    list of tuple
-        Position (3,) metres and quaternion (4,) (w, x, y, z) of each.
-
+    ``qpos`` are the model's positions; ``links`` may be any of those of `links_of`.
     """
     result = []
     for link in links:
@@ -226,20 +205,9 @@ def poses(links: list[Link], qpos: np.ndarray) -> list[tuple[np.ndarray, np.ndar
 
 def urdf(model: mujoco.MjModel, links: list[Link]) -> str:
     """
-    Return a URDF of the robot, with shapes of primitives: meshes are left out.
+    Return a valid URDF of the robot, whose root link is ``base``; meshes are left out.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        From `build_model`.
-    links : list of Link
-        From `links_of`.
-
-    Returns
-    -------
-    str
-        Valid URDF whose root link is ``base``.
-
+    Shapes are primitives. ``links`` are those of `links_of`.
     """
     robot = ElementTree.Element('robot', name='robot')
     ElementTree.SubElement(robot, 'link', name=BASE)

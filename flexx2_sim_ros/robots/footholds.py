@@ -36,26 +36,11 @@ def rest_height(
     place: np.ndarray, top: float, ground: Ground, radius: float
 ) -> tuple[float, float]:
     """
-    Return the height and the roughness of a foothold.
+    Return the height and the roughness of a foothold at `place` (2,) in the world, metres.
 
-    Parameters
-    ----------
-    place : numpy.ndarray
-        (2,) metres in the world.
-    top : float
-        Where to look for the ground from, metres.
-    ground : Ground
-        The world.
-    radius : float
-        Of the foot, metres.
-
-    Returns
-    -------
-    height : float
-        Of the foot's middle when it touches the highest point below it; NaN without ground.
-    rough : float
-        By how much the ground around it differs from a plane, metres.
-
+    The height is that of the middle of a foot of `radius` when it touches the highest point below
+    it; NaN without ground. The roughness is by how much the ground around it differs from a plane.
+    ``top`` is where to look for the ground from.
     """
     inner, outer = 0.7 * radius, 1.8 * radius
     points = np.concatenate(
@@ -97,31 +82,12 @@ def find_foothold(
     radius: float,
 ) -> tuple[np.ndarray, float] | None:
     """
-    Find an even place near the wanted one.
+    Find an even place near the wanted one; None when no place is within reach.
 
-    Parameters
-    ----------
-    foot : numpy.ndarray
-        (3,) the foot's middle now.
-    place : numpy.ndarray
-        (2,) where it is wanted.
-    turn : numpy.ndarray
-        (2, 2) the robot's heading there, as a rotation.
-    level : float
-        Mean height of the feet's middles.
-    top : float
-        Where to look for the ground from.
-    ground : Ground
-        The world.
-    radius : float
-        Of the foot.
-
-    Returns
-    -------
-    tuple or None
-        The place of the foot's centre (3,) and the height that it needs on the way; None when no
-        place is within reach.
-
+    Returned are the place of the foot's centre (3,) and the height that it needs on the way,
+    metres. ``foot`` (3,) is the foot's middle now, ``place`` (2,) where it is wanted, ``turn`` (2,
+    2) the robot's heading there, as a rotation, all in the world. ``level`` is the mean height of
+    the feet's middles, ``top`` where to look for the ground from, ``radius`` that of the foot.
     """
     best, best_cost = None, math.inf
     for aside in ASIDE:
@@ -145,17 +111,9 @@ def blocked(
     """
     Return whether an obstacle or an edge is in the robot's way.
 
-    Parameters
-    ----------
-    position, rotation : numpy.ndarray
-        (3,) and (3, 3), of the trunk.
-    course : numpy.ndarray
-        (2,) where it is going, in its own frame; not zero.
-    height : float
-        Of the trunk above the ground it stands on, metres.
-    ground : Ground
-        The world.
-
+    ``position`` (3,) and ``rotation`` (3, 3) are of the trunk in the world; ``course`` (2,), not
+    zero, is where it is going, in its own frame; ``height`` is that of the trunk above the ground
+    it stands on, metres.
     """
     ahead = rotation @ np.append(course / math.hypot(*course), 0.0)
     across = rotation @ np.append(np.array([-course[1], course[0]]) / math.hypot(*course), 0.0)

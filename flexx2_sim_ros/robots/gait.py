@@ -88,10 +88,9 @@ class GaitPose:
     feet : numpy.ndarray
         (4, 3) metres in the world: where the feet are meant to be, which is where they are unless
         that is out of reach.
-    standing : numpy.ndarray
-        (4,) bool: whether the foot is on the ground.
-    missed : numpy.ndarray
-        (4,) metres that the foot is away from where it is meant to be.
+    standing, missed : numpy.ndarray
+        (4,) bool, whether the foot is on the ground, and (4,) metres that it is away from where it
+        is meant to be.
 
     """
 
@@ -133,24 +132,10 @@ def step(
     legs: LegGeometry,
 ) -> GaitState:
     """
-    Return the state after a time step.
+    Return the state after a time step of not negative `seconds`.
 
-    Parameters
-    ----------
-    state : GaitState
-        Now.
-    command : numpy.ndarray
-        (3,) finite: forward and to the left in m/s, turn in rad/s. Held for the whole time, and
-        to the limits of `gait`.
-    seconds : float
-        How long; not negative.
-    ground : Ground
-        The world.
-    gait : Gait
-        Limits and timing.
-    legs : LegGeometry
-        The robot's legs.
-
+    ``command`` is (3,) finite: forward and to the left in m/s, turn in rad/s. It is held for the
+    whole time, and to the limits of `gait`.
     """
     count = max(1, math.ceil(seconds / _LARGEST_STEP - 1e-9))
     wanted = target = _limited(np.asarray(command, float), gait)

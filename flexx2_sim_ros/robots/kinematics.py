@@ -53,20 +53,9 @@ class LegGeometry:
 
 def feet(angles: np.ndarray, legs: LegGeometry) -> np.ndarray:
     """
-    Return where the feet are.
+    Return the feet's middles, (..., 4, 3) metres in the trunk's frame (x forward, y left, z up).
 
-    Parameters
-    ----------
-    angles : numpy.ndarray
-        (..., 4, 3) radians: hip, thigh and calf of each leg.
-    legs : LegGeometry
-        The robot's legs.
-
-    Returns
-    -------
-    numpy.ndarray
-        (..., 4, 3) metres in the trunk's frame (x forward, y left, z up): the feet's middles.
-
+    ``angles`` are (..., 4, 3) radians: hip, thigh and calf of each leg.
     """
     hip, thigh, calf = np.moveaxis(np.asarray(angles, float), -1, 0)
     x = -legs.thigh * np.sin(thigh) - legs.calf * np.sin(thigh + calf)
@@ -78,23 +67,10 @@ def feet(angles: np.ndarray, legs: LegGeometry) -> np.ndarray:
 
 def joint_angles(points: np.ndarray, legs: LegGeometry) -> np.ndarray:
     """
-    Return the joint angles that put the feet at given points.
+    Return the joint angles, (..., 4, 3) radians, that put the feet at given points.
 
-    For a point out of reach or beyond the joint limits, the leg points at it with angles within
-    the limits.
-
-    Parameters
-    ----------
-    points : numpy.ndarray
-        (..., 4, 3) metres in the trunk's frame, all below the abduction axes.
-    legs : LegGeometry
-        The robot's legs.
-
-    Returns
-    -------
-    numpy.ndarray
-        (..., 4, 3) radians.
-
+    Points are (..., 4, 3) metres in the trunk's frame, all below the abduction axes. For a point
+    out of reach or beyond the joint limits, the leg points at it with angles within the limits.
     """
     x, y, z = np.moveaxis(np.asarray(points, float) - legs.hips, -1, 0)
     # In the leg's plane: `down` from the thigh's joint to the foot, along the hip's z axis.

@@ -34,7 +34,7 @@ def build_model(
     Compose robot, scene and cameras.
 
     The robot's names, options and keyframes are kept. The scene's names get the prefix
-    ``scene/``.
+    ``scene/``. Each mount gets a camera, attached to the trunk, and a massless housing.
 
     Parameters
     ----------
@@ -52,11 +52,6 @@ def build_model(
         The cameras; default the robot's own.
     near, far : float
         Clipping planes in metres, independent of the scene's size.
-
-    Returns
-    -------
-    mujoco.MjModel
-        With one camera for each mount, attached to the trunk, and a massless housing.
 
     Raises
     ------

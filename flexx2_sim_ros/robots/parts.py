@@ -21,14 +21,11 @@ class RobotParts:
 
     Attributes
     ----------
-    model : mujoco.MjModel
-        The model.
     trunk : int
         Id of the trunk's body.
-    free : int
-        Address in ``qpos`` of the joint that lets the robot move freely; -1 without one.
-    free_velocity : int
-        Address of the same joint in ``qvel``.
+    free, free_velocity : int
+        Addresses in ``qpos`` (-1 without one) and in ``qvel`` of the joint that lets the robot
+        move freely.
     offset : tuple of numpy.ndarray or None
         Position (3,) and quaternion (4,) of the trunk in the body that this joint moves; None
         where joints between them change it.
@@ -72,20 +69,11 @@ class RobotParts:
 
     def twist(self, data: mujoco.MjData, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """
-        Return the trunk's velocity in its own frame.
+        Return the trunk's velocity in its own frame, (3,) m/s and (3,) rad/s.
 
-        Parameters
-        ----------
-        data : mujoco.MjData
-            The state, complete up to its positions.
-        velocity : numpy.ndarray
-            (nv,) as MuJoCo has it: of the free joint, linear in the world and angular in its body.
-
-        Returns
-        -------
-        linear, angular : numpy.ndarray
-            (3,) m/s and rad/s; zeros for a robot that cannot move freely.
-
+        ``data`` is complete up to its positions. ``velocity`` is (nv,) as MuJoCo has it: of the
+        free joint, linear in the world and angular in its body. Zeros for a robot that cannot move
+        freely.
         """
         if self.free < 0:
             return np.zeros(3), np.zeros(3)
@@ -141,15 +129,7 @@ def plain_name(name: str) -> str:
 
 
 class JointNames:
-    """
-    The joints of a robot, found by all their names.
-
-    Parameters
-    ----------
-    joints : iterable of str
-        The names in its model.
-
-    """
+    """The joints of a robot, found by all their names from those in its model."""
 
     def __init__(self, joints: Iterable[str]) -> None:
         """Note the joints, and which of their plain names are only one joint's."""
@@ -165,19 +145,9 @@ class JointNames:
 
 def find_parts(model: mujoco.MjModel, robot: Robot | None = None) -> RobotParts:
     """
-    Return the indices of a robot's parts in a model.
+    Return the indices of a robot's parts in a model from `build_model`.
 
-    Parameters
-    ----------
-    model : mujoco.MjModel
-        From `build_model`.
-    robot : Robot, optional
-        The one that it was built with; default `load_robot()`.
-
-    Returns
-    -------
-    RobotParts
-
+    ``robot`` is the one that it was built with; default `load_robot()`.
     """
     robot = robot or load_robot()
     trunk = model.body(robot.trunk).id

@@ -134,10 +134,6 @@ def load_robot(robot: str | Path = DEFAULT_ROBOT) -> Robot:
     robot : str or pathlib.Path
         One of `robot_names`, or the path of a file like ``config/robots/go1.yaml``.
 
-    Returns
-    -------
-    Robot
-
     Raises
     ------
     InputError

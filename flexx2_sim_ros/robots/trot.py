@@ -28,10 +28,8 @@ class Gait:
         The fraction of a cycle that a foot stands; above 0.5, so that at times all four stand.
     lift : float
         Clearance of a foot above what it passes, metres.
-    acceleration, braking : float
-        m/s^2.
-    turn_acceleration : float
-        rad/s^2.
+    acceleration, braking, turn_acceleration : float
+        m/s^2, m/s^2 and rad/s^2.
 
     """
 
@@ -49,15 +47,8 @@ def apex_height(highest: Any, level: Any, gait: Gait) -> Any:
     """
     Return how high a foot goes, metres.
 
-    Parameters
-    ----------
-    highest : float or numpy.ndarray
-        The height that it needs on its way.
-    level : float or numpy.ndarray
-        Mean height of the feet.
-    gait : Gait
-        Its clearance.
-
+    ``highest`` is the height that it needs on its way, ``level`` the mean height of the feet;
+    `gait` has its clearance.
     """
     # A leg can only fold so far: over the highest steps the clearance is smaller.
     return np.minimum(highest + gait.lift, np.maximum(level + REACH, highest + gait.lift / 2))
@@ -67,24 +58,11 @@ def trunk_pose(
     position: np.ndarray, yaw: float | np.ndarray, ground: np.ndarray, legs: LegGeometry
 ) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return the pose of the trunk over the ground under the feet.
+    Return the trunk's position, and roll, pitch and yaw, over the ground under the feet.
 
-    Parameters
-    ----------
-    position : numpy.ndarray
-        (..., 2) of the trunk in the world, metres.
-    yaw : float or numpy.ndarray
-        (...) its heading, radians.
-    ground : numpy.ndarray
-        (..., 4) height of the ground under each foot, metres.
-    legs : LegGeometry
-        The robot's legs.
-
-    Returns
-    -------
-    position, rpy : numpy.ndarray
-        (..., 3) metres, and (..., 3) roll, pitch, yaw in radians.
-
+    They are (..., 3) metres and (..., 3) radians. ``position`` (..., 2) of the trunk in the world
+    and ``ground`` (..., 4), the height under each foot, are in metres; ``yaw`` (...) is its
+    heading, radians.
     """
     length = legs.hips[:2, 0].mean() - legs.hips[2:, 0].mean()
     width = np.abs(legs.neutral[:, 1]).mean() * 2

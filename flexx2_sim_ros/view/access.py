@@ -26,13 +26,8 @@ class Access:
     """
     The conditions that a request must meet.
 
-    Attributes
-    ----------
-    host : str
-        The address that the server is bound to.
-    token : str
-        Token required in the query or the cookie; empty if none is required.
-
+    ``host`` is the address that the server is bound to, ``token`` the one required in the query or
+    the cookie; empty if none is required.
     """
 
     host: str
@@ -81,15 +76,7 @@ _LONGEST_NAME = 256
 
 @dataclass(frozen=True)
 class Drawn:
-    """
-    A page has drawn a frame.
-
-    Attributes
-    ----------
-    camera : str
-        Its name.
-
-    """
+    """A page has drawn a frame of a camera."""
 
     camera: str
 
@@ -97,13 +84,9 @@ class Drawn:
 @dataclass(frozen=True)
 class Drive:
     """
-    A page drives the robot.
+    A page drives the robot, at finite velocities; zeros stop.
 
-    Attributes
-    ----------
-    velocity : tuple of float
-        Forward and to the left in m/s, turn to the left in rad/s; finite; zeros stop.
-
+    They are forward and to the left in m/s, turn to the left in rad/s.
     """
 
     velocity: tuple[float, float, float]
@@ -111,17 +94,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Choose:
-    """
-    A page requests a mode.
-
-    Attributes
-    ----------
-    camera : str
-        Its name.
-    usecase : str
-        The mode, printable.
-
-    """
+    """A page requests a mode, printable, of a camera."""
 
     camera: str
     usecase: str
@@ -130,17 +103,9 @@ class Choose:
 @dataclass(frozen=True)
 class Adjust:
     """
-    A page requests the strength of an effect.
+    A page requests the strength, finite, of an effect, printable.
 
-    Attributes
-    ----------
-    camera : str
-        Its name.
-    effect : str
-        The effect, printable.
-    strength : float
-        Finite; the camera's node refuses what it cannot take.
-
+    The camera's node refuses what it cannot take.
     """
 
     camera: str
@@ -153,15 +118,7 @@ class Outline:
     """
     A page saves the outline of a plane.
 
-    Attributes
-    ----------
-    recording : int
-        Its number.
-    plane : str
-        Its name, printable.
-    corners : tuple of tuple of float
-        Pixels [u, v]; finite.
-
+    ``recording`` is its number, ``plane`` is printable, corners are pixels [u, v]; finite.
     """
 
     recording: int
@@ -173,11 +130,7 @@ def parse(message: str | bytes) -> Drawn | Drive | Choose | Adjust | Outline:
     """
     Decode a message of the page.
 
-    Raises
-    ------
-    InputError
-        When it is not a message of the page. The text has one line.
-
+    Raises InputError, with a text of one line, when it is not a message of the page.
     """
     try:
         match json.loads(message) if isinstance(message, str) else None:

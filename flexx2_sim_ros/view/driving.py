@@ -20,15 +20,10 @@ class Driving:
     """
     Publish the velocity of a page; stop when the page stops, closes, or misses its heartbeat.
 
-    One page drives at a time. A page that another page stopped or replaced is ignored until it
-    has released its keys, that is, until it has sent a stop.
-
-    Parameters
-    ----------
-    publish : callable
-        Takes a velocity: forward and to the left in m/s, turn to the left in rad/s. Called from
-        several threads, never from two at once.
-
+    One page drives at a time. A page that another page stopped or replaced is ignored until it has
+    released its keys, that is, until it has sent a stop. ``publish`` takes a velocity: forward and
+    to the left in m/s, turn to the left in rad/s. It is called from several threads, never from
+    two at once.
     """
 
     def __init__(self, publish: Callable[[Velocity], None]) -> None:
@@ -44,13 +39,9 @@ class Driving:
 
     def drive(self, page: object, velocity: Velocity) -> bool:
         """
-        Handle a page's heartbeat.
+        Handle a page's heartbeat; return whether the robot follows.
 
-        Returns
-        -------
-        bool
-            Whether the robot follows; False for a page that must release its keys first.
-
+        False for a page that must release its keys first.
         """
         with self._changed:
             if self._closed or velocity != STOP and page in self._ignored:

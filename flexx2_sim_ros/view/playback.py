@@ -28,28 +28,10 @@ class PlaybackServer(WebServer):
     """
     Serve the page with recordings.
 
-    Parameters
-    ----------
-    sockets, access
-        As for `WebServer`.
-    recordings : mapping of str to sequence of RecordedCamera
-        The cameras of each recording, by its name.
-    headline : str
-        What the page says of all of them.
-    planes : pathlib.Path or None
-        The file that outlines drawn on the page are saved to; None: nothing is drawn.
-
-    Attributes
-    ----------
-    planes : pathlib.Path or None
-        As given.
-    names : list of str
-        What that file calls the recordings.
-    recordings : list
-        The cameras of each recording, in order.
-    waiting : int
-        Requests for frames that are not answered yet.
-
+    ``recordings`` are the cameras of each recording, by its name (as an attribute a list, in
+    order, with `names` beside it), ``headline`` is what the page says of all of them. ``planes``
+    is the file that outlines drawn on the page are saved to; None: nothing is drawn. ``waiting``
+    counts the requests for frames that are not answered yet.
     """
 
     def __init__(

@@ -32,15 +32,8 @@ class FrameReader:
     """
     Any frame of a file that is read front to back.
 
-    The latest frames stay in memory, so that going back does not read the file again.
-
-    Parameters
-    ----------
-    reader : RecordingReader
-        The file.
-    most_bytes : int
-        Largest size of the frames in memory; one frame is always kept.
-
+    The latest frames stay in memory, so that going back does not read the file again: up to
+    ``most_bytes``, but one frame is always kept.
     """
 
     def __init__(self, reader: RecordingReader, most_bytes: int) -> None:
@@ -60,11 +53,7 @@ class FrameReader:
         """
         Return the images of a frame, by key.
 
-        Raises
-        ------
-        InputError
-            When the file cannot be read up to there.
-
+        Raises InputError when the file cannot be read up to there.
         """
         if number in self._kept:
             return self._kept[number]
@@ -91,16 +80,10 @@ class RecordedCamera:
     """
     A camera's recording, frame by frame, beside what it is compared with.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        The recording.
-    profile : Profile or None
-        The camera that is simulated at the recording's ground truth; the Flexx2 if None.
-    effects : sequence of Effect or None
-        Effects of a diagnosis; None without a diagnosis.
-    most_bytes : int
-        As for `FrameReader`.
+    ``profile`` is the camera that is simulated at the recording's ground truth; the Flexx2 if
+    None. ``effects`` are those of a diagnosis; None without one. ``most_bytes`` is as for
+    `FrameReader`. Raises InputError when the recording has no usable camera matrix, a key of its
+    ground truth is wrong, or its first frame cannot be read.
 
     Attributes
     ----------
@@ -110,12 +93,6 @@ class RecordedCamera:
         Keys of `REFERENCES` that it can be compared with.
     notes : list of str
         What a person should know.
-
-    Raises
-    ------
-    InputError
-        When the recording has no usable camera matrix, a key of its ground truth is wrong, or its
-        first frame cannot be read.
 
     """
 
@@ -168,20 +145,10 @@ class RecordedCamera:
 
     def frame(self, number: int, reference: str) -> ViewedFrame:
         """
-        Return a frame and what it is compared with.
+        Return a frame, counted from 0, and what it is compared with.
 
-        Parameters
-        ----------
-        number : int
-            From 0.
-        reference : str
-            One of `references`; nothing is compared with any other.
-
-        Raises
-        ------
-        InputError
-            When the file cannot be read up to there.
-
+        ``reference`` is one of `references`; nothing is compared with any other. Raises InputError
+        when the file cannot be read up to there.
         """
         images = self._frames.at(number)
         compared = without = None

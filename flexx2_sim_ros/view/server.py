@@ -31,13 +31,8 @@ class PageSource(Protocol):
     """
     The images and actions behind the page; called from the server's thread.
 
-    Attributes
-    ----------
-    shots : dict of str to ViewedFrame
-        The newest frame of every camera; replaced as a whole, never changed.
-    status : str
-        JSON for the page; replaced when it changes.
-
+    ``shots`` are the newest frame of every camera; replaced as a whole, never changed. ``status``
+    is JSON for the page; replaced when it changes.
     """
 
     shots: dict[str, ViewedFrame]
@@ -68,22 +63,9 @@ class PageSource(Protocol):
 
 class Server(WebServer):
     """
-    Serve the page with live cameras.
+    Serve the page with live cameras, those of `source`.
 
-    Parameters
-    ----------
-    sockets, access
-        As for `WebServer`.
-    source : PageSource
-        What the page shows.
-
-    Attributes
-    ----------
-    source : PageSource
-        As given.
-    turn : asyncio.Lock
-        Held while a frame is sent.
-
+    ``sockets`` and ``access`` are as for `WebServer`; ``turn`` is held while a frame is sent.
     """
 
     def __init__(self, sockets: list[socket.socket], access: Access, source: PageSource) -> None:
@@ -144,15 +126,7 @@ class Server(WebServer):
 
 
 class Live(Guarded, WebSocketHandler):
-    """
-    A browser.
-
-    Attributes
-    ----------
-    news : asyncio.Event
-        To be set when there is something new to send.
-
-    """
+    """A browser; ``news`` is to be set when there is something new to send."""
 
     def initialize(self, server: Server, **given: Any) -> None:
         """Start without frames in transit."""

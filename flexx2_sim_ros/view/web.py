@@ -30,11 +30,7 @@ def bind(host: str, port: int) -> list[socket.socket]:
     """
     Bind the port, before anything else is started.
 
-    Raises
-    ------
-    InputError
-        When the port is in use, or the address does not exist here.
-
+    Raises InputError when the port is in use, or the address does not exist here.
     """
     if not 0 <= port <= 65535:
         raise InputError(f'--port: must be 0 to 65535, got {port}')
@@ -59,22 +55,9 @@ class WebServer:
     """
     Serve the files of the page from a separate thread; subclasses serve what it shows.
 
-    Parameters
-    ----------
-    sockets : list of socket.socket
-        From `bind`.
-    access : Access
-        Who may connect.
-    recorded : dict or None
-        What the page has to know of recordings, as JSON; None for live cameras.
-
-    Attributes
-    ----------
-    access : Access
-        As given.
-    loop : asyncio.AbstractEventLoop or None
-        The thread's event loop, once it runs.
-
+    ``sockets`` are from `bind`, ``access`` says who may connect. ``recorded`` is what the page has
+    to know of recordings, as JSON; None for live cameras. ``loop`` is the thread's event loop,
+    once it runs.
     """
 
     longest_body = 0  # of a request, bytes

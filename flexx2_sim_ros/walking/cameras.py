@@ -31,12 +31,8 @@ class WalkViews:
         Returns positions and rotations at any times, an array of seconds since the walk began.
     times : numpy.ndarray
         (L,) seconds since the walk began.
-    lens : Intrinsics
-        Of all cameras.
-    names : tuple of str
+    lens, names
         Of the cameras.
-    terrain : Terrain
-        The terrain of the walks.
     first : int
         Number of the first walk.
 

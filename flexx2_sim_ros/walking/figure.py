@@ -14,19 +14,7 @@ _APART = 0.15  # centimetres between the curves, so that intervals do not cover 
 
 
 def draw_walks(path: Path, rows: Sequence[dict[str, Any]], title: str) -> None:
-    """
-    Draw a panel for each terrain and a curve for each camera.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        PNG to write.
-    rows : sequence of dict
-        From `series.rows`.
-    title : str
-        Of the figure.
-
-    """
+    """Draw a panel for each terrain and a curve for each camera, of `series.rows`, as a PNG."""
     import matplotlib
 
     matplotlib.use('Agg')

@@ -28,15 +28,8 @@ class Footstep:
     """
     One step of one foot.
 
-    Attributes
-    ----------
-    leg : int
-        0 to 3: front right, front left, rear right, rear left.
-    lift, land : float
-        Seconds since the walk began.
-    wanted : numpy.ndarray
-        (2,) where the foot is best put down, metres.
-
+    ``leg`` is 0 to 3: front right, front left, rear right, rear left. ``lift`` and ``land`` are
+    seconds since the walk began; ``wanted`` is (2,) where the foot is best put down, metres.
     """
 
     leg: int
@@ -48,15 +41,9 @@ class Footstep:
 @dataclass(frozen=True)
 class Grid:
     """
-    Heights at the points of a grid, for N walks.
+    Heights at the points of a grid, for N walks: (N, X, Y) metres, NaN where unknown.
 
-    Attributes
-    ----------
-    ahead, left : numpy.ndarray
-        (X,) and (Y,) coordinates, metres, evenly spaced by the same distance.
-    heights : numpy.ndarray
-        (N, X, Y) metres, NaN where unknown.
-
+    ``ahead`` (X,) and ``left`` (Y,) are coordinates, metres, evenly spaced by the same distance.
     """
 
     ahead: np.ndarray
@@ -77,15 +64,9 @@ class Grid:
 @dataclass(frozen=True)
 class Feet:
     """
-    Where the feet of N robots stand.
+    Where the feet of N robots stand: (N, 4, 2) metres.
 
-    Attributes
-    ----------
-    places : numpy.ndarray
-        (N, 4, 2) metres.
-    heights : numpy.ndarray
-        (N, 4) of the ground under each, metres.
-
+    ``heights`` are (N, 4) of the ground under each, metres.
     """
 
     places: np.ndarray
@@ -98,17 +79,8 @@ def footsteps(
     """
     Return the steps of a trot straight ahead, by the time at which the foot leaves the ground.
 
-    Parameters
-    ----------
-    speed : float
-        m/s.
-    first, last : float
-        Only steps to places between them, metres ahead of the start.
-    gait : Gait
-        Timing.
-    legs : LegGeometry
-        The robot's legs.
-
+    ``speed`` is in m/s. Only steps to places between ``first`` and ``last``, metres ahead of the
+    start, are returned.
     """
     out = []
     stride = speed * gait.period
@@ -128,15 +100,9 @@ class Planned:
     """
     A step of one foot of N robots, as planned on a grid.
 
-    Attributes
-    ----------
-    place : numpy.ndarray
-        (N, 2) where the foot is put down, metres.
-    height, apex : numpy.ndarray
-        (N,) metres: the ground there, and how high the foot goes above its own size.
-    found : numpy.ndarray
-        (N,) bool: whether there is a foothold.
-
+    ``place`` is (N, 2) where the foot is put down, ``height`` (N,) the ground there and ``apex``
+    (N,) how high the foot goes above its own size, all in metres; ``found`` (N,) bool says whether
+    there is a foothold.
     """
 
     place: np.ndarray
@@ -147,18 +113,10 @@ class Planned:
 
 def roughness(heights: np.ndarray) -> np.ndarray:
     """
-    Return by how much each cell differs from the highest or lowest cell around it.
+    Return by how much each cell differs from the highest or lowest cell around it, metres.
 
-    Parameters
-    ----------
-    heights : numpy.ndarray
-        (N, X, Y) metres, NaN where unknown.
-
-    Returns
-    -------
-    numpy.ndarray
-        (N, X, Y) metres. An unknown neighbour counts as a cell that is out of reach.
-
+    Heights and result are (N, X, Y), heights NaN where unknown; an unknown neighbour counts as a
+    cell that is out of reach.
     """
     padded = np.pad(heights, ((0, 0), (1, 1), (1, 1)), constant_values=np.nan)
     out = np.zeros_like(heights)
@@ -176,21 +134,8 @@ def plan(
     """
     Choose a foothold as the gait does: near the wanted place, even and within reach.
 
-    Parameters
-    ----------
-    grid : Grid
-        The heights that are known when the foot leaves the ground.
-    rough : numpy.ndarray
-        Of this grid, from `roughness`.
-    step : Footstep
-        Which foot, and where it is wanted.
-    feet : Feet
-        Where the feet stand.
-    gait : Gait
-        Clearance.
-    radius : float
-        Of the foot, metres.
-
+    ``grid`` has the heights that are known when the foot, of `radius` metres, leaves the ground;
+    ``rough`` is its `roughness`. ``feet`` are where they stand; `gait` has the clearance.
     """
     x = np.flatnonzero(np.abs(grid.ahead - step.wanted[0]) <= _ASIDE[0])
     y = np.flatnonzero(np.abs(grid.left - step.wanted[1]) <= _ASIDE[1])
@@ -215,30 +160,11 @@ def land(
     planned: Planned, step: Footstep, feet: Feet, terrain: Terrain, gait: Gait, radius: float
 ) -> tuple[Feet, np.ndarray]:
     """
-    Put a foot down on the true ground.
+    Put a foot, of `radius` metres, down on the true ground.
 
-    Parameters
-    ----------
-    planned : Planned
-        From `plan`.
-    step : Footstep
-        Which foot.
-    feet : Feet
-        Where the feet stand before.
-    terrain : Terrain
-        The true ground.
-    gait : Gait
-        Clearance.
-    radius : float
-        Of the foot, metres.
-
-    Returns
-    -------
-    feet : Feet
-        Where they stand after; a foot without foothold stays.
-    reason : numpy.ndarray
-        (N,) int: index in `REASONS` of why the walk ends here, -1 where it goes on.
-
+    ``feet`` are where they stand before. Returned is where they stand after (a foot without
+    foothold stays), and (N,) int: index in `REASONS` of why the walk ends here, -1 where it goes
+    on.
     """
     way = _way(feet.places[:, step.leg], planned.place, radius)
     stumbles = terrain.heights(way).max(axis=1) > planned.apex

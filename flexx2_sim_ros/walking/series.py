@@ -45,21 +45,10 @@ def walk_all(
     **options: Any,
 ) -> Failures:
     """
-    Walk all batches.
+    Walk all batches; the options are ``seed``, ``robot`` and ``least`` of `walk`.
 
-    Parameters
-    ----------
-    points : sequence of Point
-        From `batches`.
-    cameras, lens, mode
-        As for `walk`.
-    mapped : callable
-        A map as from `jobs.workers`.
-    tick : callable
-        Called after each batch.
-    **options
-        ``seed``, ``robot`` and ``least`` of `walk`.
-
+    ``points`` are from `batches`, ``mapped`` is a map as from `jobs.workers`, and ``tick`` is
+    called after each batch. ``cameras``, ``lens`` and ``mode`` are as for `walk`.
     """
     work = partial(walk_quietly, cameras=dict(cameras), lens=lens, mode=mode, **options)
     found: dict[tuple[str, float], list[dict[str, np.ndarray]]] = {}

@@ -69,21 +69,11 @@ class Terrain:
 
 def draw_terrain(kind: str, step: float, seed: int, first: int, count: int) -> Terrain:
     """
-    Draw the terrain of some walks.
+    Draw the terrain of `count` walks, of a `kind` out of `KINDS`.
 
     A walk with the same seed and number has its blocks at the same places for each step height.
-
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    step : float
-        Metres: the rise of a stair, the height of the highest rubble, or the depth of a gap.
-    seed : int
-        Of the terrain.
-    first, count : int
-        Number of the first walk, and how many walks.
-
+    ``step`` is in metres: the rise of a stair, the height of the highest rubble, or the depth of a
+    gap. ``first`` is the number of the first walk.
     """
     materials = load_materials()
     colours = np.array([materials[name] for name in _MATERIALS])

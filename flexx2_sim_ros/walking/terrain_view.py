@@ -13,19 +13,11 @@ import numpy as np
 
 class TerrainRenderer:
     """
-    Cameras over blocks that are moved for each walk.
+    Cameras over blocks, of half sizes (B, 3) metres, that are moved for each walk.
 
-    The robot itself is not drawn: its cameras do not see it while it stands.
-
-    Parameters
-    ----------
-    half : numpy.ndarray
-        (B, 3) half sizes of the blocks, metres.
-    lens : Intrinsics
-        Of each camera; the principal point in the middle, no distortion.
-    mounts : sequence of CameraMount
-        The cameras on the trunk.
-
+    The robot itself is not drawn: its cameras do not see it while it stands. ``lens`` is that of
+    each camera; the principal point in the middle, no distortion. ``mounts`` are the cameras on
+    the trunk.
     """
 
     def __init__(self, half: np.ndarray, lens: Intrinsics, mounts: Sequence[CameraMount]) -> None:
@@ -56,19 +48,10 @@ class TerrainRenderer:
 
     def look(self, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """
-        Render all cameras.
+        Render all cameras, with the trunk at a position (3,) and rotation (3, 3).
 
-        Parameters
-        ----------
-        position, rotation : numpy.ndarray
-            (3,) and (3, 3): the trunk.
-
-        Returns
-        -------
-        tuple of numpy.ndarray
-            (C, H, W) float32: depth, metres along the optical axis, NaN where there is no return;
-            and reflectivity.
-
+        Returned are (C, H, W) float32: depth, metres along the optical axis, NaN where there is no
+        return; and reflectivity.
         """
         data = self._data
         data.mocap_pos[-1] = position
@@ -97,23 +80,10 @@ def render(
     """
     Render what the cameras of N walks see in L looks.
 
-    Parameters
-    ----------
-    terrain : Terrain
-        Of the walks.
-    lens : Intrinsics
-        Of each camera; the principal point in the middle, no distortion.
-    mounts : sequence of CameraMount
-        The C cameras on the trunk.
-    position, rotation : numpy.ndarray
-        (L, N, 3) and (L, N, 3, 3): the trunks.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (C, L, N, H, W) float32: depth, metres along the optical axis, NaN where there is no
-        return; and reflectivity.
-
+    The trunks are at positions (L, N, 3) and rotations (L, N, 3, 3), with C cameras, ``mounts``,
+    on each. The ``lens`` has the principal point in the middle and no distortion. Returned are (C,
+    L, N, H, W) float32: depth, metres along the optical axis, NaN where there is no return; and
+    reflectivity.
     """
     looks, walks = position.shape[:2]
     shape = (len(mounts), looks, walks, lens.height, lens.width)

@@ -118,11 +118,7 @@ def legs_of(robot: str) -> LegGeometry:
     """
     Return the legs of a robot's model.
 
-    Raises
-    ------
-    InputError
-        When the model does not have those of the robot's file.
-
+    Raises InputError when the model does not have those of the robot's file.
     """
     kind = load_robot(robot)
     legs = find_parts(build_model(intrinsics=flexx2().intrinsics, robot=kind), kind).legs
