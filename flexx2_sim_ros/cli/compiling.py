@@ -71,9 +71,8 @@ def _diagnose(profile: Profile, effect: Effect) -> None:
     from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
     from flexx2_sim_ros.gap.planning.truths import KINDS, write_campaign
 
-    plan = read_plan(default_plan())
+    plan = replace(read_plan(default_plan()), usecase=profile.default_usecase)
     plan = replace(plan, recordings=plan.recordings[2::5], scale=_SCALE, frames=_FRAMES)
-    plan = replace(plan, usecase=profile.default_usecase)
     with tempfile.TemporaryDirectory() as folder:
         write_campaign(Path(folder), plan, profile, KINDS[0], {effect.name: {}})
         diagnose(folder, profile=profile)
