@@ -14,7 +14,7 @@ from real_frames import DATA
 
 PAGE = Path(__file__).parent.parent / 'docs' / 'benchmark.md'
 
-# The rest takes most of the time and changes nothing here.
+# What the page names. Without ambient_light and fixed_pattern no spatial_filter is named.
 BOARD_EFFECTS = 'amplitude_bias', 'ambient_light', 'spatial_filter', 'fixed_pattern'
 BOARD_EFFECTS += 'quantisation', 'offset', 'pose_error'
 
