@@ -53,7 +53,7 @@ lint: $(STAMP)
 	$(BIN)/mypy
 
 docs: $(STAMP)
-	$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
+	$(BIN)/python -m sphinx -q -j auto -W --keep-going -b html docs build/docs
 	@echo "Made build/docs/index.html."
 
 bench: $(STAMP)

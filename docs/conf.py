@@ -82,8 +82,9 @@ def join_names(_app: Sphinx, *about: object) -> None:
     ]
 
 
-def setup(app: Sphinx) -> None:
-    """Let texts pass through the functions above."""
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Let texts pass through the functions above, in as many processes as sphinx starts."""
     app.connect('autodoc-process-docstring', join_names, priority=100)
     app.connect('source-read', read_page)
     app.connect('include-read', read_included)
+    return {'parallel_read_safe': True}

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 import io
 import math
 from pathlib import Path
@@ -34,6 +35,7 @@ _UNREADABLE = (
     zipfile.BadZipFile,
     zlib.error,
 )
+_HEADERS = {(1, 0): 2, (2, 0): 4}  # bytes of the header's length, by version
 _PLAIN = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
 
 
@@ -170,17 +172,23 @@ def _read_header(entry: IO[bytes], key: str) -> Header:
         version = np.lib.format.read_magic(entry)
     except ValueError as error:
         raise _NoArrayError(key) from error
-    if version == (1, 0):
-        shape, fortran, dtype = np.lib.format.read_array_header_1_0(entry)
-    elif version == (2, 0):
-        shape, fortran, dtype = np.lib.format.read_array_header_2_0(entry)
-    else:
+    if version not in _HEADERS:
         raise ValueError(f'array format {version}')
+    length = entry.read(_HEADERS[version])
+    shape, fortran, dtype = _parsed(version, length + entry.read(int.from_bytes(length, 'little')))
     if not all(type(n) is int and 0 <= n < 2**62 for n in shape):
         raise ValueError(f'an array has the shape {_short(shape)}')
     if dtype.hasobject:
         raise ValueError('an array holds objects, which are pickled')
     return Header(shape, fortran, dtype)
+
+
+@lru_cache(maxsize=512)
+def _parsed(version: tuple[int, int], header: bytes) -> tuple[tuple[int, ...], bool, np.dtype]:
+    # The recordings of a campaign have a few headers, and a diagnosis reads them often.
+    if version == (1, 0):
+        return np.lib.format.read_array_header_1_0(io.BytesIO(header))
+    return np.lib.format.read_array_header_2_0(io.BytesIO(header))
 
 
 def _content(entry: IO[bytes], key: str, header: Header) -> np.ndarray:

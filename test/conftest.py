@@ -47,6 +47,7 @@ _OF_EXTRAS = 'cv2', 'h5py', 'mcap', 'trimesh', 'warp'
 # Files of long tests. They go first, so that no process is left alone with one of them.
 _LONG = 'test_compile_command', 'test_documentation', 'test_gap_benchmark', 'test_gap_cost'
 _LONG += 'test_diagnose_your_flexx2', 'test_gap_forms', 'test_gap_next', 'test_gap_truth'
+_LONG += 'test_real_cameras', 'test_gap_real', 'test_truth_real', 'test_own_camera'
 
 
 def pytest_collection_modifyitems(items):

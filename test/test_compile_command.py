@@ -4,28 +4,44 @@ import os
 
 from bench.gap_campaigns import write_campaign
 from flexx2_sim_ros.camera.compiling import compiling_said
+from flexx2_sim_ros.cli.main import main
 from numba import njit
-from programs import flexx2_words, node_words, ROOT, started
+from programs import flexx2_words, node_words, ROOT, run_python, started
 import pytest
 
 SAID = 'compiling: takes a minute or two, once (flexx2 compile does it ahead)'
+# Runs the command with the loops that this checkout keeps, and says which ones it looks for.
+LOOKING = """
+import sys
+from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.physics import kept
 
+class Cache(kept._Cache):
+    def load_overload(self, sig, context):
+        print('looks for', self._py_func.__qualname__, *sig)
+        return super().load_overload(sig, context)
 
-@pytest.fixture(scope='module')
-def compiled(tmp_path_factory):
-    """Return a cache that the command has filled."""
-    cache = tmp_path_factory.mktemp('cache')
-    with command('compile', cache=cache) as process:
-        assert 'compiled in' in process.communicate()[0]
-    return cache
-
-
-def command(*words, cache):
-    return started(flexx2_words(*words), cwd=ROOT, env=with_cache(os.environ, cache))
+kept._Cache = Cache
+sys.exit(main(sys.argv[1:]))
+"""
 
 
 def with_cache(env, cache):
     return {**env, 'NUMBA_CACHE_DIR': str(cache)}
+
+
+def looked_for(*words):
+    """Return the loops that the command looks for, and what it said."""
+    done = run_python('-c', LOOKING, *words, cwd=ROOT, timeout=600)
+    assert done.returncode == 0, done.stderr
+    loops = {line for line in done.stdout.splitlines() if line.startswith('looks for')}
+    return loops, done.stdout + done.stderr
+
+
+@pytest.fixture(scope='module')
+def compiled():
+    """Return the loops of `flexx2 compile`; from now on this checkout keeps them."""
+    return looked_for('compile')[0]
 
 
 def test_a_compilation_is_said_once():
@@ -37,34 +53,47 @@ def test_a_compilation_is_said_once():
     assert said == ['compiling']
 
 
-def test_the_command_compiles_once(compiled):
-    with command('compile', '--no-effects', cache=compiled) as process:
-        assert process.communicate()[0] == 'everything was compiled before\n'
-
-
-def test_a_diagnosis_compiles_what_the_command_compiles(compiled, tmp_path):
-    """Assert the first diagnosis says so once, and one after `flexx2 compile` does not."""
+def test_a_diagnosis_needs_what_the_command_compiles(compiled, tmp_path):
+    """Assert a first diagnosis says that it compiles, one after `flexx2 compile` does not."""
     effects = {'wiggling': {}, 'flying_pixels': {}}
     recordings = tmp_path / 'recordings'
     write_campaign(recordings, seed=3, effects=effects, scale=0.25, recordings=3, frames=6)
-    diagnose = ['gap', 'diagnose', str(recordings), '--out']
-    with command(*diagnose, str(tmp_path / 'one'), cache=tmp_path / 'none') as process:
-        assert any(SAID in line for line in process.stderr)
-    with command(*diagnose, str(tmp_path / 'two'), cache=compiled) as process:
-        said = process.communicate()[1]
-    assert process.returncode == 0, said
+    diagnose = ['gap', 'diagnose', str(recordings), '--jobs', '1', '--out']
+    needed, said = looked_for(*diagnose, str(tmp_path / 'two'))
+    assert len(needed) > 40
+    assert needed <= compiled
     assert SAID not in said
+    words, env = (
+        flexx2_words(*diagnose, tmp_path / 'one'),
+        with_cache(os.environ, tmp_path / 'none'),
+    )
+    with started(words, cwd=ROOT, env=env) as process:
+        assert any(SAID in line for line in process.stderr)
 
 
-@pytest.mark.parametrize('ahead', [False, True])
-def test_a_node_says_that_it_compiles(ahead, compiled, child_env, tmp_path):
+def test_the_command_says_whether_it_compiled(monkeypatch, capsys):
+    """Assert it of one small loop; test_package.py compiles the camera with `colcon build`."""
+    loop = njit(lambda x: x + 1)
+    monkeypatch.setattr('flexx2_sim_ros.cli.compiling.warm_up', lambda *of_camera: loop(1))
+    assert main(['compile', '--no-effects']) == 0
+    assert capsys.readouterr().out.startswith('compiling ...\ncompiled in ')
+    assert main(['compile', '--no-effects']) == 0
+    assert capsys.readouterr().out == 'everything was compiled before\n'
+
+
+def test_a_node_says_that_it_compiles(compiled, child_env, tmp_path):
     words = node_words('flexx2_camera', '-r', '__ns:=/fresh')
-    until = 'waiting for' if ahead else 'compiling the camera model'
+    said = until(words, 'compiling the camera model', with_cache(child_env, tmp_path))
+    assert 'waiting for' not in said
+    assert 'compiling' not in until(words, 'waiting for', child_env)
+
+
+def until(words, wanted, env):
+    """Return what a node says until it says what is wanted."""
     said = ''
-    with started(words, env=with_cache(child_env, compiled if ahead else tmp_path)) as process:
+    with started(words, env=env) as process:
         for line in process.stderr:
             said += line
-            if until in line:
-                break
-    assert until in said
-    assert ('compiling' if ahead else 'waiting for') not in said
+            if wanted in line:
+                return said
+    raise AssertionError(said)

@@ -1,6 +1,9 @@
 """Formulas: one source for NumPy, numba and Warp, and compiled again when it changes."""
 
+from importlib import invalidate_caches
 import pickle
+import runpy
+import sys
 
 from flexx2_sim_ros.effects.between import frames_around
 from flexx2_sim_ros.effects.interreflection import receiver_weights
@@ -40,18 +43,28 @@ print(out[1], sum(fill.stats.cache_hits.values()))
 }
 
 
-def printed(folder):
-    """Return what a new process prints that fills an image."""
-    return run_python(folder / 'images.py', check=True).stdout.strip()
-
-
-def test_a_loop_is_compiled_again_when_a_formula_that_it_calls_changes(tmp_path):
+@pytest.fixture
+def printed(tmp_path, monkeypatch, capsys):
+    """Write the modules; return a function that says what a program with them prints."""
     for name, text in _MODULES.items():
         (tmp_path / name).write_text(text)
-    assert printed(tmp_path) == '3.0 0'
-    assert printed(tmp_path) == '3.0 1'  # from the disk
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, 'dont_write_bytecode', True)  # It changes within a second.
+
+    def run():
+        monkeypatch.delitem(sys.modules, 'shades', raising=False)
+        invalidate_caches()
+        runpy.run_path(str(tmp_path / 'images.py'))
+        return capsys.readouterr().out.strip()
+
+    return run
+
+
+def test_a_loop_is_compiled_again_when_a_formula_that_it_calls_changes(printed, tmp_path):
+    assert printed() == '3.0 0'
+    assert printed() == '3.0 1'  # from the disk
     (tmp_path / 'shades.py').write_text(_MODULES['shades.py'].replace('f32(2.0)', 'f32(10.0)'))
-    assert printed(tmp_path) == '15.0 0'
+    assert printed() == '15.0 0'
 
 
 # The compiled loop is larger than a file may be.
@@ -61,16 +74,13 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 """
 
 
-def test_a_loop_that_cannot_be_kept_runs_all_the_same(tmp_path):
-    for name, text in _MODULES.items():
-        (tmp_path / name).write_text(text)
+def test_a_loop_that_cannot_be_kept_runs_all_the_same(printed, tmp_path):
     images = tmp_path / 'images.py'
     images.write_text(_SMALL_FILES + _MODULES['images.py'])
-    for _ in range(2):
-        assert printed(tmp_path) == '3.0 0'
+    assert run_python(images, check=True).stdout.strip() == '3.0 0'
     assert not list(tmp_path.rglob('*.nbc'))
     images.write_text(_MODULES['images.py'])
-    assert [printed(tmp_path) for _ in range(2)] == ['3.0 0', '3.0 1']
+    assert [printed() for _ in range(2)] == ['3.0 0', '3.0 1']
 
 
 def _flipped(data):
@@ -90,15 +100,13 @@ DAMAGES = [
 ]
 
 
-def test_damaged_files_of_the_cache_are_written_anew(tmp_path):
-    for name, text in _MODULES.items():
-        (tmp_path / name).write_text(text)
-    assert printed(tmp_path) == '3.0 0'
+def test_damaged_files_of_the_cache_are_written_anew(printed, tmp_path):
+    assert printed() == '3.0 0'
     for kind, damaged in DAMAGES:
         for path in tmp_path.rglob(f'*.{kind}'):
             path.write_bytes(damaged(path.read_bytes()))
-        assert printed(tmp_path) == '3.0 0'
-    assert printed(tmp_path) == '3.0 1'
+        assert printed() == '3.0 0'
+    assert printed() == '3.0 1'
 
 
 @pytest.mark.parametrize(

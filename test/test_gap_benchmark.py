@@ -3,12 +3,19 @@
 import json
 
 from flexx2_sim_ros.cli.main import main
+import pytest
 from study.benchmark import make_design, score
 
 
-def test_the_quick_benchmark_reaches_its_floors(tmp_path, monkeypatch, capsys):
-    """Assert it of every second case: four single effects, a pair, a novel one and none."""
-    monkeypatch.setattr('study.benchmark.runner.make_design', lambda *how: make_design(*how)[::2])
+def few(*how):
+    """Return the first quick case of each kind: only they are realised and have baselines."""
+    cases = {planned.group: planned for planned in reversed(make_design(*how))}
+    return [cases[name] for name in ('single', 'none', 'novel', 'pair')]
+
+
+def test_the_quick_benchmark_is_right(tmp_path, monkeypatch, capsys):
+    """Assert it of a single effect, a pair, a novel one and none."""
+    monkeypatch.setattr('study.benchmark.runner.make_design', few)
     # In this process: two would each compile the blind camera and the diagnosis.
     assert main(['gap', 'benchmark', '--quick', '--out', str(tmp_path), '--jobs', '1']) == 0
     assert 'single effects, strength 1: correct' in capsys.readouterr().out
@@ -17,13 +24,8 @@ def test_the_quick_benchmark_reaches_its_floors(tmp_path, monkeypatch, capsys):
     for path in (tmp_path / 'results').iterdir():
         assert json.loads(path.read_text())['error'] is None
     scores = score(tmp_path)
-    # Floors, below what is found: all seeds are the same in every run, but not every machine's
-    # arithmetic.
-    assert len(scores.of('single')) == 4
-    assert sum(answer.right for answer in scores.of('single')) >= 3
-    assert scores.of('none')[0].right
-    assert scores.of('novel')[0].right
-    assert scores.of('pair')[0].right
-    realised = [a for a in scores.answers if a.realised == a.realised]
-    assert all(abs(a.predicted - a.realised) < 0.3 for a in realised)
-    assert sum(a.overlap for a in scores.of('single')) / 4 > 0.35
+    # The seeds are the same in every run.
+    assert [answer.right for answer in scores.answers] == [True] * 4
+    (single,) = scores.of('single')
+    assert single.predicted == pytest.approx(single.realised, abs=0.3)
+    assert single.overlap > 0.35

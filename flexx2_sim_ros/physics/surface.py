@@ -133,7 +133,8 @@ def find_incidence(p, row_jumps, column_jumps, fx, fy, cx, cy, out):
     border = np.ones(width, np.uint8)
     for y in range(height):
         j = y + PAD
-        across[1:width] = row_jumps[y, : width - 1]
+        for x in range(width - 1):  # a slice would take numba 5 s longer to compile
+            across[x + 1] = row_jumps[y, x]
         above = column_jumps[y - 1] if y > 0 else border
         below = column_jumps[y] if y < height - 1 else border
         v = np.float32(y) - cy
