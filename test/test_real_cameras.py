@@ -7,16 +7,11 @@ import shlex
 import subprocess
 import sys
 
-from campaigns import leaving
 from flexx2_sim_ros.cli.main import main
 import pytest
 from real_frames import DATA
 
 PAGE = Path(__file__).parent.parent / 'docs' / 'benchmark.md'
-
-# What the page names. Without ambient_light and fixed_pattern no spatial_filter is named.
-BOARD_EFFECTS = 'amplitude_bias', 'ambient_light', 'spatial_filter', 'fixed_pattern'
-BOARD_EFFECTS += 'quantisation', 'offset', 'pose_error'
 
 
 def blocks(title, language):
@@ -31,16 +26,15 @@ def need(data):
         pytest.skip(f'{DATA / data} is not there')
 
 
-def run_section(title, *kept):
-    """Run the commands of a section in the current folder; a diagnosis knows these effects."""
+def run_section(title):
+    """Run the commands of a section in the current folder."""
     for command in ''.join(blocks(title, 'bash')).splitlines():
         program, *words = shlex.split(command.replace('../shared/data', str(DATA)))
         if program == 'mkdir':
             Path(*words).mkdir()
         else:
-            words += ['--jobs', '1'] if words[0] == 'gap' else []
-            words += [*leaving(*kept), '--forms', 'catalogue'] if words[1] == 'diagnose' else []
-            assert main(words) == 0, command
+            alone = ['--jobs', '1'] if words[0] == 'gap' else []
+            assert main([*words, *alone]) == 0, command
 
 
 def test_the_latency_of_a_drones_sensor_is_found(tmp_path, monkeypatch):
@@ -48,7 +42,7 @@ def test_the_latency_of_a_drones_sensor_is_found(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (profile,) = blocks('VL53L5CX', 'yaml')
     Path('vl53l5cx.yaml').write_text(profile)
-    run_section('VL53L5CX', 'time_offset', 'saturation', 'quantisation', 'pose_error')
+    run_section('VL53L5CX')
     table = json.loads(Path('flights_diagnosis/diagnosis.json').read_text())
     effects = {row['name']: row['parameters'] for row in table['effects']}
     # 80 to 115 ms by the smallest residual of each flight: the middle, to 20 %.
@@ -63,7 +57,7 @@ def test_boards_seen_by_a_kinect_are_filtered(tmp_path, monkeypatch):
     (program,) = blocks('Kinect v2', 'python')
     program = program.replace('../shared/data', str(DATA))
     subprocess.run([sys.executable, '-c', program], check=True)
-    run_section('Kinect v2', *BOARD_EFFECTS)
+    run_section('Kinect v2')
     table = json.loads(Path('boards_diagnosis/diagnosis.json').read_text())
     effects = {row['name']: row['parameters'] for row in table['effects']}
     assert table['verdict'] == 'partly'
