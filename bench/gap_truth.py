@@ -1,7 +1,7 @@
 """Kinds of ground truth in place of the exact one of a simulated campaign: see `TRUTHS`."""
 
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.gap.data.planes import plane_shifts
+from flexx2_sim_ros.gap.data.unknown import plane_shifts
 import numpy as np
 from scipy import ndimage
 from study.blind.partial_truth import known_part
