@@ -22,9 +22,8 @@ from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.data.units import guessed_scale, largest, reflectivity_from
 from flexx2_sim_ros.gap.data.unknown import fill, nearest, plane_shifts
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
-from flexx2_sim_ros.recording.reader import PROCESSED
+from flexx2_sim_ros.recording.reader import PROCESSED, uptime_of
 from flexx2_sim_ros.recording.truth import read_truth, Truth
-from flexx2_sim_ros.recording.uptime import uptime_of
 import numpy as np
 
 
