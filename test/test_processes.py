@@ -33,12 +33,7 @@ class Node:
     """
     A node running as a process, with what it wrote to stderr.
 
-    Attributes
-    ----------
-    process : subprocess.Popen
-    namespace : str
-        One of its own.
-
+    `namespace`: one of its own.
     """
 
     def __init__(self, executable, folder, env, *parameters, arguments=()):
