@@ -12,8 +12,8 @@ from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import topics_of
 from flexx2_sim_ros.recording.bag_writer import BagWriter
 from flexx2_sim_ros.recording.checksums import zstd, ZSTD_LEVEL
-from flexx2_sim_ros.rendering.materials import reflectivity_table
 from flexx2_sim_ros.rendering.renderer import open_renderer
+from flexx2_sim_ros.rendering.scenes import reflectivity_table
 from flexx2_sim_ros.robots.model import build_model, stand
 import lz4.frame
 import mujoco

@@ -239,15 +239,9 @@ def report(lines, write, chosen):
     """
     Fit the rule to lines of a run, print how often it is right, and write it on demand.
 
-    Parameters
-    ----------
-    lines : sequence of mapping
-        Of the run.
-    write : bool
-        Whether to write the rule and its picture.
-    chosen : str
-        The arguments that chose the campaigns.
-
+    * `lines`: of the run
+    * `write`: whether to write the rule and its picture
+    * `chosen`: the arguments that chose the campaigns
     """
     campaigns = [campaign(line) for line in lines]
     folds = [campaigns[k::_FOLDS] for k in range(_FOLDS)]

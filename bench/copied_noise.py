@@ -31,18 +31,8 @@ def copied(clean, rng):
     """
     Return an image as the copied pipeline makes it: contours, patches, stereo noise, blur.
 
-    Parameters
-    ----------
-    clean : numpy.ndarray
-        (H, W) metres.
-    rng : numpy.random.Generator
-        Draws patches and noise.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) float32 metres; too small where depth was removed: the blur mixes it with 0.
-
+    `clean`: (H, W) metres. Returns (H, W) float32 metres; too small where depth was removed: the
+    blur mixes it with 0.
     """
     lost = np.zeros(clean.shape, bool)
     framed = np.pad(clean, 1)  # The copied convolution sees 0 beyond the image.

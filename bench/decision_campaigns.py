@@ -87,19 +87,9 @@ def plan(index):
     """
     Draw a campaign.
 
-    Parameters
-    ----------
-    index : int
-        0 to `MOST` - 1: small ones, large ones from `SMALL` on, and those of `NO_EFFECT` from
-        `QUIET` on.
-
-    Returns
-    -------
-    Planned
-        The case.
-    dict
-        What the case does not say: ``camera``, ``truth``, ``scene`` and ``novel``.
-
+    `index`: 0 to `MOST` - 1: small ones, large ones from `SMALL` on, and those of `NO_EFFECT` from
+    `QUIET` on. Returns the case, and a dict of what it does not say: ``camera``, ``truth``,
+    ``scene`` and ``novel``.
     """
     seed = DEVELOPMENT.seed(_FIRST + index)
     rng = np.random.default_rng(seed)
@@ -158,13 +148,9 @@ def run(index):
     """
     Record and diagnose a campaign.
 
-    Returns
-    -------
-    dict
-        For a line of JSON: ``planned``, ``more`` (see `plan`), ``parameters`` (the true ones),
-        ``diagnosis`` (without what is drawn on its page), ``realised``, ``seconds`` and
-        ``code``.
-
+    Returns, for a line of JSON, ``planned``, ``more`` (see `plan`), ``parameters`` (the true
+    ones), ``diagnosis`` (without what is drawn on its page), ``realised``, ``seconds`` and
+    ``code``.
     """
     case, more = plan(index)
     began = time.process_time()

@@ -11,15 +11,11 @@ def counted(rule, campaigns):
     """
     Count how often a rule is right about campaigns it was not fitted to.
 
-    Returns
-    -------
-    dict
-        Lists: ``false_alarms``, ``wrong``, ``named`` (of campaigns with a findable effect),
-        ``covered`` (a true effect is named or an alternative), ``size`` (of that set),
-        ``unexplained`` (of campaigns whose effect the diagnosis does not know: the verdict is
-        ``unknown`` or ``partly``) and ``held`` (intervals of the reduction) of bool or int;
-        ``confidence`` of (probability, present) of each named effect.
-
+    Returns lists: ``false_alarms``, ``wrong``, ``named`` (of campaigns with a findable effect),
+    ``covered`` (a true effect is named or an alternative), ``size`` (of that set), ``unexplained``
+    (of campaigns whose effect the diagnosis does not know: the verdict is ``unknown`` or
+    ``partly``) and ``held`` (intervals of the reduction) of bool or int; ``confidence`` of
+    (probability, present) of each named effect.
     """
     out = {name: [] for name in (*_COUNTED, 'confidence')}
     for one in campaigns:

@@ -56,27 +56,14 @@ class DiagnosedCampaign:
     """
     A diagnosed campaign and what is true.
 
-    Attributes
-    ----------
-    planned, more : dict
-        How it was made, see `decision_campaigns.plan`.
-    support : Support
-        The evidence.
-    verdict : str
-        What the diagnosis said with the rule of then.
-    named : tuple of str
-        The effects it named.
-    alternatives : tuple of str
-        Likewise.
-    true : frozenset of str
-        Effects of the catalogue that are present.
-    present : bool
-        Whether there is any effect, of the catalogue or not.
-    findable : bool
-        Whether a true effect was in the catalogue of the diagnosis.
-    reduction : tuple of float or None
-        Predicted, lower end, upper end, and realised; None where it was not measured.
-
+    * `planned`, `more`: how it was made, see `decision_campaigns.plan`
+    * `verdict`: what the diagnosis said with the rule of then
+    * `named`: the effects it named
+    * `alternatives`: likewise
+    * `true`: effects of the catalogue that are present
+    * `present`: whether there is any effect, of the catalogue or not
+    * `findable`: whether a true effect was in the catalogue of the diagnosis
+    * `reduction`: predicted, lower end, upper end, and realised; None where it was not measured
     """
 
     planned: Mapping[str, Any]

@@ -19,15 +19,8 @@ def keep(lines, chosen, path=KEPT):
     """
     Write lines of `decision_campaigns.run`.
 
-    Parameters
-    ----------
-    lines : sequence of mapping
-        Of a run.
-    chosen : str
-        The arguments that chose the campaigns.
-    path : pathlib.Path
-        The file.
-
+    * `lines`: of a run
+    * `chosen`: the arguments that chose the campaigns
     """
     text = [json.dumps({'chosen': chosen}), *(json.dumps(_brief(line)) for line in lines)]
     data = lzma.compress(''.join(f'{one}\n' for one in text).encode(), preset=9)

@@ -15,16 +15,10 @@ class BoxRoom:
     """
     Axis-aligned boxes inside a room, each with an albedo and a checked pattern.
 
-    Attributes
-    ----------
-    boxes : numpy.ndarray
-        (N, 6) low and high corners, metres, world axes: x forward, y left, z up. The first one is
-        the room itself, seen from inside.
-    albedo : numpy.ndarray
-        (N, 2) of the light and the dark squares.
-    squares : numpy.ndarray
-        (N,) their width, metres.
-
+    * `boxes`: (N, 6) low and high corners, metres, world axes: x forward, y left, z up. The first
+      one is the room itself, seen from inside.
+    * `albedo`: (N, 2) of the light and the dark squares
+    * `squares`: (N,) their width, metres
     """
 
     boxes: np.ndarray
@@ -59,26 +53,13 @@ def look(
     """
     Render depth and reflectivity.
 
-    Parameters
-    ----------
-    room : BoxRoom
-        The scene.
-    K : numpy.ndarray
-        (3, 3) camera matrix.
-    size : tuple of int
-        Height and width.
-    rotation : numpy.ndarray
-        (3, 3) from the optical frame to the world.
-    position : numpy.ndarray
-        (3,) of the camera, metres.
-    distortion : tuple of float
-        Coefficients of the lens, plumb_bob.
+    * `K`: (3, 3) camera matrix
+    * `size`: height and width
+    * `rotation`: (3, 3) from the optical frame to the world
+    * `position`: (3,) of the camera, metres
+    * `distortion`: coefficients of the lens, plumb_bob
 
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (H, W) float32 each: metres along the optical axis, and albedo.
-
+    Returns (H, W) float32 each: metres along the optical axis, and albedo.
     """
     lens = replace(Intrinsics.from_matrix(K, size[1], size[0]), distortion=distortion)
     rays = np.stack([*pixel_rays(lens), np.ones(size)], -1)
@@ -128,33 +109,18 @@ def write_campaign(
     """
     Write recordings of a camera with effects; the user knows pose, noise and albedo inexactly.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Folder of the recordings; created if it does not exist.
-    effects : dict, optional
-        Parameters of the real camera's effects, by name.
-    seed : int
-        Seed of all random numbers.
-    recordings, frames : int
-        Number of recordings, and of frames in each.
-    usecase : str
-        Name of the mode.
-    pose : tuple of float
-        Standard deviation of each recording's pose error, metres and degrees along each axis.
-    reflectivity, sigma : float
-        Relative standard deviation of the error of each recording's reflectivity, and of that of
-        sigma_z.
-    scale : float
-        Factor on the width and height of the image.
-    novel : callable, optional
-        An effect outside the catalogue: changes the measured depth (T, H, W), given the arrays of
-        the recording.
-    moving : int
-        Number of recordings with a moving camera.
-    distortion : tuple of float
-        Coefficients of the camera's lens, plumb_bob; the user knows them.
-
+    * `folder`: folder of the recordings; created if it does not exist
+    * `effects`: parameters of the real camera's effects, by name
+    * `seed`: seed of all random numbers
+    * `recordings`, `frames`: number of recordings, and of frames in each
+    * `pose`: standard deviation of each recording's pose error, metres and degrees along each axis
+    * `reflectivity`, `sigma`: relative standard deviation of the error of each recording's
+      reflectivity, and of that of sigma_z
+    * `scale`: factor on the width and height of the image
+    * `novel`: an effect outside the catalogue: changes the measured depth (T, H, W), given the
+      arrays of the recording
+    * `moving`: number of recordings with a moving camera
+    * `distortion`: coefficients of the camera's lens, plumb_bob; the user knows them
     """
     folder.mkdir(parents=True, exist_ok=True)
     views = render_views(seed, recordings, frames, usecase, pose, scale, moving, distortion)

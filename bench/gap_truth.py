@@ -1,7 +1,7 @@
 """Kinds of ground truth in place of the exact one of a simulated campaign: see `TRUTHS`."""
 
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.gap.data.planes import plane_shifts
+from flexx2_sim_ros.gap.data.unknown import plane_shifts
 import numpy as np
 from scipy import ndimage
 from study.blind.partial_truth import known_part
@@ -78,20 +78,10 @@ def find_planes(depth, tolerance, rng):
     """
     Find planes in a depth image by RANSAC.
 
-    Parameters
-    ----------
-    depth : numpy.ndarray
-        (H, W) metres, NaN where invalid.
-    tolerance : float
-        Largest distance of a pixel from its plane, metres.
-    rng : numpy.random.Generator
-        Draws the pixels.
+    * `depth`: (H, W) metres, NaN where invalid
+    * `tolerance`: largest distance of a pixel from its plane, metres
 
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (H, W) uint8 planes, 0 for none; (H, W) float64 their depth, NaN for none.
-
+    Returns (H, W) uint8 planes, 0 for none; (H, W) float64 their depth, NaN for none.
     """
     v, u = np.mgrid[: depth.shape[0], : depth.shape[1]]
     columns = np.stack([u, v, np.ones_like(u)], -1).astype(float)

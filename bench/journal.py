@@ -11,13 +11,8 @@ class Journal:
     """
     Lines of JSON, each written as soon as its result is known.
 
-    Parameters
-    ----------
-    path : Path
-        The file. With the same settings it is continued, otherwise overwritten.
-    settings
-        The settings of the measurement, such as the seed; the first line has them.
-
+    * `path`: the file. With the same settings it is continued, otherwise overwritten.
+    * `settings`: the settings of the measurement, such as the seed; the first line has them
     """
 
     def __init__(self, path, **settings):

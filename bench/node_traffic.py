@@ -15,20 +15,10 @@ class Traffic:
     """
     Publishes the input of camera nodes and receives their depth images.
 
-    Parameters
-    ----------
-    cameras : tuple of str
-        Namespaces of the nodes.
-    rate : int
-        Images a second for each.
-
-    Attributes
-    ----------
-    stamps : dict of str to list of int
-        Stamps of the received images, nanoseconds.
-    latencies : list of float
-        From publishing the input to receiving the image, seconds.
-
+    * `cameras`: namespaces of the nodes
+    * `rate`: images a second for each
+    * `stamps`: stamps of the received images, nanoseconds
+    * `latencies`: from publishing the input to receiving the image, seconds
     """
 
     def __init__(self, cameras, rate):

@@ -81,20 +81,11 @@ def describe(path, taped, square=True, flat=0.0, **changes):
     """
     Write what people measured of all views.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        The file to write.
-    taped : float or None
-        Standard deviation of the measured distances, metres, by which they are wrong; None: no
-        distance was measured.
-    square : bool
-        Whether angles were measured.
-    flat : float
-        Standard deviation of the surfaces, metres.
-    **changes
-        Of the file's content.
-
+    * `taped`: standard deviation of the measured distances, metres, by which they are wrong; None:
+      no distance was measured
+    * `square`: whether angles were measured
+    * `flat`: standard deviation of the surfaces, metres
+    * `changes`: of the file's content
     """
     rng = np.random.default_rng(3)
     recordings = {}

@@ -42,23 +42,13 @@ def run(minutes=60.0, seed=0, out=FOLDER):
     """
     Run the nodes, a publisher and a reader; print a line each minute and a table at the end.
 
-    Parameters
-    ----------
-    minutes : float
-        Duration.
-    seed : int
-        Seed of the scene and of both cameras.
-    out : Path
-        Folder for ``soak.jsonl``: a line for each sample, the last of them after the end.
+    * `seed`: seed of the scene and of both cameras
+    * `out`: folder for ``soak.jsonl``: a line for each sample, the last of them after the end
 
-    Returns
-    -------
-    dict
-        ``minutes`` measured, from the first images on, and by camera: ``sent``, ``received``,
-        ``lost``, ``silent`` (``sent`` without the others), ``unaccounted`` (received, but neither
-        published nor said to be dropped), ``read`` frames, ``resident_mb`` of each sample and
-        ``slope_mb_per_hour`` of it after five minutes (NaN for less than that).
-
+    Returns ``minutes`` measured, from the first images on, and by camera: ``sent``, ``received``,
+    ``lost``, ``silent`` (``sent`` without the others), ``unaccounted`` (received, but neither
+    published nor said to be dropped), ``read`` frames, ``resident_mb`` of each sample and
+    ``slope_mb_per_hour`` of it after five minutes (NaN for less than that).
     """
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
     out.mkdir(parents=True, exist_ok=True)

@@ -244,22 +244,12 @@ def run(files=10_000, seed=0, out=FOLDER):
     """
     Run the commands on damaged files; print and return the outcomes.
 
-    Parameters
-    ----------
-    files : int
-        Number of files.
-    seed : int
-        Seed of the damage.
-    out : Path
-        Folder for ``files.jsonl``, a line for each file; files that are in it are left out.
+    * `seed`: seed of the damage
+    * `out`: folder for ``files.jsonl``, a line for each file; files that are in it are left out
 
-    Returns
-    -------
-    dict
-        Counts by outcome (exit codes, ``traceback``, ``hang``, ``wrong`` for changed values
-        without a message), ``commands``, ``details`` of the bad ones, the longest time
-        (``seconds``, and ``computing`` of it) and the peak memory of a process.
-
+    Returns counts by outcome (exit codes, ``traceback``, ``hang``, ``wrong`` for changed values
+    without a message), ``commands``, ``details`` of the bad ones, the longest time (``seconds``,
+    and ``computing`` of it) and the peak memory of a process.
     """
     journal = Journal(out / 'files.jsonl', seed=seed)
     done = {entry['index'] for entry in journal}

@@ -84,22 +84,13 @@ def run(kills=240, seed=0, out=FOLDER):
     """
     Start commands, end each at a random moment, half of them with kill -9; print a table.
 
-    Parameters
-    ----------
-    kills : int
-        Number of kills.
-    seed : int
-        Seed of the moments and signals.
-    out : Path
-        Folder for ``kills.jsonl``, a line for each kill; kills that are in it are left out.
+    * `seed`: seed of the moments and signals
+    * `out`: folder for ``kills.jsonl``, a line for each kill; kills that are in it are left out
 
-    Returns
-    -------
-    dict
-        ``kills`` in total, ``by_command`` and ``by_signal``; ``finished``, the number of commands
-        that ended before the kill; and lists of failures: ``orphans``, ``damaged``, ``leftovers``
-        (after SIGINT and SIGTERM), ``loud`` (wrong exit status or a traceback after these).
-
+    Returns ``kills`` in total, ``by_command`` and ``by_signal``; ``finished``, the number of
+    commands that ended before the kill; and lists of failures: ``orphans``, ``damaged``,
+    ``leftovers`` (after SIGINT and SIGTERM), ``loud`` (wrong exit status or a traceback after
+    these).
     """
     journal = Journal(out / 'kills.jsonl', seed=seed)
     with tempfile.TemporaryDirectory() as name:

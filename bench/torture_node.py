@@ -62,21 +62,10 @@ def run(messages=100_000, seed=0):
     """
     Send a node hostile messages, every third one a parameter call, and a good image every 100.
 
-    Parameters
-    ----------
-    messages : int
-        Number of messages.
-    seed : int
-        Seed of the messages.
-
-    Returns
-    -------
-    dict
-        ``sent`` messages, ``calls`` of parameter services among them and how many were
-        ``answered``, ``received`` images, ``alive`` (whether the node still publishes),
-        ``resident_mb`` at the start and after each tenth, ``resident_growth_mb`` (after the first
-        fifth), ``tracebacks`` in the node's log, and ``seconds``.
-
+    Returns ``sent`` messages, ``calls`` of parameter services among them and how many were
+    ``answered``, ``received`` images, ``alive`` (whether the node still publishes),
+    ``resident_mb`` at the start and after each tenth, ``resident_growth_mb`` (after the first
+    fifth), ``tracebacks`` in the node's log, and ``seconds``.
     """
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
     with tempfile.TemporaryDirectory() as folder, _node(Path(folder)) as (process, log):

@@ -28,18 +28,10 @@ def run(kills=20, seed=0):
     """
     Record two cameras at 60 Hz in each storage, kill, and print what is missing.
 
-    Parameters
-    ----------
-    kills : int
-        Number of kills for each storage.
-    seed : int
-        Seed of the moments.
+    * `kills`: number of kills for each storage
+    * `seed`: seed of the moments
 
-    Returns
-    -------
-    dict of str to list of float
-        Seconds between the last frame of a bag and the kill, by storage, for each camera.
-
+    Returns seconds between the last frame of a bag and the kill, by storage, for each camera.
     """
     import rclpy
 

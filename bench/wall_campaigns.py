@@ -43,23 +43,13 @@ def write_walls(folder, *, profile, effects, seed, recordings, frames, width, po
     """
     Write recordings of walls; the user knows their distance and angle inexactly.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        An existing folder.
-    profile : Profile
-        The camera, in its default mode.
-    effects : mapping
-        Parameters of its effects, by name.
-    seed : int
-        Seed of all random numbers.
-    recordings, frames : int
-        Number of recordings, and of frames in each.
-    width : int
-        Pixels of a row; the image is three quarters as high.
-    pose : tuple of float
-        Standard deviation of the error of distance and angle, metres and degrees.
-
+    * `folder`: an existing folder
+    * `profile`: the camera, in its default mode
+    * `effects`: parameters of its effects, by name
+    * `seed`: seed of all random numbers
+    * `recordings`, `frames`: number of recordings, and of frames in each
+    * `width`: pixels of a row; the image is three quarters as high
+    * `pose`: standard deviation of the error of distance and angle, metres and degrees
     """
     rng = np.random.default_rng([seed, 2])
     own = profile.intrinsics

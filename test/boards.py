@@ -17,15 +17,9 @@ class Board:
     """
     A board on the optical axis, turned about the vertical, and the truth about it.
 
-    Attributes
-    ----------
-    depth : numpy.ndarray
-        (H, W) float32 metres; ``background`` (NaN for none) beside the board.
-    incidence : numpy.ndarray
-        (H, W) float64 radians, NaN beside the board.
-    K : numpy.ndarray
-        (3, 3) camera matrix of the (possibly cropped) image.
-
+    * `depth`: (H, W) float32 metres; ``background`` (NaN for none) beside the board
+    * `incidence`: (H, W) float64 radians, NaN beside the board
+    * `K`: (3, 3) camera matrix of the (possibly cropped) image
     """
 
     depth: np.ndarray
@@ -39,22 +33,13 @@ def board(
     """
     Draw a board.
 
-    Parameters
-    ----------
-    distance : float
-        Depth at the principal point, metres.
-    angle_deg : float
-        Angle between the board's normal and the optical axis.
-    half_width : float
-        Half the board's extent along the direction in which it is turned, metres.
-    background : float
-        Depth of the wall behind, metres.
-    size : tuple of int
-        Height and width of the image, cut from the middle of the full one.
-    turn : str
-        ``yaw``: about the vertical, so that left and right edges are upright; ``pitch``: about
-        the horizontal, so that upper and lower edges are level.
-
+    * `distance`: depth at the principal point, metres
+    * `angle_deg`: angle between the board's normal and the optical axis
+    * `half_width`: half the board's extent along the direction in which it is turned, metres
+    * `background`: depth of the wall behind, metres
+    * `size`: height and width of the image, cut from the middle of the full one
+    * `turn`: ``yaw``: about the vertical, so that left and right edges are upright; ``pitch``:
+      about the horizontal, so that upper and lower edges are level
     """
     height, width = size
     matrix = K.copy()

@@ -34,11 +34,7 @@ class Browser:
     """
     A page.
 
-    Attributes
-    ----------
-    events : list of dict
-        What the browser has reported, in its protocol's words.
-
+    `events`: what the browser has reported, in its protocol's words.
     """
 
     def __init__(self, port):

@@ -76,21 +76,12 @@ class Board:
     """
     A board at a place in the camera's frame.
 
-    Parameters
-    ----------
-    distance : float
-        Metres.
-    tilt, turn : float
-        Degrees about x and y.
-    size : float
-        Factor by which the print is too large.
-    name : str
-        One of `SHEETS`.
-    picture : numpy.ndarray, optional
-        What is printed instead, 2000 pixels a metre.
-    glued : bool
-        Whether it is on a wall, and not before one.
-
+    * `distance`: metres
+    * `tilt`, `turn`: degrees about x and y
+    * `size`: factor by which the print is too large
+    * `name`: one of `SHEETS`
+    * `picture`: what is printed instead, 2000 pixels a metre
+    * `glued`: whether it is on a wall, and not before one
     """
 
     def __init__(self, distance, tilt, turn, size=1.0, name='A3', picture=None, glued=False):

@@ -27,17 +27,10 @@ class View:
     """
     One frame of a chessboard.
 
-    Attributes
-    ----------
-    depth : numpy.ndarray
-        (H, W) metres, NaN where invalid.
-    amplitude : numpy.ndarray
-        (H, W) infrared intensity.
-    K : numpy.ndarray
-        (3, 3) nominal camera matrix of the crop.
-    corners : numpy.ndarray
-        (35, 2) inner corners, pixels of the crop.
-
+    * `depth`: (H, W) metres, NaN where invalid
+    * `amplitude`: (H, W) infrared intensity
+    * `K`: (3, 3) nominal camera matrix of the crop
+    * `corners`: (35, 2) inner corners, pixels of the crop
     """
 
     depth: np.ndarray
@@ -50,15 +43,8 @@ class View:
         """
         Return where each pixel is on the board, by its corners and 30 mm squares.
 
-        Returns
-        -------
-        place : numpy.ndarray
-            (2, H, W) in squares from the first inner corner.
-        depth : numpy.ndarray
-            (H, W) metres, of the board's plane.
-        distance : float
-            Of the board's middle, metres.
-
+        Returns (2, H, W) in squares from the first inner corner; (H, W) metres, the depth of the
+        board's plane; and the distance of the board's middle, metres.
         """
         grid = np.stack(np.meshgrid(np.arange(5), np.arange(7)), -1).reshape(-1, 2) * 0.03
         points = np.c_[grid, np.zeros(35)]

@@ -14,18 +14,11 @@ def exact_room(lens=LENS, off_centre=0.0):
     """
     Return the exact depth of the room of the examples.
 
-    Parameters
-    ----------
-    lens : Intrinsics
-        Of the image.
-    off_centre : numpy.ndarray or float
-        (2, H, W) how far each ray passes below and to the right of its pixel's centre, pixels.
+    * `lens`: of the image
+    * `off_centre`: (2, H, W) how far each ray passes below and to the right of its pixel's centre,
+      pixels
 
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) float64 metres along the optical axis, NaN for nothing.
-
+    Returns (H, W) float64 metres along the optical axis, NaN for nothing.
     """
     v, u = np.mgrid[: lens.height, : lens.width] + off_centre
     # The camera looks along +x with z up: rays whose part along x is 1 have depths as lengths.
@@ -50,15 +43,8 @@ def assert_noise_is_sigma(clean, noisy, lens, usecase):
     """
     Assert that the noise on planes has the sigma of the base model.
 
-    Parameters
-    ----------
-    clean, noisy : numpy.ndarray
-        (N, H, W) metres along the optical axis; what is not positive is invalid.
-    lens : Intrinsics
-        Of the images.
-    usecase : str
-        The mode.
-
+    * `clean`, `noisy`: (N, H, W) metres along the optical axis; what is not positive is invalid
+    * `lens`: of the images
     """
     camera = Camera(usecase)
     sigma = np.stack([camera.capture(one, lens.matrix, stamp=0.0).sigma for one in clean])

@@ -27,11 +27,7 @@ class StandIn(Node):
     """
     A node that looks like the driver.
 
-    Parameters
-    ----------
-    recording : Recording
-        With gray images (uint8) as `amplitude`, one for each frame.
-
+    `recording`: with gray images (uint8) as `amplitude`, one for each frame.
     """
 
     def __init__(self, recording):

@@ -79,15 +79,9 @@ class Listener:
     """
     A user of the topics: subscribes, publishes, sets parameters, and waits.
 
-    Attributes
-    ----------
-    node : rclpy.node.Node
-        To subscribe and publish with.
-    heard : dict of str to list
-        Messages by topic, for what `listen` was called with.
-    log : list of rcl_interfaces.msg.Log
-        What all nodes logged.
-
+    * `node`: to subscribe and publish with
+    * `heard`: messages by topic, for what `listen` was called with
+    * `log`: what all nodes logged
     """
 
     def __init__(self):
@@ -154,26 +148,13 @@ class Stream(Listener):
     """
     A camera node, fed one image at a time: each is answered before the next is sent.
 
-    Parameters
-    ----------
-    topics : str
-        Which of the node's outputs to listen to.
-    source : Intrinsics
-        Of the clean images.
-    namespace : str
-        Of the node; one of its own when left out, so that no stream hears another.
-    feed : bool
-        Whether to publish to the node; somebody else does otherwise.
-    values
-        Of the node's parameters.
-
-    Attributes
-    ----------
-    camera : Flexx2Camera
-        The node under test.
-    name : str
-        Its full name.
-
+    * `topics`: which of the node's outputs to listen to
+    * `source`: of the clean images
+    * `namespace`: of the node; one of its own when left out, so that no stream hears another
+    * `feed`: whether to publish to the node; somebody else does otherwise
+    * `values`: of the node's parameters
+    * `camera`: the node under test
+    * `name`: its full name
     """
 
     def __init__(self, *topics, source=FLEXX2, namespace='', feed=True, **values):

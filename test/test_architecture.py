@@ -112,7 +112,7 @@ BUDGETS = {
     'physics': 15, 'processing': 9, 'profiles': 14, 'recording': 56, 'rendering': 10, 'robots': 17,
     'truth': 77, 'view': 13, 'walking': 10,
 }  # fmt: skip
-SMALL_FILES = 54
+SMALL_FILES = 33
 
 
 def test_the_house_stays_small():

@@ -13,7 +13,6 @@ import pytest
 
 
 def test_a_file_appears_when_it_is_complete(tmp_path):
-    """Assert the old content until the end of the block, then the new; nothing is left over."""
     path = tmp_path / 'a.txt'
     path.write_text('old')
     with whole(path) as part:
@@ -24,7 +23,6 @@ def test_a_file_appears_when_it_is_complete(tmp_path):
 
 
 def test_an_error_leaves_the_old_file(tmp_path):
-    """Assert a block that fails changes nothing and leaves nothing behind."""
     path = tmp_path / 'a.txt'
     path.write_text('old')
 
@@ -41,7 +39,6 @@ def test_an_error_leaves_the_old_file(tmp_path):
 
 @pytest.mark.parametrize('mask', [0o022, 0o027, 0o077])
 def test_written_files_follow_the_umask(tmp_path, mask):
-    """Assert the permissions of any other program's files."""
     before = os.umask(mask)
     try:
         write_text(tmp_path / 'a.txt', 'text')
@@ -54,7 +51,6 @@ def test_written_files_follow_the_umask(tmp_path, mask):
 
 
 def test_a_write_through_a_link_replaces_its_target(tmp_path):
-    """Assert that the file a link points to is replaced, not the link."""
     (tmp_path / 'there').mkdir()
     link = tmp_path / 'link.txt'
     link.symlink_to(tmp_path / 'there' / 'a.txt')
@@ -81,7 +77,6 @@ def test_files_of_one_write_go_through_links(tmp_path):
 
 
 def test_files_of_one_write_appear_together(tmp_path):
-    """Assert that several files appear together, or none where one cannot."""
     with whole_files(tmp_path) as part:
         (part / 'a').write_text('a')
         (part / 'b').write_text('b')
@@ -99,7 +94,6 @@ def test_files_of_one_write_appear_together(tmp_path):
 
 
 def test_impossible_targets_are_refused(tmp_path):
-    """Assert one sentence each, which names the path."""
     (tmp_path / 'file').touch()
     (tmp_path / 'loop').symlink_to(tmp_path / 'loop')
     (tmp_path / 'null').symlink_to('/dev/null')
@@ -131,7 +125,6 @@ with whole(sys.argv[1]) as part:
 
 
 def test_leftovers_of_a_killed_process_are_removed(tmp_path):
-    """Assert the next writer removes what a dead process left, and nothing of one that lives."""
     leave = [sys.executable, '-c', LEAVE, tmp_path / 'a']
     with started(leave, stdin=subprocess.PIPE) as process:
         process.stdout.readline()
@@ -143,7 +136,6 @@ def test_leftovers_of_a_killed_process_are_removed(tmp_path):
 
 
 def test_names_of_255_bytes(tmp_path):
-    """Assert the longest name that the file system takes is taken."""
     write_text(tmp_path / ('n' * 255), 'text')
     assert (tmp_path / ('n' * 255)).read_text() == 'text'
     with scratch_folder(tmp_path) as folder:

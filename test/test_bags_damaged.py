@@ -10,8 +10,8 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, open_recording
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.convert import convert
+from flexx2_sim_ros.recording.reader import uptime_of
 from flexx2_sim_ros.recording.truth import read_truth
-from flexx2_sim_ros.recording.uptime import uptime_of
 from made_bags import (
     depths,
     driver_bag,

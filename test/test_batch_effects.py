@@ -252,7 +252,6 @@ def test_effects_and_modes_change_between_frames(device):
 
 
 def test_every_effect_of_the_registry_has_a_kernel():
-    """Assert it; effects of other packages need none."""
     package = Effect.__module__.rpartition('.')[0]
     own = {name for name, kind in registry().items() if kind.__module__.startswith(package)}
     assert own <= set(BATCHED)

@@ -88,7 +88,6 @@ def test_a_full_sensors_matrix_under_the_size_of_the_image():
 
 
 def test_another_size_stays_another_size():
-    """Assert that who compares the size with the image sees the one of the message."""
     message = fields(height=480, width=640, binning_x=3, binning_y=3)
     camera = decode_camera_info(message, size=SIZE)
     assert (camera.height, camera.width) == (480, 640)

@@ -170,7 +170,6 @@ def _first_frame_of(seen, old, new):
 
 
 def test_the_node_publishes_the_librarys_frames_bit_for_bit():
-    """Assert depth, noise, cloud and gray are the library's for seed, name and stamp."""
     with stream(DEPTH, INFO, CLOUD, GRAY, NOISE, seed=5, camera_name='left') as seen:
         stamp = START + 1
         assert seen.show(boards(), stamp)
@@ -227,7 +226,6 @@ def test_cameras_and_stamps_have_independent_noise():
 
 
 def test_heavy_topics_are_filled_only_for_subscribers(monkeypatch):
-    """Assert nothing is computed for nobody, and that camera_info always comes."""
     called = []
     for name in ('points', 'gray_image'):
         monkeypatch.setattr(
@@ -256,7 +254,6 @@ def _counted(called):
 
 
 def test_invalid_value_and_frame_id():
-    """Assert both parameters work while streaming and refuse nonsense."""
     with stream(DEPTH, NOISE, CLOUD) as seen:
         seen.show(boards(), START, frame_id='from_input')
         assert seen.set(invalid_value='zero').successful
@@ -279,7 +276,6 @@ def test_invalid_value_and_frame_id():
 
 
 def test_exposure_darkens_the_gray_image():
-    """Assert a shorter exposure gives a darker picture and the same depth."""
     with stream(GRAY, DEPTH, auto_exposure_0=False) as seen:
         seen.show(boards(), START)
         assert seen.set(exposure_time_0=92).successful
@@ -309,7 +305,6 @@ def test_slow_input_is_passed_on_and_reported():
 
 
 def test_diagnostics_count_frames_and_losses():
-    """Assert mode, rates, counts, invalid share and latency."""
     with stream(DEPTH, usecase='Mode_9_10fps', serial='A-17') as seen:
         for stamp in input_stamps(121):
             seen.show(boards(), stamp)
@@ -363,7 +358,6 @@ def test_quality_of_service():
 
 
 def test_parameters_of_the_driver():
-    """Assert names, defaults, what is read-only, and the one warning of an unmeasured mode."""
     with stream() as seen:
         assert seen.get('usecase') == 'Mode_9_30fps'
         assert seen.get('model') == 'Flexx2'

@@ -172,7 +172,6 @@ def asked(ros):
 
 @pytest.mark.parametrize(('kind', 'spoil', 'parts'), CASES.values(), ids=CASES)
 def test_bad_input_is_named(asked, kind, spoil, parts):
-    """Assert an error (field, must be, got) of the pair of messages, and none of a good one."""
     messages = _three(SECOND)
     for name in ('image', 'info') if kind == 'both' else (kind,):
         messages[name] = spoil(messages[name])
@@ -184,7 +183,6 @@ def test_bad_input_is_named(asked, kind, spoil, parts):
 
 @pytest.mark.parametrize('case', ['encoding', 'nanoseconds', 'other size', 'no info'])
 def test_bad_input(case):
-    """Assert no frame, one message, and then a good frame."""
     kind, spoil, parts = CASES[case]
     with stream(DEPTH) as seen:
         no_info = kind == 'info' and spoil(info_message(FLEXX2)) is None
@@ -213,7 +211,6 @@ def test_bad_input(case):
 
 
 def test_another_error_after_a_missing_camera_info():
-    """Assert each is logged with its reason: the first as a warning, the second as an error."""
     with stream(DEPTH) as seen:
         for index in range(2):  # The second image ends the wait of the first for its camera info.
             seen.publish(image=image_message(WALL, (1 + index) * SECOND))
@@ -238,7 +235,6 @@ def test_another_error_after_a_missing_camera_info():
     ids=['encoding', 'size', 'data'],
 )
 def test_bad_reflectivity_costs_no_depth(spoil, parts):
-    """Assert a frame whose reflectivity cannot be used comes out without it."""
     with stream(DEPTH, GRAY) as seen:
         for index in range(3):
             messages = _three(index * SECOND)
@@ -252,7 +248,6 @@ def test_bad_reflectivity_costs_no_depth(spoil, parts):
 
 
 def test_warnings_are_rate_limited():
-    """Assert a stream of images that are all broken in another way does not fill the log."""
     with stream() as seen:
         for index in range(1, 60):
             messages = _three(index * SECOND)
@@ -269,7 +264,6 @@ def test_warnings_are_rate_limited():
 
 
 def test_two_clocks_at_once_do_not_fill_the_log():
-    """Assert stamps that jump to and fro are told of now and then, and passed on."""
     with stream() as seen:
         for index in range(1, 30):
             for clock in (0, 1_700_000_000):
@@ -279,7 +273,6 @@ def test_two_clocks_at_once_do_not_fill_the_log():
 
 
 def test_rejection_is_in_the_diagnostics():
-    """Assert the last error is reported, and not for ever."""
     with stream() as seen:
         assert seen.send(**_three(SECOND))
         seen.next_diagnostics()
@@ -321,7 +314,6 @@ def going(ros):
     ids=str,
 )
 def test_bad_parameters_are_refused(going, values, parts):
-    """Assert a reason, and that the stream goes on as before."""
     seen, stamps = going
     assert seen.send(**_three(next(stamps)))
     name = next(iter(values))

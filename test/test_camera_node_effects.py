@@ -49,7 +49,6 @@ def confidence(message):
 
 
 def test_a_file_at_the_start_and_numbers_beside_it(tmp_path):
-    """Assert all topics follow the library's effects; what is given beside a file counts."""
     path = tmp_path / 'mine.yaml'
     save_effects(
         path,
@@ -114,7 +113,6 @@ def test_a_file_at_the_start_and_numbers_beside_it(tmp_path):
 
 
 def test_fitted_effects_come_and_go_with_their_file(tmp_path):
-    """Assert that a file's entries beyond the registry are used, though they are no parameters."""
     path = tmp_path / 'gap.yaml'
     path.write_text(
         'schema: 1\neffects:\n  offset: {bias: 0.01}\n  residual_patch: {bias_0: 0.05}\n'
@@ -130,7 +128,6 @@ def test_fitted_effects_come_and_go_with_their_file(tmp_path):
 
 
 def test_parameters_are_described():
-    """Assert description with unit, range and type of every parameter of every effect."""
     with stream() as seen:
         items = {
             f'effect.{name}.{item.name}': item
@@ -157,7 +154,6 @@ def test_parameters_are_described():
 
 
 def test_effects_are_switched_between_two_frames():
-    """Assert each frame is wholly with or without, and that the switch comes while streaming."""
     with stream(DEPTH, NOISE) as seen:
         steps = iter(range(1000))
 
@@ -217,7 +213,6 @@ def bad_file(tmp_path_factory):
 
 
 def test_a_bad_value_is_rejected_and_the_stream_goes_on(bad_file):
-    """Assert a reason that names the parameter, and frames as before."""
     with stream(DEPTH, **{'effect.offset.strength': 1.0}) as seen:
         camera = twin(seen, {'offset': None})
         bad = [('effect.offset.bias', value) for value in (0.3, -0.21, 5, math.nan, math.inf)]
@@ -293,7 +288,6 @@ def test_a_shorter_exposure_saturates_less():
 
 
 def test_effects_need_to_know_the_frequencies(tmp_path):
-    """Assert a mode without them is neither given effects that need them nor switched to with."""
     first, *others = flexx2().modes
     path = tmp_path / 'camera.yaml'
     save_profile(
@@ -315,7 +309,6 @@ def test_effects_need_to_know_the_frequencies(tmp_path):
 
 
 def test_a_map_of_another_size_is_refused_at_the_start(tmp_path):
-    """Assert it of the start and of a running node, which goes on."""
     path = tmp_path / 'other.yaml'
     save_effects(path, parse_effects({'fixed_pattern': {'pattern': np.zeros((86, 112))}}))
     sentence = 'fixed_pattern.pattern: must be a map of 224 x 172 pixels.*got 112 x 86'

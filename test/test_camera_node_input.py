@@ -31,7 +31,6 @@ pytestmark = pytest.mark.usefixtures('ros')
 
 
 def test_pixels_without_a_return_are_invalid():
-    """Assert 0, NaN, infinities and negative depths come out as NaN."""
     nothing = [0.0, -0.0, np.nan, np.inf, -np.inf, -1.5, 1e-30, 3e38]
     scene = np.repeat(np.array([1.5, *nothing[:-1]], np.float32), 28)[None].repeat(172, axis=0)
     scene[100:, 28:] = nothing[-1]
@@ -95,7 +94,6 @@ BENT = (-0.12, 0.03, 0.001, -0.0015, 0.002)
 )
 @pytest.mark.parametrize('radial', [False, True], ids=['planar', 'radial'])
 def test_other_cameras_input_shows_the_same_plane(source, own, radial):
-    """Assert any resolution, intrinsics, distortion and kind of depth give the same plane."""
     with stream(
         DEPTH, INFO, source=source, input_depth='radial' if radial else 'planar', **own
     ) as seen:
@@ -174,7 +172,6 @@ def test_depth_is_never_blended_across_a_jump():
 
 
 def test_rays_outside_the_input_are_invalid_and_warned_about_once():
-    """Assert a narrow input leaves a border without depth."""
     narrow = Intrinsics(160, 120, 210.0, 210.0, 79.5, 59.5)
     with stream(DEPTH, CLOUD, source=narrow) as seen:
         for stamp in input_stamps(4, hz=30):
@@ -190,7 +187,6 @@ def test_rays_outside_the_input_are_invalid_and_warned_about_once():
 
 @pytest.mark.parametrize(('most', 'unit'), [(100, 'percent'), (255, 'bytes')])
 def test_reflectivity_in_another_unit_is_noticed(most, unit):
-    """Assert one warning with the factor, and the gray image of reflectivity from 0 to 1."""
     paint = np.full((172, 224), 0.4, np.float32)
     paint[:60] = 1.0
     grays = []
@@ -208,7 +204,6 @@ def test_reflectivity_in_another_unit_is_noticed(most, unit):
 
 
 def test_reflectivity_changes_the_gray_image_only():
-    """Assert reflectivity is paired by stamp, whatever comes first, and optional."""
     paint = np.full((172, 224), 0.25, np.float32)
     paint[:60], paint[60] = 1.0, np.nan
     with stream(DEPTH, NOISE, CLOUD, GRAY, auto_exposure_0=False) as seen:
@@ -248,7 +243,6 @@ def test_reflectivity_changes_the_gray_image_only():
 
 
 def test_a_late_or_single_camera_info_is_enough():
-    """Assert an image waits for its info, and that one info is enough."""
     with stream(DEPTH) as seen:
         seen.publish(image=image_message(boards(), START))
         seen.spin_until(lambda: seen.camera._statistics.received == 1)
@@ -267,7 +261,6 @@ def test_a_late_or_single_camera_info_is_enough():
 
 
 def test_stamps_that_repeat_or_go_back():
-    """Assert a repetition is left out with a warning, and a reset starts afresh."""
     with stream(DEPTH) as seen:
         assert seen.show(boards(), START)
         for _ in range(3):

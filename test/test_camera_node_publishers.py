@@ -75,7 +75,6 @@ def test_large_images_of_a_reliable_publisher_arrive(fed, publish):
 
 
 def test_losses_of_a_best_effort_publisher_are_reported(fed, publish):
-    """Assert small images arrive; large ones that are lost are counted and warned of."""
     small = publish(space(fed), '--best-effort', '--count', '30')
     fed.spin_until(lambda: small.poll() is not None, 'publisher')
     assert fed.received >= 27
@@ -93,7 +92,6 @@ def test_losses_of_a_best_effort_publisher_are_reported(fed, publish):
 
 
 def test_publishers_that_come_and_go_are_followed(fed):
-    """Assert the strongest quality that all of them offer, at any time."""
     topic = 'clean/depth_image'
 
     def offer(quality):
@@ -111,7 +109,6 @@ def test_publishers_that_come_and_go_are_followed(fed):
 
 
 def test_parameters_fix_the_quality(publish):
-    """Assert qos_overrides win over what publishers offer, and a mismatch is told."""
     namespace = next(_SPACES)
     name = f'qos_overrides.{namespace}/clean/depth_image.subscription'
     fed = Fed(namespace, **{f'{name}.reliability': 'reliable', f'{name}.depth': 3})
@@ -127,7 +124,6 @@ def test_parameters_fix_the_quality(publish):
 
 
 def test_latched_camera_info_sent_before_the_node_starts(publish):
-    """Assert one camera info, sent before there was a node, serves all images."""
     namespace = next(_SPACES)
     process = publish(namespace, '--latched-info', '--rate', '10', '--count', '100')
     assert process.stdout.readline() == 'ready\n'
@@ -167,7 +163,6 @@ def feed(seen, value, start, count=12):
 
 
 def test_missing_input_is_reported_until_it_arrives_again():
-    """Assert a warning for what is likely wrong, a note for an empty view, and their ends."""
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         feed(seen, 1500.0, START)
         assert 'looks like millimetres' in seen.next_diagnostics().message
@@ -185,7 +180,6 @@ def test_missing_input_is_reported_until_it_arrives_again():
 
 @pytest.mark.parametrize('jump', [1000 * SECOND, 3 * SECOND, -1000 * SECOND], ids=str)
 def test_the_rates_recover_at_once_after_a_jump_of_the_clock(jump):
-    """Assert rates, frames and status are as before, a few images after."""
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         feed(seen, 1.5, START, 130)
         before = seen.published
@@ -199,7 +193,6 @@ def test_the_rates_recover_at_once_after_a_jump_of_the_clock(jump):
 
 
 def test_reflectivity_of_other_stamps_is_reported():
-    """Assert reflectivity that never meets its image is counted and warned of."""
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         image = np.full((172, 224), 1.5, np.float32)
         for index in range(40):
@@ -214,7 +207,6 @@ def test_reflectivity_of_other_stamps_is_reported():
 
 
 def test_a_topic_that_nobody_publishes_is_named(fed):
-    """Assert the report tells a missing publisher from a silent one."""
     report = fed.next_diagnostics()
     assert report.level == DiagnosticStatus.ERROR
     assert report.message == 'no input: clean/depth_image has no publisher'

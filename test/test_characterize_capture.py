@@ -103,7 +103,6 @@ def test_a_capture_overwrites_no_real_recording(lost, tmp_path, camera):
 
 
 def test_a_distorted_camera_sees_the_same_board(tmp_path, camera):
-    """Assert the clean depth is the board's, by the camera's own rays."""
     bent = replace(
         camera,
         intrinsics=replace(

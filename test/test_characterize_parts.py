@@ -21,7 +21,7 @@ from flexx2_sim_ros.characterize.plane import fit_plane, ransac_plane
 from flexx2_sim_ros.characterize.tiles import gaussian_kl, kl_floor, spatial_tiles, Tiles
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.modes import flexx2, NoiseModel
-from flexx2_sim_ros.recording.folders import find_recordings
+from flexx2_sim_ros.recording.opening import find_recordings
 import numpy as np
 import pytest
 from scipy import stats

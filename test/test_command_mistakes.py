@@ -107,7 +107,6 @@ def test_every_number_is_checked():
 
 @pytest.mark.parametrize(('name', 'option', 'count'), numeric_options())
 def test_numbers(folder, capsys, name, option, count):
-    """Assert that no command starts with a number that is none or has no end."""
     for value in NUMBERS:
         words = [*name.split(), *NEEDS.get(name, []), *[f'{option}={value}'] * (count == 1)]
         if count > 1:
@@ -130,7 +129,6 @@ def test_numbers(folder, capsys, name, option, count):
     ],
 )
 def test_files_to_write(folder, capsys, words, what):
-    """Assert targets that cannot be are refused before the work."""
     ending = f'.{what}' if what else ''
     for target in ('missing/a', 'file/a', 'loop', 'loop/a', 'n' * 256, '/proc/self/a'):
         if target == 'loop' and ending:
@@ -153,7 +151,6 @@ def test_files_to_write(folder, capsys, words, what):
     ],
 )
 def test_folders_to_write(folder, capsys, words):
-    """Assert folders that cannot be are refused before the work."""
     for target in ('file', 'file/a', 'loop', 'loop/a', 'n' * 256, '/proc/self/a'):
         refused([word.format(target) for word in words], capsys)
 
@@ -161,7 +158,6 @@ def test_folders_to_write(folder, capsys, words):
 @pytest.mark.parametrize('command', ['simulate', 'convert'])
 @pytest.mark.parametrize('target', ['in.npz', './in.npz', 'dir/../in.npz', 'link.npz', 'hard.npz'])
 def test_the_output_is_the_input(folder, capsys, command, target):
-    """Assert the same file is noticed under every name, and stays as it was."""
     before = Path('in.npz').read_bytes()
     assert 'must be another file than the input' in refused([command, 'in.npz', target], capsys)
     assert Path('in.npz').read_bytes() == before
@@ -273,7 +269,6 @@ print(json.dumps(ends))
 
 
 def test_a_file_that_cannot_grow(folder):
-    """Assert one sentence and no output where the file system takes no more."""
     commands = [
         ['simulate', 'in.npz', 'out.npz', '--frames', '9'],
         ['convert', 'campaign/a.npz', 'out.mcap'],
@@ -338,7 +333,6 @@ def full(folder):
     ids=str,
 )
 def test_a_full_disk(full, capsys, words):
-    """Assert one sentence that names the file, and none of it left."""
     assert main(words) == 2
     said = capsys.readouterr().err.strip().splitlines()
     assert said[-1].endswith(': no space left on the device')

@@ -52,7 +52,6 @@ def images(draw):
 
 @given(images(), st.sampled_from([ENCODINGS, ('32FC1',)]))
 def test_any_image_is_decoded_or_refused(message, encodings):
-    """Assert a right array or an InputError that says field, must be and got."""
     try:
         image = decode_image(message, 'topic', encodings)
     except InputError as error:
@@ -84,7 +83,6 @@ def test_any_image_is_decoded_or_refused(message, encodings):
     SMALL,
 )
 def test_round_trip(depth, encoding, order, padding):
-    """Assert any layout of an image gives the image back."""
     if encoding == '16UC1':
         millimetres = (np.nan_to_num(np.abs(depth)) % 65536).astype(np.uint16)
         depth = millimetres.astype(np.float32) * np.float32(0.001)
@@ -105,7 +103,6 @@ def test_round_trip(depth, encoding, order, padding):
 
 
 def test_doubles_beyond_float32_are_invalid():
-    """Assert they become infinite, silently."""
     data = np.array([[1e300, -1e300, 1.5]])
     message = SimpleNamespace(
         height=1,
@@ -134,7 +131,6 @@ INFOS = st.builds(
 
 @given(INFOS)
 def test_any_camera_info_is_decoded_or_refused(message):
-    """Assert a camera, or an InputError that names the topic and what it must be."""
     try:
         camera = decode_camera_info(message, 'topic')
     except InputError as error:
@@ -212,7 +208,6 @@ def test_a_matrix_that_is_no_calibration_is_refused(k):
 
 @given(st.integers(-(2**31), 2**31 - 1), UINT32)
 def test_stamps(sec, nanosec):
-    """Assert whole nanoseconds, and that what is no time is refused."""
     stamp = SimpleNamespace(sec=sec, nanosec=nanosec)
     assert stamp_nanoseconds(stamp) == sec * 10**9 + nanosec
     if nanosec < 10**9:
@@ -225,7 +220,6 @@ def test_stamps(sec, nanosec):
 
 
 def test_bytes_are_little_endian():
-    """Assert the bytes of a frame, contiguous or not."""
     frame = np.arange(12, dtype=np.float32).reshape(3, 4)
     assert bytes(little_endian_bytes(frame)) == frame.astype('<f4').tobytes()
     assert bytes(little_endian_bytes(frame[:, ::2])) == frame[:, ::2].astype('<f4').tobytes()

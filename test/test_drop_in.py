@@ -236,7 +236,6 @@ def test_arguments_of_the_launch_reach_all_nodes(launch):
     ],
 )
 def test_a_launch_that_fails_ends_with_all_its_nodes(launch, argument, said):
-    """Assert an exit status that is not 0, also where a node finds the mistake."""
     with launch('go1.launch.py', 'renderer:=ray', 'namespace:=failing', argument) as process:
         output = ended(process, code=1)  # Its pipe closes with the last node.
     assert re.search(said, output)

@@ -285,7 +285,6 @@ def test_the_registry():
 @pytest.mark.parametrize('usecase', ['Mode_5_60fps', 'Mode_9_30fps'])
 @pytest.mark.parametrize('strength', [0.01, 1.0, 4.0])
 def test_all_effects_together_accept_any_scene(usecase, strength):
-    """Assert frames are whole: NaN where invalid, else within range; for any size and value."""
     mode = flexx2().mode(usecase)
     camera = Camera(usecase, effects={name: {'strength': strength} for name in NAMES}, seed=1)
     for shape in ((1, 1), (1, 9), (7, 1), (3, 2), (24, 32)):
@@ -312,7 +311,6 @@ def test_all_effects_together_accept_any_scene(usecase, strength):
     ids=str,
 )
 def test_other_frequencies(frequencies):
-    """Assert all effects work with one to three frequencies, and where distances wrap."""
     spans = [299_792_458 / 2 / f for f in frequencies]
     wrap = {1: spans[0], 2: 7.46 if frequencies[0] < 90e6 else 7.495, 3: 18.737}[len(spans)]
     mode = replace(QUIET.modes[0], modulation_hz=frequencies, range_max=0.95 * wrap)

@@ -27,7 +27,6 @@ def printed(monkeypatch, capsys):
 
 
 def test_the_table_of_parameters(printed):
-    """Assert every effect, stage, parameter, range and unit, whole, in 80 columns."""
     text = printed('effects')
     assert max(map(len, text.splitlines())) <= 80
     assert '…' not in text
@@ -104,7 +103,6 @@ def simulate(folder, *options, **arrays):
 
 
 def test_simulate_with_effects(tmp_path):
-    """Assert the library's frames, memory and all, and that the recording says which effects."""
     path = tmp_path / 'mine.yaml'
     effects = parse_effects({'temporal_filter': None, 'warm_up_drift': {'tau': 1.0}})
     save_effects(path, effects)

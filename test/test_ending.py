@@ -80,7 +80,6 @@ def test_a_signal(tmp_path, start, campaign, name, number, seconds):
 
 @pytest.mark.parametrize('name', ['fit', 'diagnose', 'benchmark'])
 def test_workers_end_with_a_killed_command(tmp_path, start, campaign, name):
-    """Assert no worker is left of a command that was killed with kill -9."""
     process = start(*COMMANDS[name])
     # The command, its resource tracker and its workers; a diagnosis is one of its jobs itself.
     wanted = 3 if name == 'diagnose' else 4

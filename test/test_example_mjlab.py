@@ -3,7 +3,7 @@
 import importlib
 
 from flexx2_sim_ros.batch import BatchCamera
-from flexx2_sim_ros.rendering.ground import SceneGround
+from flexx2_sim_ros.rendering.rays import SceneGround
 from flexx2_sim_ros.rendering.renderer import open_renderer
 import mujoco
 import numpy as np

@@ -90,7 +90,6 @@ def worker(folder):
 
 
 def test_what_a_cluster_lacks_or_loses(campaign, tmp_path, monkeypatch):
-    """Assert an error without workers, no change by a lost one, an error by a lost scheduler."""
     lost = []
 
     def lose(process):

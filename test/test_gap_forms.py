@@ -176,7 +176,6 @@ def test_noise_that_depends_on_the_incidence_gets_a_curve(tmp_path):
 
 
 def test_a_form_that_is_no_better_is_not_taken(tmp_path):
-    """Assert it of a camera that is as it was diagnosed."""
     right = {'offset': {'bias': 0.01}, 'low_signal_dropout': {'half': 0.1}}
     exact = {'pose': (0.0, 0.0), 'reflectivity': 0.0}
     write_campaign(tmp_path, seed=112, effects=right, **SMALL, **exact)
@@ -193,7 +192,6 @@ def test_too_few_recordings_give_no_form(campaign, tmp_path):
 
 
 def test_a_map_needs_images_of_one_size(campaign, tmp_path):
-    """Assert that other effects get their form."""
     mixed = tmp_path / 'mixed'
     write_campaign(mixed, seed=113, effects={}, **{**SMALL, 'recordings': 1, 'scale': 0.25})
     for path in sorted(campaign.iterdir())[:2]:

@@ -437,7 +437,6 @@ def test_a_curve_of_one_value_is_drawn():
 
 
 def test_what_effects_take_off_is_a_table_with_what_is_left():
-    """Assert rows, rounding, and what is said of an effect that one scene shows."""
     table = _identified('saturation', 'offset')
     sure = {'mean': 5.69, 'interval': [4.0, 7.26]}
     nothing = {'mean': -0.003, 'interval': [-0.01, 0.02]}

@@ -56,7 +56,6 @@ def test_no_effect_stays_none_where_part_is_unknown(campaigns, tmp_path):
     [('offset', 'constrained'), ('multipath', 'constrained'), ('amplitude_bias', 'masked')],
 )
 def test_an_effect_is_found_with_less_ground_truth(campaigns, tmp_path, effect, truth):
-    """Assert the name that the exact truth gives."""
     kept = 'offset', 'amplitude_bias', 'multipath', 'wiggling', 'pose_error'
     folder = with_truth(campaigns[effect], tmp_path / truth, truth)
     table = diagnose(folder, **among(*kept))

@@ -3,7 +3,7 @@
 from itertools import pairwise
 import math
 
-from flexx2_sim_ros.nodes.gating import FrameGate, RateMeter
+from flexx2_sim_ros.nodes.timing import FrameGate, RateMeter
 from flexx2_sim_ros.profiles.modes import flexx2
 from hypothesis import given
 from hypothesis import strategies as st
@@ -51,7 +51,6 @@ def test_rate_is_exact_in_the_long_run(rate, input_hz, jitter):
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(RATES), st.floats(0.9, 1.0), st.booleans())
 def test_jitter_up_to_a_third_loses_nothing(seed, rate, slower, extreme):
-    """Assert input at the mode's rate, or below it, all becomes frames, whatever came before."""
     random = np.random.default_rng(seed)
     off = random.choice([-1, 1], 300) if extreme else random.uniform(-1, 1, 300)
     period = SECOND / rate / slower
@@ -86,7 +85,6 @@ def test_periods_are_as_even_as_the_input_allows(input_hz, rate, jitter):
 
 @pytest.mark.parametrize('rate', RATES)
 def test_no_drift_in_ten_hours(rate):
-    """Assert the frame of the last second is where whole-number arithmetic puts it."""
     gate = FrameGate(rate)
     assert gate.accept(START)
     hours = 10 * 3600 * SECOND
@@ -95,7 +93,6 @@ def test_no_drift_in_ten_hours(rate):
 
 
 def test_every_rounding_of_a_stamp_gives_one_frame_a_slot():
-    """Assert inputs that hit a due time, or the tolerance's edge, do not count twice."""
     for rate in RATES:
         for input_hz in (rate, 1.25 * rate, rate * 5 / 3, 2 * rate, 2.5 * rate):
             for rounding in (np.floor, np.rint, np.ceil):
@@ -106,14 +103,12 @@ def test_every_rounding_of_a_stamp_gives_one_frame_a_slot():
 
 
 def test_slower_input_passes_completely():
-    """Assert nothing is dropped up to the mode's rate."""
     for input_hz in (1, 7, 29.9, 30):
         stamps = clock(input_hz, 30, jitter=0.1 if input_hz < 29 else 0.0)
         assert accepted(FrameGate(30.0), stamps) == stamps
 
 
 def test_repeats_and_restarts():
-    """Assert repetitions are no frames, and stamps that go back start afresh."""
     gate = FrameGate(30.0)
     stamps = clock(60, 1)
     first = accepted(gate, stamps)
@@ -127,7 +122,6 @@ def test_repeats_and_restarts():
 
 
 def test_a_gap_is_followed_by_the_next_image():
-    """Assert the first image after a gap of any length is a frame, and the beat goes on."""
     gate = FrameGate(60.0)
     accepted(gate, clock(60, 1))
     for gap in (SECOND, 3600 * SECOND, 10**17):
@@ -138,7 +132,6 @@ def test_a_gap_is_followed_by_the_next_image():
 
 
 def test_another_rate_counts_from_the_last_frame():
-    """Assert no two frames around a switch are closer than the new period allows."""
     gate = FrameGate(60.0)
     stamps = clock(240, 2)
     frames = accepted(gate, stamps[:240])
@@ -151,7 +144,6 @@ def test_another_rate_counts_from_the_last_frame():
 
 
 def test_a_rate_may_be_set_before_the_first_frame_and_after_a_restart():
-    """Assert the first image is a frame in both cases."""
     gate = FrameGate(60.0)
     gate.set_rate(5.0)
     assert gate.accept(START)
@@ -163,7 +155,6 @@ def test_a_rate_may_be_set_before_the_first_frame_and_after_a_restart():
 
 @given(st.lists(STAMPS, max_size=40), st.sampled_from(RATES))
 def test_any_stamps_are_counted_once(stamps, rate):
-    """Assert every image is a frame, early or a repeat; frames of one run keep their distance."""
     gate = FrameGate(rate)
     frames = accepted(gate, stamps)
     assert len(frames) + gate.early + gate.repeats == len(stamps)
@@ -176,7 +167,6 @@ def test_any_stamps_are_counted_once(stamps, rate):
 
 
 def test_rate_meter():
-    """Assert the rate of what came lately, nothing from nothing, and a fresh start."""
     meter = RateMeter()
     assert (meter.hz, meter.samples) == (0.0, 0)
     meter.add(START)
@@ -200,7 +190,6 @@ def test_rate_meter():
 
 @pytest.mark.parametrize('jump', [2 * SECOND, 10 * SECOND, 1000 * SECOND, 10**17])
 def test_a_rate_is_right_soon_after_a_jump(jump):
-    """Assert a pause, or a clock set forward, is no part of the rate; nor is a lost image."""
     for hz in (5, 30, 60):
         meter = RateMeter()
         for stamp in clock(hz, 10):

@@ -34,26 +34,15 @@ class Environment:
     """
     One clean environment.
 
-    Attributes
-    ----------
-    name : str
-        Its folder.
-    extra : str
-        Of this package, or nothing.
-    others : tuple of str
-        Packages beside it.
-    imports : tuple of str
-        Modules that must import together.
-    pythons : tuple of str
-        Versions for which all of it has wheels.
-    tests : tuple of str
-        Test files that run in it.
-    command : tuple of str
-        What has to run in it, with arguments.
-    source_only : bool
-        Whether ``others`` are resolved, but installed without their dependencies: they cannot
-        run on a CPU, and tests read their source.
-
+    * `name`: its folder
+    * `extra`: of this package, or nothing
+    * `others`: packages beside it
+    * `imports`: modules that must import together
+    * `pythons`: versions for which all of it has wheels
+    * `tests`: test files that run in it
+    * `command`: what has to run in it, with arguments
+    * `source_only`: whether ``others`` are resolved, but installed without their dependencies:
+      they cannot run on a CPU, and tests read their source
     """
 
     name: str

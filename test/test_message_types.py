@@ -14,7 +14,7 @@ TRAPS = 'trapped/msg/X', 'trap/X', 'venv/__main__/X', 'trapped.msg/X'
 
 
 def test_message_definitions_are_found():
-    from flexx2_sim_ros.nodes.message_types import message_class
+    from flexx2_sim_ros.nodes.ros_graph import message_class
     from sensor_msgs.msg import Image
 
     assert message_class('sensor_msgs/msg/Image') is Image
@@ -39,7 +39,7 @@ def test_message_definitions_are_found():
     ],
 )
 def test_modules_that_are_no_messages_are_not_imported(kind):
-    from flexx2_sim_ros.nodes.message_types import message_class
+    from flexx2_sim_ros.nodes.ros_graph import message_class
 
     before = set(sys.modules)
     with pytest.raises(InputError) as caught:

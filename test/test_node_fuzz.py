@@ -13,7 +13,6 @@ ODD = (0.0, 1.0, -1.0, 1e-300, 1e300, math.nan, math.inf, -math.inf)
 
 
 def test_a_camera_node_survives_any_message(child_env):
-    """Assert every request is answered and a good image comes out after all the bad ones."""
     result = measured('bench.torture_node.run(messages=600, seed=13)', child_env)
     assert result['sent'] == 600
     assert result['answered'] == result['calls'] == 200

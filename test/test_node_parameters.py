@@ -104,7 +104,6 @@ def test_mode_and_exposure_are_judged_together(seen):
 
 
 def test_an_automatic_exposure_cannot_be_set(seen):
-    """Assert a value in range is accepted without effect, as by the real driver."""
     longest = flexx2().mode('Mode_9_30fps').exposure_us[1]
     for result in (seen.set(**{EXPOSURE: 100}), atomically(seen, **{EXPOSURE: 100, AUTO: True})):
         assert result.successful
@@ -141,7 +140,6 @@ def setups(tmp_path):
 
 
 def test_dumped_parameters_load_unchanged(tmp_path):
-    """Assert what `ros2 param dump` wrote gives the same camera, however it is loaded."""
     for values in setups(tmp_path):
         with stream(**values) as first:
             written, chosen = dump(first), first.camera.settings.effects.chosen
@@ -177,7 +175,6 @@ def load_into(seen, values):
 
 
 def test_a_changed_number_marks_the_file(seen):
-    """Assert `effects` says whether its file still describes the camera."""
     assert seen.set(effects='typical').successful
     assert seen.get('effects') == 'typical'
     multipath = 'effect.multipath.strength'
@@ -208,7 +205,6 @@ def test_no_file_stops_a_running_node(seen, tmp_path):
 
 @pytest.mark.parametrize('kind', [10, 255])
 def test_an_unknown_parameter_type_is_refused(seen, kind):
-    """Assert the others of the request are set, and that both nodes go on."""
     bad = ParameterMessage(name='frame_id')
     bad.value.type = kind
     good = messages_of({'invalid_value': 'zero'})
@@ -247,7 +243,6 @@ def test_the_robot_node_survives_a_bad_request():
 
 
 def test_odd_requests_are_answered(seen):
-    """Assert names that are none, empty, long or many, and depths, get an answer."""
     names = ['', 'x' * 10_000, 'a\x1b[31mb', '\n', 'usecase.', '.', 'usecas']
     for name in names:
         result = seen.set(**{name: 1})
@@ -291,8 +286,6 @@ def test_odd_requests_are_answered(seen):
 
 
 def test_an_error_in_a_service_is_logged_and_refused(seen, monkeypatch):
-    """Assert a callback that raises costs one line in the log, and the caller is answered."""
-
     def fail(*_):
         raise MemoryError('\x1b[31m' + 'x' * 200)
 

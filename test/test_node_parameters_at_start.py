@@ -23,7 +23,6 @@ _numbers = itertools.count()
 
 @pytest.mark.parametrize('name', ['effects', 'process', 'profile'])
 def test_no_file_gives_a_traceback_at_the_start(name, tmp_path, child_env):
-    """Assert one sentence and exit code 1."""
     path = tmp_path / 'deep.yaml'
     path.write_text('[' * 3000)
     done = run_node('flexx2_camera', '-p', f'{name}:={path}', env=child_env, timeout=60)
@@ -38,7 +37,6 @@ def test_no_file_gives_a_traceback_at_the_start(name, tmp_path, child_env):
 
 
 def test_misspelt_parameters_are_named():
-    """Assert both nodes warn of what they were given and do not have."""
     with stream(usecas='Mode_5_60fps', **{'effect.ofset.bias': 0.1}) as camera:
         camera.spin_until(lambda: camera.logged('usecas: ', 'did you mean usecase?'))
         camera.spin_until(lambda: camera.logged('did you mean effect.offset.bias?'))
@@ -158,7 +156,6 @@ def test_every_text_that_is_reported_survives_dump_and_load(tmp_path):
 
 
 def test_texts_of_the_robot_survive_too(tmp_path):
-    """Assert the same of `go1_cameras`, with names in lists."""
     for name, value in (('frame_prefix', '1e3'), ('cameras', ['front_left', 'nan'])):
         with pytest.raises(InputError, match=REFUSED.format(name)):
             node_of(RobotCameras, **{name: value})

@@ -14,7 +14,7 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.npz_arrays import LIMIT
 from flexx2_sim_ros.recording import load_recording
-from flexx2_sim_ros.recording.folders import find_recordings
+from flexx2_sim_ros.recording.opening import find_recordings
 import numpy as np
 import pytest
 

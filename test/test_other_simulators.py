@@ -29,26 +29,15 @@ class Simulator:
     """
     How a simulator publishes depth.
 
-    Attributes
-    ----------
-    depth, info : str
-        Topics.
-    frame : str
-        The ``frame_id``.
-    encoding : str
-        Of the depth image.
-    nothing : float
-        Depth of pixels without a surface, in the image's unit.
-    best_effort : bool
-        Whether lost messages are not sent again.
-    stamped : bool
-        Whether camera infos have the stamps of their images; the first stamp otherwise.
-    keeps : int
-        How many messages its publishers keep.
-    focal : float or None
-        Focal length in pixels of images whose camera info counts from the corner of the first
-        pixel; None for the lens of the Flexx2.
-
+    * `depth`, `info`: topics
+    * `frame`: the ``frame_id``
+    * `encoding`: of the depth image
+    * `nothing`: depth of pixels without a surface, in the image's unit
+    * `best_effort`: whether lost messages are not sent again
+    * `stamped`: whether camera infos have the stamps of their images; the first stamp otherwise
+    * `keeps`: how many messages its publishers keep
+    * `focal`: focal length in pixels of images whose camera info counts from the corner of the
+      first pixel; None for the lens of the Flexx2
     """
 
     depth: str

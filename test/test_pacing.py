@@ -1,7 +1,7 @@
 """Ticks against the clock: exact stamps at any pace, catching up, and giving up."""
 
-from flexx2_sim_ros.nodes import pacing
-from flexx2_sim_ros.nodes.pacing import Pacer
+from flexx2_sim_ros.nodes import timing
+from flexx2_sim_ros.nodes.timing import Pacer
 import pytest
 
 
@@ -9,7 +9,7 @@ import pytest
 def clock(monkeypatch):
     """Return a clock to be set by hand: ``clock[0]`` is now."""
     now = [100.0]
-    monkeypatch.setattr(pacing.time, 'monotonic', lambda: now[0])
+    monkeypatch.setattr(timing.time, 'monotonic', lambda: now[0])
     return now
 
 

@@ -34,7 +34,6 @@ def run(pairing, *events):
     ids=' '.join,
 )
 def test_messages_of_one_stamp_are_matched_at_once(order):
-    """Assert every image comes out with its own companions, without waiting for the next one."""
     pairing = StampPairing()
     for stamp in range(50):
         paint = f'reflectivity {stamp}' if 'reflectivity' in order else None
@@ -54,7 +53,6 @@ def test_messages_of_one_stamp_are_matched_at_once(order):
     ids=' '.join,
 )
 def test_images_wait_for_reflectivity_after_its_first_message(order):
-    """Assert at most the first image goes without its reflectivity."""
     pairing = StampPairing()
     run(pairing, *(f'{name} 0' for name in order))
     for stamp in range(1, 50):
@@ -64,7 +62,6 @@ def test_images_wait_for_reflectivity_after_its_first_message(order):
 
 
 def test_an_image_waits_no_longer_than_for_the_next():
-    """Assert a companion that stops coming holds one image up, once."""
     pairing = StampPairing()
     run(pairing, 'info 0', 'image 0', 'reflectivity 0')
     assert run(pairing, 'info 1', 'image 1') == []
@@ -76,7 +73,6 @@ def test_an_image_waits_no_longer_than_for_the_next():
 
 
 def test_one_camera_info_serves_all_images():
-    """Assert a camera info that came once serves every image, and a new one replaces it."""
     pairing = StampPairing()
     assert run(pairing, 'info 0', 'image 10') == []
     matches = run(pairing, *(f'image {stamp}' for stamp in range(11, 100)))
@@ -94,7 +90,6 @@ def test_camera_infos_that_keep_the_first_stamp_delay_no_image(order):
 
 
 def test_without_camera_info_nothing_is_paired():
-    """Assert images come out without, for the node to say so."""
     pairing = StampPairing()
     assert run(pairing, 'image 1', 'image 2', 'image 3') == [
         (1, None, None),
@@ -104,7 +99,6 @@ def test_without_camera_info_nothing_is_paired():
 
 
 def test_companions_of_other_stamps_are_not_used():
-    """Assert reflectivity is never taken from another frame."""
     pairing = StampPairing()
     assert run(pairing, 'info 1', 'reflectivity 0', 'reflectivity 2', 'image 1') == [
         (1, 'info 1', None)
@@ -127,7 +121,6 @@ def test_a_run_that_starts_again_does_not_see_the_last_ones_companions():
 
 
 def test_companions_that_are_ahead_of_a_restart_are_kept():
-    """Assert that images find what came with them, though the next one's was there as well."""
     pairing = StampPairing()
     for stamp in range(5):
         run(pairing, f'info {stamp}', f'reflectivity {stamp}', f'image {stamp}')
@@ -137,7 +130,6 @@ def test_companions_that_are_ahead_of_a_restart_are_kept():
 
 
 def test_one_info_outlives_a_restart():
-    """Assert a camera info that came once serves the next run too, whatever its stamp."""
     pairing = StampPairing()
     run(pairing, 'info 50', 'image 90', 'image 91')
     assert run(pairing, 'image 1', 'image 2') == [(1, 'info 50', None), (2, 'info 50', None)]
@@ -150,7 +142,6 @@ EVENTS = st.lists(
 
 @given(EVENTS)
 def test_any_order_keeps_every_image(events):
-    """Assert images come out once each, in order, all but the last at most, well matched."""
     pairing = StampPairing()
     matches = []
     sent = []
@@ -167,7 +158,6 @@ def test_any_order_keeps_every_image(events):
 
 
 def test_paired_and_unpaired_messages_are_counted():
-    """Assert companions count once: as paired, or as dropped without an image."""
     pairing = StampPairing()
     for stamp in range(0, 100, 2):
         run(pairing, f'info {stamp}', f'reflectivity {stamp}', f'image {stamp}')
@@ -184,7 +174,6 @@ def test_paired_and_unpaired_messages_are_counted():
 
 
 def test_memory_is_bounded():
-    """Assert companions without images are not kept for ever."""
     pairing = StampPairing()
     for stamp in range(1000):
         run(pairing, f'info {stamp}', f'reflectivity {stamp}')

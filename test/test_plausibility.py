@@ -40,7 +40,6 @@ def found(values, encoding='32FC1'):
     ],
 )
 def test_implausible_input_is_reported(values, encoding, kind, parts):
-    """Assert the likely reason, and the values that it rests on."""
     finding = found(values, encoding)
     assert finding.wrong
     assert finding.kind == kind
@@ -48,7 +47,6 @@ def test_implausible_input_is_reported(values, encoding, kind, parts):
 
 
 def test_wrong_byte_order():
-    """Assert a board in front of a wall, read in the wrong byte order, is recognised."""
     finding = found(np.array([1.5, 2.0], '>f4').view('<f4'))
     assert finding.wrong
     assert finding.kind == 'byte order'
@@ -65,14 +63,12 @@ def test_wrong_byte_order():
     ],
 )
 def test_frames_without_any_return_are_no_error(values, parts):
-    """Assert what is seen is said, without calling it wrong."""
     finding = found(values)
     assert not finding.wrong
     assert all(part in finding.text for part in parts), finding.text
 
 
 def test_one_pixel_in_range_is_enough():
-    """Assert the quick look may miss a pixel, and the explanation does not."""
     image = np.full((480, 640), 1500.0, np.float32)
     assert not sees_something(image, *RANGE)
     image[101, 203] = 1.5
@@ -84,6 +80,5 @@ def test_one_pixel_in_range_is_enough():
 
 @pytest.mark.parametrize('shape', [(1, 1), (1, 500), (63, 65), (3072, 4096)])
 def test_images_of_any_size(shape):
-    """Assert the quick look sees a whole image, however large."""
     assert sees_something(np.ones(shape, np.float32), *RANGE)
     assert not sees_something(np.zeros(shape, np.float32), *RANGE)

@@ -318,7 +318,6 @@ def test_effects_import_nothing_above_them():
 
 
 def test_counts_in_the_documents():
-    """Assert that documents that count the effects count them right."""
     count = len(registry())
     said = []
     for page in (ROOT / 'README.md', ROOT / 'docs' / 'nodes.md', ROOT / 'docs' / 'effects.md'):

@@ -33,12 +33,7 @@ class Node:
     """
     A node running as a process, with what it wrote to stderr.
 
-    Attributes
-    ----------
-    process : subprocess.Popen
-    namespace : str
-        One of its own.
-
+    `namespace`: one of its own.
     """
 
     def __init__(self, executable, folder, env, *parameters, arguments=()):
@@ -91,7 +86,6 @@ def start(tmp_path, child_env):
     ('executable', 'number'), [(CAMERA, signal.SIGINT), (GO1, signal.SIGTERM)]
 )
 def test_a_signal_while_starting_ends_the_process(start, executable, number):
-    """Assert a node that has hardly begun to start ends at once."""
     node = start(executable)
     until(lambda: handles_signals(node.process.pid, [signal.SIGTERM]))
     node.assert_ends_quietly(number)
@@ -99,7 +93,6 @@ def test_a_signal_while_starting_ends_the_process(start, executable, number):
 
 
 def test_the_camera_node(start):
-    """Assert frames over the wire are the library's, and a quiet end amid a burst of images."""
     node = start(
         CAMERA,
         'usecase:=mode_5_60fps',
@@ -171,7 +164,6 @@ ONE_BOARD = """
     ids=['lab', 'own scene'],
 )
 def test_the_robot_node(start, tmp_path, number, rate, parameters):
-    """Assert what both cameras publish, all with the state's time, and the clock."""
     (tmp_path / 'board.xml').write_text(ONE_BOARD)
     node = start(GO1, *(parameter.format(folder=tmp_path) for parameter in parameters))
     cameras = ('front_left', 'front_right')
@@ -245,7 +237,6 @@ BROKEN = '<mujoco><worldbody><body name="trunk"><geom size="-1"/></body></worldb
     ids=str,
 )
 def test_bad_parameters_at_start(start, tmp_path, executable, options, parts):
-    """Assert exit code 1, and one message that says what is wrong."""
     (tmp_path / 'broken.xml').write_text(BROKEN)
     node = start(executable, *(option.format(folder=tmp_path) for option in options))
     assert node.wait() == 1, node.output
@@ -256,7 +247,6 @@ def test_bad_parameters_at_start(start, tmp_path, executable, options, parts):
 
 
 def test_a_parameter_file_that_is_not_there(start):
-    """Assert exit code 1 and its name."""
     node = start(CAMERA, arguments=('--params-file', '/nowhere/parameters.yaml'))
     assert node.wait() == 1
     assert 'Traceback' not in node.output

@@ -33,7 +33,6 @@ def saved(folder, **arrays):
 
 
 def test_round_trip(tmp_path):
-    """Assert depth to the last bit, every other array, and the scene it shows."""
     frames = np.random.default_rng(1).normal(2, 1, (7, 5, 6)).astype(np.float32)
     frames[3, 2] = np.nan
     path = tmp_path / 'r.npz'
@@ -66,7 +65,6 @@ def test_round_trip(tmp_path):
 @pytest.mark.parametrize('existing', [False, True])
 @pytest.mark.parametrize('when', ['before depth', 'amid depth', 'after depth', 'object array'])
 def test_a_failure_leaves_nothing_behind(tmp_path, existing, when):
-    """Assert an exception at any time removes the new file and keeps the old one."""
     path = tmp_path / 'r.npz'
     if existing:
         path.write_bytes(b'precious')
@@ -89,7 +87,6 @@ def test_a_failure_leaves_nothing_behind(tmp_path, existing, when):
 
 
 def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path):
-    """Assert a recording has all its frames, of its size, before anything else."""
     path = tmp_path / 'r.npz'
     with (
         pytest.raises(InputError, match='depth: 2 frames are missing'),
@@ -111,7 +108,6 @@ def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path):
 
 
 def test_an_unwritable_path_is_refused(tmp_path):
-    """Assert the path is named, and nothing is left behind."""
     with pytest.raises(InputError, match='nowhere/r.npz: cannot be written'):
         RecordingWriter(tmp_path / 'nowhere' / 'r.npz', 1, 1, 1)
     folder = tmp_path / 'folder'
@@ -151,7 +147,6 @@ def test_an_unwritable_path_is_refused(tmp_path):
     ids=str,
 )
 def test_wrong_contents_are_named(tmp_path, arrays, parts):
-    """Assert file, key, what it must be and what it is."""
     path = saved(tmp_path, **arrays)
     with pytest.raises(InputError) as raised:
         load_scene(path)
@@ -160,7 +155,6 @@ def test_wrong_contents_are_named(tmp_path, arrays, parts):
 
 
 def test_a_file_that_is_not_an_archive_is_refused(tmp_path):
-    """Assert the path and what it must be."""
     single, text = tmp_path / 'single.npy', tmp_path / 'text.npz'
     np.save(single, CLEAN)
     text.write_text('clean_depth = 1')
@@ -170,7 +164,6 @@ def test_a_file_that_is_not_an_archive_is_refused(tmp_path):
 
 
 def test_a_member_that_is_not_an_array_is_refused(tmp_path):
-    """Assert members that are no arrays are refused by name, whatever they are for."""
     for name, content in (
         ('clean_depth.npy', b''),
         ('K.npy', b'not an array'),
@@ -190,7 +183,6 @@ def test_a_member_that_is_not_an_array_is_refused(tmp_path):
 
 
 def test_an_array_too_large_for_memory(tmp_path):
-    """Assert a damaged header that asks for a petabyte is refused."""
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(
         header, {'descr': '<f8', 'fortran_order': False, 'shape': (1 << 24, 1 << 24)}
@@ -211,7 +203,6 @@ for compressed in (np.savez, np.savez_compressed):
 
 @pytest.mark.parametrize('archive', ARCHIVES, ids=['stored', 'compressed'])
 def test_cut_off_at_every_byte(tmp_path, archive):
-    """Assert a file that was not written to its end is refused, wherever it ends."""
     path = tmp_path / 'cut.npz'
     for length in range(len(archive)):
         path.write_bytes(archive[:length])

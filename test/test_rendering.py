@@ -4,9 +4,9 @@ import os
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.rendering.materials import load_materials
 from flexx2_sim_ros.rendering.model_cameras import VISIBLE_GROUPS
 from flexx2_sim_ros.rendering.renderer import open_renderer
+from flexx2_sim_ros.rendering.scenes import load_materials
 from flexx2_sim_ros.rendering.visibility import pixel_directions
 from flexx2_sim_ros.robots.model import build_model, stand
 from flexx2_sim_ros.robots.robot import CameraMount, load_mounts

@@ -5,7 +5,7 @@ import itertools
 import operator
 
 from flexx2_sim_ros.profiles.modes import flexx2
-from flexx2_sim_ros.rendering.ground import SceneGround
+from flexx2_sim_ros.rendering.rays import SceneGround
 from flexx2_sim_ros.robots.gait import pose, start, step
 from flexx2_sim_ros.robots.kinematics import feet, joint_angles, rotation
 from flexx2_sim_ros.robots.model import build_model, stand

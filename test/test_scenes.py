@@ -6,11 +6,10 @@ import math
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
-from flexx2_sim_ros.rendering.ground import SceneGround
-from flexx2_sim_ros.rendering.materials import load_materials, reflectivity_table
 from flexx2_sim_ros.rendering.pinholes import board_model
+from flexx2_sim_ros.rendering.rays import SceneGround
 from flexx2_sim_ros.rendering.renderer import open_renderer
-from flexx2_sim_ros.rendering.scenes import place_board, SCENES
+from flexx2_sim_ros.rendering.scenes import load_materials, place_board, reflectivity_table, SCENES
 from flexx2_sim_ros.rendering.visibility import unseen_geoms
 from flexx2_sim_ros.robots.gait import pose, start, step
 from flexx2_sim_ros.robots.kinematics import rotation

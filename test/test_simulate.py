@@ -36,7 +36,6 @@ def simulate(source, folder, *options):
 
 
 def test_simulate_writes_the_librarys_frames(tmp_path, capsys):
-    """Assert keys, shapes, dtypes, the stamps, and every frame to the last bit."""
     options = ['--usecase', 'mode_5_45FPS', '--frames', '70', '--seed', '7', '--name', 'left']
     out = simulate(save(tmp_path), tmp_path, *options)
     said = ' '.join(capsys.readouterr().err.split())
@@ -119,14 +118,12 @@ def test_uptime_of_the_scene_or_as_given(tmp_path):
 
 
 def test_defaults(tmp_path):
-    """Assert 300 frames of a still scene in the default mode."""
     out = simulate(save(tmp_path), tmp_path)
     assert len(out['depth']) == 300
     assert str(out['usecase']) == 'Mode_9_30fps'
 
 
 def test_a_moving_scene_is_simulated_frame_by_frame(tmp_path):
-    """Assert T frames in, T out, each of its own scene; stamps and reflectivity are kept."""
     scenes = np.stack([SCENE + 0.1 * step for step in range(35)])
     stamps = np.cumsum(np.linspace(0.01, 0.05, 35)) + 1000.0
     paint = np.random.default_rng(3).uniform(0, 1, scenes.shape).astype(np.float32)
@@ -201,7 +198,6 @@ def test_arrays_with_one_image_a_frame_are_cut_with_the_frames(tmp_path):
 
 
 def test_more_frames_than_images_of_one_kind_are_refused(tmp_path, capsys):
-    """Assert nothing is written that could not be read."""
     source = save(tmp_path, known=np.ones((5, *SCENE.shape), bool))
     assert main(['simulate', source, str(tmp_path / 'out.npz'), '--frames', '6']) == 2
     assert (
@@ -215,7 +211,6 @@ def test_more_frames_than_images_of_one_kind_are_refused(tmp_path, capsys):
 
 
 def test_the_input_may_be_a_recording(tmp_path):
-    """Assert what was written can be simulated again, in another mode."""
     first = simulate(save(tmp_path), tmp_path, '--frames', '5')
     recording = (tmp_path / 'out.npz').rename(tmp_path / 'recording.npz')
     again = simulate(str(recording), tmp_path, '--usecase', 'Mode_5_30fps')
@@ -251,7 +246,6 @@ def test_the_input_may_be_a_recording(tmp_path):
     ids=str,
 )
 def test_bad_input(tmp_path, capsys, arrays, options, parts):
-    """Assert exit code 2, one message, no traceback, and no output file."""
     source = save(tmp_path, **arrays)
     assert main(['simulate', source, str(tmp_path / 'out.npz'), *options]) == 2
     error = capsys.readouterr().err.lstrip()  # A progress bar may have been begun.
@@ -262,7 +256,6 @@ def test_bad_input(tmp_path, capsys, arrays, options, parts):
 
 
 def test_wrong_arguments():
-    """Assert exit code 2, as every command does."""
     for arguments in (
         ['simulate'],
         ['simulate', 'in.npz', 'out.npz', '--frames', 'many'],
@@ -274,7 +267,6 @@ def test_wrong_arguments():
 
 @pytest.mark.parametrize('columns', ['80', '120'])
 def test_modes(monkeypatch, capsys, columns):
-    """Assert nine modes with rate and range, and the paper's coefficients to the digit."""
     monkeypatch.setenv('COLUMNS', columns)
     assert main(['modes']) == 0
     text = capsys.readouterr().out

@@ -28,7 +28,6 @@ LATCHED, VOLATILE = DurabilityPolicy.TRANSIENT_LOCAL, DurabilityPolicy.VOLATILE
     ids=str,
 )
 def test_the_subscription_uses_the_best_quality_that_all_publishers_offer(offers, expected):
-    """Assert no publisher is shut out, and nothing that all offer is given away."""
     assert (
         matching(
             [
@@ -54,7 +53,6 @@ def test_the_subscription_uses_the_best_quality_that_all_publishers_offer(offers
     ids=str,
 )
 def test_lost_messages_are_counted(numbers, lost):
-    """Assert gaps count; a late start, a restart and missing numbers do not."""
     counter = LossCounter()
     for number in numbers:
         counter.count(number, lambda: True)
@@ -62,7 +60,6 @@ def test_lost_messages_are_counted(numbers, lost):
 
 
 def test_losses_of_several_publishers_are_not_counted():
-    """Assert interleaved publishers do not look like losses."""
     counter = LossCounter()
     for number in (1, 50, 2, 51):
         counter.count(number, lambda: False)

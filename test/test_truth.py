@@ -5,9 +5,8 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.data.covariates import look_at
-from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.prior import covariance_of, factor
-from flexx2_sim_ros.gap.data.unknown import fill
+from flexx2_sim_ros.gap.data.unknown import fill, plane_shifts
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.recording.convert import convert
 from flexx2_sim_ros.recording.opening import load_recording, open_recording

@@ -30,13 +30,7 @@ class View:
     """
     The command, running.
 
-    Attributes
-    ----------
-    process : subprocess.Popen
-    url : str
-    folder : pathlib.Path
-        Where its temporary files are.
-
+    `folder`: where its temporary files are.
     """
 
     def __init__(self, folder, *options):

@@ -27,7 +27,7 @@ from flexx2_sim_ros.batch.images import Images, launch
 from flexx2_sim_ros.batch.kernels import slopes
 from flexx2_sim_ros.effects import interreflection
 from flexx2_sim_ros.effects.interreflection import PATCH_FIELDS, RECEIVER, SENDER
-from flexx2_sim_ros.formulas import phases
+from flexx2_sim_ros.formulas import fastmath
 from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
 
@@ -42,7 +42,7 @@ _receiver_before = compiled(interreflection.receiver_before)
 _receiver_weights = compiled(interreflection.receiver_weights)
 _with_bounce = compiled(interreflection.with_bounce)
 _ray_length = compiled(surface_formulas.ray_length)
-_direction = compiled(phases.direction)
+_direction = compiled(fastmath.direction)
 
 
 @wp.kernel

@@ -16,7 +16,7 @@ from flexx2_sim_ros.batch.frame import (
     Surfaces,
 )
 from flexx2_sim_ros.batch.kernels import add_to_list
-from flexx2_sim_ros.formulas import edges
+from flexx2_sim_ros.formulas import pixels as pixel_formulas
 from flexx2_sim_ros.physics import lateral
 import warp as wp
 
@@ -28,11 +28,11 @@ _STILL = wp.constant(wp.uint16(0))
 _EDGES = wp.constant(12)
 _COLUMN_EDGE = wp.constant(8)
 
-_is_upright = compiled(edges.is_upright)
-_is_apart = compiled(edges.is_apart)
-_passed_pixel = compiled(edges.passed_pixel)
-_pixels_moved = compiled(edges.pixels_moved)
-_source_of = compiled(edges.source_of)
+_is_upright = compiled(pixel_formulas.is_upright)
+_is_apart = compiled(pixel_formulas.is_apart)
+_passed_pixel = compiled(pixel_formulas.passed_pixel)
+_pixels_moved = compiled(pixel_formulas.pixels_moved)
+_source_of = compiled(pixel_formulas.source_of)
 
 
 @wp.func

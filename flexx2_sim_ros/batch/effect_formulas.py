@@ -9,7 +9,7 @@ from flexx2_sim_ros.batch.effect_tables import Light
 from flexx2_sim_ros.batch.frame import BORDER, Own, padded, place, Surfaces
 from flexx2_sim_ros.batch.kernels import cos_incidence
 from flexx2_sim_ros.effects import flying_pixels, range_wrap, unwrapping
-from flexx2_sim_ros.formulas import phases
+from flexx2_sim_ros.formulas import fastmath
 from flexx2_sim_ros.formulas import surfaces as surface_formulas
 import warp as wp
 
@@ -22,8 +22,8 @@ TURN = wp.constant(wp.float32(2.0 * math.pi))
 
 returned_light = compiled(surface_formulas.returned_light)
 _usable_reflectivity = compiled(surface_formulas.usable_reflectivity)
-_direction = compiled(phases.direction)
-_shift_between = compiled(phases.shift_between)
+_direction = compiled(fastmath.direction)
+_shift_between = compiled(fastmath.shift_between)
 _border_place = compiled(flying_pixels.border_place)
 _beyond_border = compiled(flying_pixels.beyond_border)
 _widest_apart = compiled(range_wrap.widest_apart)

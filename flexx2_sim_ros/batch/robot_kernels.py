@@ -2,13 +2,13 @@
 
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.frame import OPTIONS
-from flexx2_sim_ros.formulas import grid_cells
+from flexx2_sim_ros.consumers.height_grid import from_cell, nearest_cell
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
-_nearest_cell = compiled(grid_cells.nearest_cell)
-_from_cell = compiled(grid_cells.from_cell)
+_nearest_cell = compiled(nearest_cell)
+_from_cell = compiled(from_cell)
 
 
 @wp.kernel

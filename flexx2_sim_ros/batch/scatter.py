@@ -16,7 +16,7 @@ from flexx2_sim_ros.batch.frame import Frame, of_pixels, OPTIONS, Own, padded, p
 from flexx2_sim_ros.batch.images import Images, launch
 from flexx2_sim_ros.effects import stray_light
 from flexx2_sim_ros.effects.stray_light import BLOCK, spread_of
-from flexx2_sim_ros.formulas import phases
+from flexx2_sim_ros.formulas import fastmath
 import numpy as np
 import warp as wp
 
@@ -29,8 +29,8 @@ _OF_BLOCK = wp.constant(wp.float32(1.0 / BLOCK**2))
 
 _block_before = compiled(stray_light.block_before)
 _mixed = compiled(stray_light.mixed)
-_direction = compiled(phases.direction)
-_shift_between = compiled(phases.shift_between)
+_direction = compiled(fastmath.direction)
+_shift_between = compiled(fastmath.shift_between)
 
 
 @wp.func

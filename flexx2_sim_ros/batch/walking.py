@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import math
 
 from flexx2_sim_ros.consumers.height_grid import AHEAD, LEFT
-from flexx2_sim_ros.rendering.ground import SceneGround
+from flexx2_sim_ros.rendering.rays import SceneGround
 from flexx2_sim_ros.robots import gait
 from flexx2_sim_ros.robots.kinematics import rotation
 from flexx2_sim_ros.robots.parts import find_parts, RobotParts

@@ -16,7 +16,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.processes import in_processes
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2, Profile
-from flexx2_sim_ros.recording.folders import find_recordings
+from flexx2_sim_ros.recording.opening import find_recordings
 import numpy as np
 
 LATERAL_PERCENTILE = 90  # of all edges: conservative on purpose, as in the paper

@@ -8,7 +8,7 @@ import re
 
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.profiles.modes import Profile
-from flexx2_sim_ros.recording.folders import BAG_FILES
+from flexx2_sim_ros.recording.opening import BAG_FILES
 
 LEAST_PERCENT = 1  # of a board's reflectivity
 _NAME = re.compile(

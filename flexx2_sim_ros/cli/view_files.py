@@ -9,7 +9,7 @@ from flexx2_sim_ros.errors import InputError, printable, shown, shown_path
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording import open_recording, recording_cameras
-from flexx2_sim_ros.recording.folders import find_recordings, is_bag
+from flexx2_sim_ros.recording.opening import find_recordings, is_bag
 from flexx2_sim_ros.view.recorded import RecordedCamera
 
 # Of frames that stay in memory, for all recordings together.

@@ -44,12 +44,7 @@ def fuse(points, variances, first, pitch, heights, spread, low, high):
 
 
 class Elevation(NamedTuple):
-    """
-    An elevation map: ``heights`` are (X, Y) metres, NaN without data.
-
-    ``upright`` is (X, Y) bool, cells whose points differ by more than a step: they have no one
-    height.
-    """
+    """Heights, (X, Y) metres, NaN without data; ``upright``: points over a step apart, bool."""
 
     heights: np.ndarray
     upright: np.ndarray

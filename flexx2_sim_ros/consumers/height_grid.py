@@ -3,7 +3,8 @@
 from typing import ClassVar
 
 from flexx2_sim_ros.consumers.consumer import CameraView
-from flexx2_sim_ros.formulas import grid_cells, on_images
+from flexx2_sim_ros.formulas import on_images
+from flexx2_sim_ros.formulas.scalars import nearest, size
 import numpy as np
 
 # A step is a height difference of neighbouring cells that a robot must lift its feet for, metres.
@@ -68,8 +69,19 @@ LEFT = np.round(np.arange(-0.3, 0.31, 0.1), 3)
 REACH = 0.025
 LEAST = 8  # fewer points are none
 
-_nearest_cell = on_images(grid_cells.nearest_cell)
-_from_cell = on_images(grid_cells.from_cell)
+
+def nearest_cell(x: float, first: float, pitch: float) -> float:
+    """Return the index of the grid point nearest to a place; ``first`` has index 0. All metres."""
+    return nearest((x - first) / pitch)
+
+
+def from_cell(x: float, first: float, pitch: float, cell: float) -> float:
+    """Return the distance of a place from a grid point, metres."""
+    return size(x - first - cell * pitch)
+
+
+_nearest_cell = on_images(nearest_cell)
+_from_cell = on_images(from_cell)
 
 
 def mean_heights(points: np.ndarray, ahead: np.ndarray, left: np.ndarray) -> np.ndarray:

@@ -8,8 +8,7 @@ Formulas on single numbers first; the loops over images are this module's, and t
 from collections.abc import Sequence
 import math
 
-from flexx2_sim_ros.formulas import phases
-from flexx2_sim_ros.formulas.fastmath import arctan2
+from flexx2_sim_ros.formulas.fastmath import arctan2, direction
 from flexx2_sim_ros.formulas.scalars import f32, floor, i32, least, most, root, size, where
 from flexx2_sim_ros.formulas.surfaces import plane_normal, ray_length
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -166,7 +165,7 @@ def with_bounce(
 
 _patch = compiled(patch)
 _light_from = compiled(light_from)
-_direction = compiled(phases.direction)
+_direction = compiled(direction)
 _receiver_before = compiled(receiver_before)
 _receiver_weights = compiled(receiver_weights)
 

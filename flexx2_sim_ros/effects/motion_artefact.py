@@ -13,7 +13,7 @@ from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.shapes import Scale
 from flexx2_sim_ros.effects.unwrapping import agree
 from flexx2_sim_ros.formulas import on_images
-from flexx2_sim_ros.formulas.phases import direction, shift_between
+from flexx2_sim_ros.formulas.fastmath import direction, shift_between
 from flexx2_sim_ros.formulas.scalars import f32, most, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage

@@ -6,15 +6,15 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.effects.tables import optional_number
-from flexx2_sim_ros.formulas import phases as formulas
+from flexx2_sim_ros.formulas import fastmath
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
 
-_direction = compiled(formulas.direction)
-_shift_between = compiled(formulas.shift_between)
+_direction = compiled(fastmath.direction)
+_shift_between = compiled(fastmath.shift_between)
 
 
 @loop(error_model='numpy', fastmath=FAST)

@@ -8,7 +8,7 @@ from flexx2_sim_ros.effects.hypothesis import Hypothesis, Searched, Term
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.rays import add_along_ray, ranges
 from flexx2_sim_ros.effects.tables import Curve, curve_over, optional_number
-from flexx2_sim_ros.formulas.phases import direction
+from flexx2_sim_ros.formulas.fastmath import direction
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, SPEED_OF_LIGHT, Stage

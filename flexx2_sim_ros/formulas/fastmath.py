@@ -1,5 +1,5 @@
 """
-Elementary functions in float32, made of nothing but arithmetic.
+Elementary functions and phases in float32, made of nothing but arithmetic.
 
 A compiler turns loops over them into vector instructions, which it cannot do with calls into the
 C library, and another device repeats them to the last bits. Errors are a few float32 roundings.
@@ -163,3 +163,24 @@ def arctan2(y: float, x: float) -> float:
     angle = where(size(y) > size(x), _HALF_PI - angle, angle)
     angle = where(x < _ZERO, _PI - angle, angle)
     return where(y < _ZERO, -angle, angle)
+
+
+def direction(turns: float) -> tuple[float, float]:
+    """Return cosine and sine of any number of turns."""
+    return cos_sin_turns(turns - floor(turns))
+
+
+def shift_between(
+    real: float, imaginary: float, first_real: float, first_imaginary: float, wave_number: float
+) -> float:
+    """
+    Return the distance, metres, by which the phase of light is ahead of that of the first light.
+
+    Both are complex numbers; 0 is returned if one of them is 0. ``wave_number`` is in radians of
+    phase a metre.
+    """
+    ahead = arctan2(
+        imaginary * first_real - real * first_imaginary,
+        real * first_real + imaginary * first_imaginary,
+    )
+    return ahead / wave_number

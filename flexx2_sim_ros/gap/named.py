@@ -9,9 +9,9 @@ from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.explained import FoundSet
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.processed import Processed
-from flexx2_sim_ros.gap.forms.calibratable import rounds
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_named, Calibrated
 from flexx2_sim_ros.gap.forms.looked import confirm_settled, Settings, Simulator
+from flexx2_sim_ros.gap.forms.proposals import rounds
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
 from flexx2_sim_ros.gap.inference.improvement import all_measured, taken_off

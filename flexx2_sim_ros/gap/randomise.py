@@ -19,7 +19,7 @@ from flexx2_sim_ros.effects.registry import check_map_files, maps_of_draws
 from flexx2_sim_ros.effects.time_offset import time_offset_of, TimeOffset
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
-from flexx2_sim_ros.gap.data.arrival import Arrival
+from flexx2_sim_ros.gap.data.frames import Arrival
 from flexx2_sim_ros.gap.data.given import given_effects
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 import numpy as np

@@ -21,8 +21,7 @@ from flexx2_sim_ros.physics.geometry import centred
 from flexx2_sim_ros.robots.robot import DEFAULT_ROBOT, load_robot
 from flexx2_sim_ros.walking import ExactCamera, SimulatedCamera
 from flexx2_sim_ros.walking.cameras import WalkingCamera
-from flexx2_sim_ros.walking.figure import draw_walks
-from flexx2_sim_ros.walking.series import batches, rows, STEPS, walk_all
+from flexx2_sim_ros.walking.series import batches, draw_walks, rows, STEPS, walk_all
 from flexx2_sim_ros.walking.walks import legs_of
 
 SCHEMA = 1

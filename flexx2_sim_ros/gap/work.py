@@ -20,7 +20,7 @@ from flexx2_sim_ros.gap.features.search import search
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.jobs import bind, Map
 from flexx2_sim_ros.processing import Stage
-from flexx2_sim_ros.recording.folders import find_recordings
+from flexx2_sim_ros.recording.opening import find_recordings
 import numpy as np
 
 Progress = Callable[[str, float], None]

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from flexx2_sim_ros.nodes.gating import FrameGate, RateMeter
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 from flexx2_sim_ros.nodes.late_frames import LateFrames
+from flexx2_sim_ros.nodes.timing import FrameGate, RateMeter
 import numpy as np
 
 _SILENT_SECONDS = 3.0

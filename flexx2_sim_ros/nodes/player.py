@@ -9,8 +9,8 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, printable
-from flexx2_sim_ros.nodes.message_types import message_class
 from flexx2_sim_ros.nodes.messages import time_message
+from flexx2_sim_ros.nodes.ros_graph import message_class
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import CARRIED, EVENTS
 from flexx2_sim_ros.recording.bag_files import Bag

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.decoding import decode_image, stamp_nanoseconds
-from flexx2_sim_ros.nodes.remapped import remapped
+from flexx2_sim_ros.nodes.ros_graph import remapped
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics, find_cameras
 import numpy as np
 import rclpy

@@ -11,8 +11,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.nodes.message_types import message_class
-from flexx2_sim_ros.nodes.remapped import remapped
+from flexx2_sim_ros.nodes.ros_graph import message_class, remapped
 from flexx2_sim_ros.nodes.subscriptions import LossCounter, matching
 from flexx2_sim_ros.recording import bag_messages as messages
 from flexx2_sim_ros.recording.bag_cameras import (

@@ -5,19 +5,17 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.nodes.pacing import Pacer
 from flexx2_sim_ros.nodes.robot_messages import joint_state, odometry
 from flexx2_sim_ros.nodes.robot_motion import Mirroring, Motion, Standing, Walking
 from flexx2_sim_ros.nodes.robot_parameters import RobotParameters
 from flexx2_sim_ros.nodes.sim_clock import SimClock
-from flexx2_sim_ros.nodes.steady_node import SteadyNode
+from flexx2_sim_ros.nodes.steady_node import SteadyNode, twin_text
 from flexx2_sim_ros.nodes.tf_frames import camera_transforms, FramePublisher
-from flexx2_sim_ros.nodes.twins import twin_text
+from flexx2_sim_ros.nodes.timing import Pacer
 from flexx2_sim_ros.physics.geometry import centred
 from flexx2_sim_ros.profiles.files import find_profile
-from flexx2_sim_ros.rendering.materials import reflectivity_table
 from flexx2_sim_ros.rendering.renderer import open_renderer
-from flexx2_sim_ros.rendering.scenes import place_board
+from flexx2_sim_ros.rendering.scenes import place_board, reflectivity_table
 from flexx2_sim_ros.robots.description import BASE, Link, links_of, poses, urdf
 from flexx2_sim_ros.robots.model import build_model
 from flexx2_sim_ros.robots.parts import find_parts

@@ -6,7 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import shown
 from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.nodes.twins import take
+from flexx2_sim_ros.nodes.steady_node import take
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock

@@ -10,7 +10,7 @@ surfaces get no extra axial noise.
 
 import math
 
-from flexx2_sim_ros.formulas import edges
+from flexx2_sim_ros.formulas import pixels as pixel_formulas
 from flexx2_sim_ros.physics.compiled import compiled, inlined, loop
 from flexx2_sim_ros.physics.philox import edge_draw, STREAM_COLUMN_EDGES, STREAM_ROW_EDGES
 import numpy as np
@@ -19,11 +19,11 @@ _NEVER = np.uint8(255)
 _FURTHEST = 127  # pixels, which the batch keeps in a byte
 WINDOW = 4  # An edge's direction is judged over 9 x 9 pixels.
 
-_is_upright = compiled(edges.is_upright)
-_is_apart = compiled(edges.is_apart)
-_passed_pixel = compiled(edges.passed_pixel)
-_pixels_moved = compiled(edges.pixels_moved)
-_source_of = compiled(edges.source_of)
+_is_upright = compiled(pixel_formulas.is_upright)
+_is_apart = compiled(pixel_formulas.is_apart)
+_passed_pixel = compiled(pixel_formulas.passed_pixel)
+_pixels_moved = compiled(pixel_formulas.pixels_moved)
+_source_of = compiled(pixel_formulas.source_of)
 
 
 def pixel_sigma(sigma_x: float) -> float:

@@ -11,12 +11,13 @@ from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.recording.bag_cameras import Sample, sample, unknown_topics
 from flexx2_sim_ros.recording.bag_remains import check_file, McapRemains, Message, SqliteRemains
 from flexx2_sim_ros.recording.bag_ros1 import Ros1Bag
-from flexx2_sim_ros.recording.checksums import Check
+from flexx2_sim_ros.recording.checksums import Check, in_uri
 from flexx2_sim_ros.recording.chunks import limited, naming
-from flexx2_sim_ros.recording.sqlite_paths import BagReader
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
+from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
+from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 # Key of a bag's custom data: what was lost while it was recorded, as text.
 LOST = 'flexx2_lost'
@@ -230,6 +231,23 @@ class _Remains:
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         return (message for message in self._remains.messages() if message.topic in topics)
+
+
+class _Sqlite(Sqlite3Reader):
+    """Opens the file that it is given."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(in_uri(path))
+
+
+class _Folder(DirectoryReader):
+    STORAGE_PLUGINS = {**DirectoryReader.STORAGE_PLUGINS, 'sqlite3': _Sqlite}
+
+
+class BagReader(Reader):
+    """The reader of rosbags, also for SQLite bags whose paths have characters of URIs."""
+
+    STORAGE_PLUGINS = {**Reader.STORAGE_PLUGINS, 'dir': _Folder, '.db3': _Sqlite}
 
 
 def _is_latched(connection: Connection) -> bool:

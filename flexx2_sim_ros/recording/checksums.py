@@ -16,7 +16,6 @@ import sys
 from typing import BinaryIO, NamedTuple
 from zlib import crc32
 
-from flexx2_sim_ros.recording.sqlite_paths import in_uri
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import CompressionMode, StoragePlugin, Writer
 from rosbags.rosbag2.storage_mcap import McapWriter
@@ -38,6 +37,8 @@ _CHECKSUM = struct.Struct('<I')
 _CHUNK_CHECKSUM = 24  # bytes from the start of a chunk's content
 _BLOCK = 1 << 20
 _TABLE = 'flexx2_checksums'
+# What SQLite reads as something else in a URI.
+_ESCAPES = str.maketrans({character: f'%{ord(character):02X}' for character in '%?#'})
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,16 @@ class _Mcap(McapWriter):
                 checksum = _checksum(file, footer[0], size - _MAGIC_SIZE - _CHECKSUM.size)
                 file.seek(size - _MAGIC_SIZE - _CHECKSUM.size)
                 file.write(_CHECKSUM.pack(checksum))
+
+
+def in_uri(path: Path) -> Path:
+    """
+    Return a path so that SQLite finds it in a URI.
+
+    rosbags puts a path into a URI as it is. SQLite ends the path there at ``#`` and ``?``, and
+    takes ``%41`` for an ``A``: it would write and read another file.
+    """
+    return Path(str(path).translate(_ESCAPES))
 
 
 class _Sqlite(Sqlite3Writer):

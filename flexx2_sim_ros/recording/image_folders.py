@@ -10,7 +10,7 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.png import check_gray, read_gray, TIFFS
 from flexx2_sim_ros.recording.calibration import read_calibration
 from flexx2_sim_ros.recording.corrections import Given, in_metres
-from flexx2_sim_ros.recording.folders import has_bag_files
+from flexx2_sim_ros.recording.opening import has_bag_files
 from flexx2_sim_ros.recording.reader import Content, Layout, RecordingReader
 import numpy as np
 

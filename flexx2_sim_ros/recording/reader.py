@@ -317,3 +317,21 @@ class RecordingReader(ABC):
                     f'{self.path}: {key}: must have the size of depth, {self.shape} or '
                     f'{self.shape[1:]}, got {shape}'
                 )
+
+
+def uptime_of(reader: RecordingReader) -> np.ndarray | None:
+    """
+    Return (T,) seconds since power-on of each frame, as the recording says; None if it does not.
+
+    Raises InputError when `uptime` is not one number or one for each frame.
+    """
+    uptime = reader.arrays.get('uptime')
+    if uptime is None:
+        return None
+    if uptime.dtype.kind not in 'fiu' or uptime.shape not in ((), (len(reader.stamp),)):
+        raise InputError(
+            f'{reader.path}: uptime: must be seconds since power-on ({len(reader.stamp)},), '
+            f'got {uptime.dtype} of shape {uptime.shape}'
+        )
+    since = 0.0 if uptime.ndim else (reader.stamp_ns - reader.stamp_ns[0]) / 1e9
+    return np.asarray(uptime + since, float)

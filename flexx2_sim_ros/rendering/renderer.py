@@ -4,9 +4,9 @@ from typing import Protocol
 
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.rendering.culling import exact_for_rays
 from flexx2_sim_ros.rendering.model_cameras import clip_planes, ModelCameras, VISIBLE_GROUPS
 from flexx2_sim_ros.rendering.opengl import OpenGlRenderer
+from flexx2_sim_ros.rendering.rays import exact_for_rays
 from flexx2_sim_ros.rendering.visibility import pixel_directions
 import mujoco
 import numpy as np

@@ -1,7 +1,7 @@
 """Find the robot's own shapes that its camera can never see; they need not be rendered."""
 
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.rendering.culling import exact_for_rays
+from flexx2_sim_ros.rendering.rays import exact_for_rays
 import mujoco
 import numpy as np
 

@@ -2,7 +2,7 @@
 
 import math
 
-from flexx2_sim_ros.rendering.ground import Ground
+from flexx2_sim_ros.rendering.rays import Ground
 import numpy as np
 
 # The ground is even if it deviates from a plane by less than this, metres.

@@ -9,7 +9,7 @@ follow the ground under the four feet smoothly.
 from dataclasses import dataclass, replace
 import math
 
-from flexx2_sim_ros.rendering.ground import Ground
+from flexx2_sim_ros.rendering.rays import Ground
 from flexx2_sim_ros.robots.footholds import blocked, EVEN, find_foothold, rest_height, way_height
 from flexx2_sim_ros.robots.kinematics import feet, joint_angles, LegGeometry, rotation
 from flexx2_sim_ros.robots.trot import apex_height, Gait, OFFSET, trunk_pose

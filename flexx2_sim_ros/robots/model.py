@@ -7,8 +7,8 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError, one_sentence
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.rendering.ground import SceneGround
 from flexx2_sim_ros.rendering.pinholes import add_camera, check_view, FAR, NEAR, set_view
+from flexx2_sim_ros.rendering.rays import SceneGround
 from flexx2_sim_ros.rendering.scenes import load_scene, PREFIX, read_model
 from flexx2_sim_ros.robots.parts import find_parts
 from flexx2_sim_ros.robots.robot import CameraMount, load_robot, Robot

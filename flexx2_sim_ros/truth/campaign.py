@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.recording.folders import find_recordings
+from flexx2_sim_ros.recording.opening import find_recordings
 from flexx2_sim_ros.truth.files import has_truth, sources_of, TruthSource, write_results
 from flexx2_sim_ros.truth.from_board import BoardCampaign
 from flexx2_sim_ros.truth.from_planes import PlaneCampaign

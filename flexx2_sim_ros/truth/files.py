@@ -10,8 +10,8 @@ from flexx2_sim_ros import atomic
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.recording import RecordingReader
-from flexx2_sim_ros.recording.folders import BAG_FILES, find_recordings, is_bag
-from flexx2_sim_ros.recording.uptime import uptime_of
+from flexx2_sim_ros.recording.opening import BAG_FILES, find_recordings, is_bag
+from flexx2_sim_ros.recording.reader import uptime_of
 from flexx2_sim_ros.truth.requests import TruthRequest
 import numpy as np
 import yaml

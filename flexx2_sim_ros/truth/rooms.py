@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from flexx2_sim_ros.rendering.culling import exact_for_rays
-from flexx2_sim_ros.rendering.materials import reflectivity_table
 from flexx2_sim_ros.rendering.model_cameras import VISIBLE_GROUPS
+from flexx2_sim_ros.rendering.rays import exact_for_rays
+from flexx2_sim_ros.rendering.scenes import reflectivity_table
 from flexx2_sim_ros.truth.poses import Pose
 import mujoco
 import numpy as np

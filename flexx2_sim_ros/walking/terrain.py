@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from flexx2_sim_ros.rendering.materials import load_materials
+from flexx2_sim_ros.rendering.scenes import load_materials
 import numpy as np
 
 # The robot starts at x = 0 on level ground and walks along x. The terrain begins at a random place

@@ -30,13 +30,8 @@ def write_answers(scores: Scores, path: Path) -> None:
     """
     Write the answers of a run: a line with its commitments, and one for each case.
 
-    Parameters
-    ----------
-    scores : Scores
-        Of a run, or of the part of it that is done.
-    path : pathlib.Path
-        The file, JSON lines. NaN is written as null.
-
+    * `scores`: of a run, or of the part of it that is done
+    * `path`: the file, JSON lines. NaN is written as null.
     """
     rows = [_row(answer) for answer in scores.answers]
     lines = [{'commitment': scores.commitment, 'earlier': list(scores.earlier)}, *rows]
@@ -47,11 +42,7 @@ def read_answers(path: Path) -> Scores:
     """
     Read what `write_answers` wrote.
 
-    Raises
-    ------
-    InputError
-        When the file cannot be read, or is not of this kind.
-
+    Raises InputError when the file cannot be read, or is not of this kind.
     """
     try:
         first, *rows = [json.loads(line) for line in path.read_text().splitlines()]
@@ -82,11 +73,7 @@ def not_answered(
     """
     Return the cases of a design that no earlier part of the run has answered.
 
-    Raises
-    ------
-    InputError
-        When the earlier part has other code or seeds, or leaves no case.
-
+    Raises InputError when the earlier part has other code or seeds, or leaves no case.
     """
     if earlier is None:
         return list(design)

@@ -61,18 +61,8 @@ def all_baselines(folder: Path, seed: int) -> dict[str, str]:
     """
     Return the answers of all baselines.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        A campaign.
-    seed : int
-        Seed of the random answer and of the simulations.
-
-    Returns
-    -------
-    dict of str to str
-        The name of an effect, ``none`` or ``unknown``, by baseline.
-
+    `seed`: seed of the random answer and of the simulations. The answer of each baseline is the
+    name of an effect, ``none`` or ``unknown``.
     """
     recordings = [load_recording(path) for path in sorted(folder.glob('*.npz'))]
     scenes = [_scene(recording) for recording in recordings]

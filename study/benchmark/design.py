@@ -35,32 +35,17 @@ class Planned:
     """
     One case.
 
-    Attributes
-    ----------
-    group : str
-        ``single``, ``none``, ``pair``, ``novel``, ``left_out``, ``internals`` or ``truth``.
-    usecase : str
-    effects : dict of str to float
-        Strength by name.
-    seed, scene_seed : int
-        Of camera and nuisances, and of the scenes.
-    pose_mm : float
-        Nuisance pose error, see `SceneKey`.
-    without : tuple of str
-        Effects left out of the diagnosis's catalogue.
-    width, height, recordings, frames : int
-    realise : bool
-        Whether the predicted shrinkage is checked on fresh recordings.
-    baselines : bool
-        Whether the baselines look at it too.
-    internals : dict
-        What differs inside the camera from its profile; see `Internals`.
-    hidden : bool
-        Whether about 30 % of the ground truth is unknown; see `hide_truth`.
-    half : int
-        0 or 1: all cases of the first half run before those of the second. Each half has about
-        half of each group, so that a run that stops in between has all of them.
-
+    * `group`: ``single``, ``none``, ``pair``, ``novel``, ``left_out``, ``internals`` or ``truth``
+    * `effects`: strength by name
+    * `seed`, `scene_seed`: of camera and nuisances, and of the scenes
+    * `pose_mm`: nuisance pose error, see `SceneKey`
+    * `without`: effects left out of the diagnosis's catalogue
+    * `realise`: whether the predicted shrinkage is checked on fresh recordings
+    * `baselines`: whether the baselines look at it too
+    * `internals`: what differs inside the camera from its profile; see `Internals`
+    * `hidden`: whether about 30 % of the ground truth is unknown; see `hide_truth`
+    * `half`: 0 or 1: all cases of the first half run before those of the second. Each half has
+      about half of each group, so that a run that stops in between has all of them.
     """
 
     group: str
@@ -154,17 +139,7 @@ def make_design(seeds: SeedRange, quick: bool) -> list[Planned]:
     """
     Return all cases.
 
-    Parameters
-    ----------
-    seeds : SeedRange
-        All seeds come from it.
-    quick : bool
-        A few small cases instead of all.
-
-    Returns
-    -------
-    list of Planned
-
+    `seeds`: all seeds come from it.
     """
     if quick:
         return list(_quick(_Planner(seeds, 2, width=112, height=86, recordings=5, frames=8)))

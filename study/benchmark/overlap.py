@@ -25,20 +25,12 @@ def overlap(where: Iterable[dict[str, Any]], pixels: dict[str, np.ndarray]) -> f
     """
     Return the intersection over union of the affected pixels and the named ones.
 
-    Parameters
-    ----------
-    where : iterable of dict
-        The diagnosis's list: ``covariate``, ``low``, ``high``, ``unit``. A pixel is named if its
-        covariate lies in the interval of any entry. ``all`` names everything, ``image region row
-        1 of 3, column 2 of 4`` that region; covariates that pixels do not have are ignored.
-    pixels : dict of str to numpy.ndarray
-        A uniform sample of the campaign's pixels, see `truth.Comparison.affected`.
+    * `where`: the diagnosis's list: ``covariate``, ``low``, ``high``, ``unit``. A pixel is named
+      if its covariate lies in the interval of any entry. ``all`` names everything, ``image region
+      row 1 of 3, column 2 of 4`` that region; covariates that pixels do not have are ignored.
+    * `pixels`: a uniform sample of the campaign's pixels, see `truth.Comparison.affected`
 
-    Returns
-    -------
-    float
-        NaN where no pixel is affected.
-
+    Returns NaN where no pixel is affected.
     """
     affected, samples = pixels['affected'], pixels['samples']
     if not affected.any():

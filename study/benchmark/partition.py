@@ -46,17 +46,9 @@ class Partition:
     """
     The cells of a campaign, and a sample of its pixels.
 
-    Attributes
-    ----------
-    cells : numpy.ndarray
-        (V, H, W) int32, the cell of each pixel of each distinct view; -1 where nothing is.
-    count : int
-        Number of cells.
-    samples : numpy.ndarray
-        (S, 11) float32, `COVARIATES` of pixels drawn uniformly from all frames.
-    sample_cells : numpy.ndarray
-        (S,) int32, the cell of each sample.
-
+    * `cells`: (V, H, W) int32, the cell of each pixel of each distinct view; -1 where nothing is
+    * `samples`: (S, 11) float32, `COVARIATES` of pixels drawn uniformly from all frames
+    * `sample_cells`: (S,) int32, the cell of each sample
     """
 
     cells: np.ndarray
@@ -77,15 +69,7 @@ def partition_of(scenes: SceneSet) -> Partition:
     """
     Divide the pixels of a campaign into cells.
 
-    Parameters
-    ----------
-    scenes : SceneSet
-        The scenes as the camera truly sees them. The result is kept in their cache.
-
-    Returns
-    -------
-    Partition
-
+    `scenes`: the scenes as the camera truly sees them. The result is kept in their cache.
     """
     arrays = scenes.cached(f'partition-{_VERSION}', lambda: _make(scenes))
     return Partition(
@@ -183,17 +167,9 @@ def concavity(points: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """
     Measure how far the surroundings of each pixel rise above its tangent plane.
 
-    Parameters
-    ----------
-    points, normals : numpy.ndarray
-        (H, W, 3) metres, NaN for no return; and unit vectors.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) the largest sine of the elevation of eight surrounding points: 0 on planes and
-        convex surfaces, towards 1 in narrow concave corners. Rounded to 0.01.
-
+    `points`, `normals`: (H, W, 3) metres, NaN for no return; and unit vectors. Returns (H, W) the
+    largest sine of the elevation of eight surrounding points: 0 on planes and convex surfaces,
+    towards 1 in narrow concave corners, rounded to 0.01.
     """
     height, width = points.shape[:2]
     step = max(width // _REACH, 1)

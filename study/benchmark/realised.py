@@ -39,30 +39,17 @@ def realised_gap(
     The scorer knows what a user does not: where the camera is, the reflectivity, and how much
     noisier the camera is than the paper's. An effect on the level of the noise includes that.
 
-    Parameters
-    ----------
-    planned : Planned
-        The case.
-    diagnosis : dict
-        A diagnosis with effects.
-    cache : pathlib.Path
-        Cache of scenes.
-    measure : callable
-        The diagnosis's own gap: ``measure(folder, effects, seed=0)`` returns a mapping with
-        ``shrink``, the fraction of the loss that goes away with a table of effects, or None if
-        there is no gap. It is called where the gap does not show in depth and invalid pixels, as
-        with steps of half a millimetre.
-    offset : int
-        Added to the seed of the scenes. 0 records the scenes of the case again.
+    * `cache`: cache of scenes
+    * `measure`: the diagnosis's own gap: ``measure(folder, effects, seed=0)`` returns a mapping
+      with ``shrink``, the fraction of the loss that goes away with a table of effects, or None if
+      there is no gap. It is called where the gap does not show in depth and invalid pixels, as
+      with steps of half a millimetre.
+    * `offset`: added to the seed of the scenes. 0 records the scenes of the case again.
 
-    Returns
-    -------
-    dict of str to float or None
-        ``shrink``, the fraction of the distance that goes away, or None if there is no gap;
-        ``before``, ``after`` and ``null`` of it; ``before_mm``, ``after_mm`` and ``null_mm``, the
-        Wasserstein-1 distance of depth errors. All but a ``shrink`` from ``measure`` are computed
-        here, without code of the diagnosis.
-
+    Returns ``shrink``, the fraction of the distance that goes away, or None if there is no gap;
+    ``before``, ``after`` and ``null`` of it; ``before_mm``, ``after_mm`` and ``null_mm``, the
+    Wasserstein-1 distance of depth errors. All but a ``shrink`` from `measure` are computed here,
+    without code of the diagnosis.
     """
     effects = {
         effect['name']: effect['parameters']
@@ -99,22 +86,12 @@ def distances(folder: Path, effects: dict[str, Any], profile: Profile) -> np.nda
     """
     Compare recordings whose poses are exact with simulations without and with effects.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        The recordings.
-    effects : dict
-        Parameters by effect.
-    profile : Profile
-        The camera without the effects.
+    * `effects`: parameters by effect
+    * `profile`: the camera without the effects
 
-    Returns
-    -------
-    numpy.ndarray
-        (3, 2): of two simulations with the effects, of recordings and simulations without, and
-        with them; as the distance of ``docs/diagnosis.md``, and in millimetres. Means over the
-        recordings.
-
+    Returns (3, 2): of two simulations with the effects, of recordings and simulations without, and
+    with them; as the distance of ``docs/diagnosis.md``, and in millimetres. Means over the
+    recordings.
     """
     rows = [_distances(path, effects, profile) for path in sorted(folder.iterdir())]
     return np.asarray(np.nanmean(rows, axis=0))

@@ -15,11 +15,7 @@ def bins(pairs: Pairs) -> list[tuple[float, float, Pairs]]:
     """
     Divide probabilities into bins of equal width.
 
-    Returns
-    -------
-    list of tuple
-        Lower limit, upper limit, and the pairs of each bin that has any.
-
+    Returns the lower limit, the upper limit, and the pairs of each bin that has any.
     """
     places = [min(int(said * BINS), BINS - 1) for said, _ in pairs]
     out: list[tuple[float, float, Pairs]] = []

@@ -59,17 +59,7 @@ def write_page(scores: Scores, path: Path, command: str, picture: str) -> None:
     """
     Write the tables as Markdown.
 
-    Parameters
-    ----------
-    scores : Scores
-        Scores of a finished run.
-    path : pathlib.Path
-        The page.
-    command : str
-        The command of the run.
-    picture : str
-        File name of the confusion picture, beside the page.
-
+    `picture`: file name of the confusion picture, beside the page.
     """
     facts = scores.commitment
     lines = [

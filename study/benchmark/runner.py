@@ -48,39 +48,17 @@ def run_benchmark(
     """
     Run the cases of a benchmark that have no result yet; score it when all have one.
 
-    Parameters
-    ----------
-    out : pathlib.Path
-        Folder of the results; ``out/sealed`` has the labels, ``out/cache`` rendered scenes. An
-        interrupted run resumes.
-    quick : bool
-        A few small cases.
-    seed_set : str
-        ``dev`` or ``test``.
-    release : bool
-        Allows the test seeds.
-    jobs : int
-        Number of processes.
-    diagnoser, measurer : str
-        ``module:function`` of `diagnose` and `measure`.
-    limit : int, optional
-        Stop after this many new cases.
-    earlier : Scores, optional
-        An earlier part of the run, from `read_answers`: its cases are not run again.
-    console : rich.console.Console, optional
-        For the progress bar.
+    * `out`: folder of the results; ``out/sealed`` has the labels, ``out/cache`` rendered scenes.
+      An interrupted run resumes.
+    * `seed_set`: ``dev`` or ``test``
+    * `release`: allows the test seeds
+    * `diagnoser`, `measurer`: ``module:function`` of `diagnose` and `measure`
+    * `limit`: stop after this many new cases
+    * `earlier`: an earlier part of the run, from `read_answers`: its cases are not run again
 
-    Returns
-    -------
-    Scores or None
-        Without those of the earlier part; None when cases are missing.
-
-    Raises
-    ------
-    InputError
-        For test seeds without a release, a folder of another benchmark, or an earlier part that
-        is of another run.
-
+    Returns the scores without those of the earlier part; None when cases are missing. Raises
+    InputError for test seeds without a release, a folder of another benchmark, or an earlier part
+    that is of another run.
     """
     if jobs < 1:
         raise InputError(f'--jobs: must be at least 1, got {jobs}')
@@ -147,13 +125,8 @@ def run_case(out: Path, name: str, label: dict[str, Any], diagnoser: str, measur
     """
     Record and diagnose one case and store the answer.
 
-    The diagnosis gets a folder of recordings with an opaque name, and nothing else.
-
-    Returns
-    -------
-    bool
-        Whether the diagnosis raised an error, which is stored and counts as wrong.
-
+    The diagnosis gets a folder of recordings with an opaque name, and nothing else. Returns
+    whether the diagnosis raised an error, which is stored and counts as wrong.
     """
     planned = Planned.from_json(label)
     # The same in every run, unlike the salted name; it does not reveal the seed of the camera.

@@ -27,32 +27,20 @@ class Answer:
     """
     A case and its answer.
 
-    Attributes
-    ----------
-    planned : Planned
-    verdict : str
-        As in the diagnosis, or ``error``.
-    effects, alternatives : tuple of str
-        Names in order of importance.
-    confidences : tuple of float
-        Of the effects: the probability that each is present; NaN where the diagnosis gives none.
-    seconds, cpu_seconds, peak_mb : float
-        Of the diagnosis: elapsed time, computing time, memory.
-    place : str
-        Covariate of the first row of ``where``, empty where there is no row.
-    overlap : float
-        Intersection over union of the affected pixels and the named ones, NaN where no pixel is
-        affected.
-    visible : bool
-        Whether the effect changes any pixel's statistics by more than the tolerance.
-    parameter_error : float
-        Relative error of the first effect if it is right and comparable; NaN otherwise.
-    predicted, low, high, realised : float
-        Reduction of the gap; NaN where it was not measured, or where there is no gap.
-    independent : bool
-        Whether the realised reduction was measured without code of the diagnosis.
-    baselines : dict of str to str
-
+    * `verdict`: as in the diagnosis, or ``error``
+    * `effects`, `alternatives`: names in order of importance
+    * `confidences`: of the effects: the probability that each is present; NaN where the diagnosis
+      gives none
+    * `seconds`, `cpu_seconds`, `peak_mb`: of the diagnosis: elapsed time, computing time, memory
+    * `place`: covariate of the first row of ``where``, empty where there is no row
+    * `overlap`: intersection over union of the affected pixels and the named ones, NaN where no
+      pixel is affected
+    * `visible`: whether the effect changes any pixel's statistics by more than the tolerance
+    * `parameter_error`: relative error of the first effect if it is right and comparable; NaN
+      otherwise
+    * `predicted`, `low`, `high`, `realised`: reduction of the gap; NaN where it was not measured,
+      or where there is no gap
+    * `independent`: whether the realised reduction was measured without code of the diagnosis
     """
 
     planned: Planned
@@ -148,14 +136,8 @@ class Scores:
     """
     All answers of a run.
 
-    Attributes
-    ----------
-    answers : tuple of Answer
-    commitment : dict
-        The commitment that was written before the run.
-    earlier : tuple of dict
-        The commitments of earlier parts of the run.
-
+    * `commitment`: the commitment that was written before the run
+    * `earlier`: the commitments of earlier parts of the run
     """
 
     answers: tuple[Answer, ...]
@@ -181,23 +163,11 @@ def score(out: Path, partly: bool = False) -> Scores:
     """
     Score a run.
 
-    Parameters
-    ----------
-    out : pathlib.Path
-        As given to `run_benchmark`.
-    partly : bool
-        Whether cases may be missing. Finished cases are a random sample of the first half of the
-        design, or this half and a random sample of the second.
+    * `out`: as given to `run_benchmark`
+    * `partly`: whether cases may be missing. Finished cases are a random sample of the first half
+      of the design, or this half and a random sample of the second.
 
-    Returns
-    -------
-    Scores
-
-    Raises
-    ------
-    InputError
-        When the labels differ from the commitment, or no case is finished.
-
+    Raises InputError when the labels differ from the commitment, or no case is finished.
     """
     sealed = open_seal(out / 'sealed', out)
     answers = []
@@ -226,21 +196,8 @@ def answer_of(
     """
     Compare a result with its label.
 
-    Parameters
-    ----------
-    planned : Planned
-        The label.
-    result : dict
-        The result of the runner.
-    parameters : dict
-        True parameters, by effect.
-    pixels : dict of str to numpy.ndarray
-        From `truth.Comparison.affected`.
-
-    Returns
-    -------
-    Answer
-
+    * `parameters`: true parameters, by effect
+    * `pixels`: from `truth.Comparison.affected`
     """
     diagnosis = result['diagnosis'] or {'verdict': 'error'}
     effects = diagnosis.get('effects') or []
@@ -312,11 +269,7 @@ def macro_f1(pairs: Iterable[tuple[str, str]]) -> float:
     """
     Return the mean F1 over the catalogue's effects that occur.
 
-    Parameters
-    ----------
-    pairs : iterable of tuple of str
-        Truth and answer. Truths outside the catalogue (novel, none) are negatives for all.
-
+    `pairs`: truth and answer. Truths outside the catalogue (novel, none) are negatives for all.
     """
     pairs = list(pairs)
     scores = []

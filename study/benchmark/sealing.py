@@ -26,13 +26,9 @@ class Sealed:
     """
     The labels, read and checked.
 
-    Attributes
-    ----------
-    cases : dict of str to Planned
-        By opaque name, in the order in which they run: random within each half of the design.
-    digest : str
-        SHA-256 of salt and labels, as hexadecimal digits.
-
+    * `cases`: by opaque name, in the order in which they run: random within each half of the
+      design
+    * `digest`: SHA-256 of salt and labels, as hexadecimal digits
     """
 
     cases: dict[str, Planned]
@@ -43,24 +39,10 @@ def seal(design: list[Planned], sealed: Path, public: Path, facts: dict[str, Any
     """
     Write labels and commitment, or read those of an interrupted run.
 
-    Parameters
-    ----------
-    design : list of Planned
-        All cases.
-    sealed, public : pathlib.Path
-        Folders for the labels and for the commitment.
-    facts : dict
-        Further entries of the commitment: date, version, seed set.
+    * `sealed`, `public`: folders for the labels and for the commitment
+    * `facts`: further entries of the commitment: date, version, seed set
 
-    Returns
-    -------
-    Sealed
-
-    Raises
-    ------
-    InputError
-        When the folders contain the labels of another design.
-
+    Raises InputError when the folders contain the labels of another design.
     """
     if (sealed / _LABELS).is_file():
         opened = open_seal(sealed, public)
@@ -92,11 +74,7 @@ def open_seal(sealed: Path, public: Path) -> Sealed:
     """
     Read the labels.
 
-    Raises
-    ------
-    InputError
-        When they cannot be read, or their SHA-256 differs from the commitment.
-
+    Raises InputError when they cannot be read, or their SHA-256 differs from the commitment.
     """
     try:
         text = (sealed / _LABELS).read_text()

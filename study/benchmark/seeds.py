@@ -7,16 +7,7 @@ from flexx2_sim_ros.errors import InputError, shown
 
 @dataclass(frozen=True)
 class SeedRange:
-    """
-    A million seeds.
-
-    Attributes
-    ----------
-    name : str
-    block : int
-        Index of the million.
-
-    """
+    """A million seeds."""
 
     name: str
     block: int
@@ -27,11 +18,7 @@ class SeedRange:
         """
         Return a seed of the range.
 
-        Raises
-        ------
-        InputError
-            For an index outside 0 to 999,999.
-
+        Raises InputError for an index outside 0 to 999,999.
         """
         if not 0 <= index < self._SIZE:
             raise InputError(f'seed index: must be 0 to {self._SIZE - 1}, got {index}')
@@ -57,11 +44,7 @@ def seed_range(name: str, release: bool) -> SeedRange:
     """
     Return a range by name; that of the test only for a release.
 
-    Raises
-    ------
-    InputError
-        For another name, or for the test seeds without ``--release``.
-
+    Raises InputError for another name, or for the test seeds without ``--release``.
     """
     if name == DEVELOPMENT.name:
         return DEVELOPMENT

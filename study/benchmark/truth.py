@@ -29,15 +29,7 @@ _FEWEST = 200  # valid errors of a cell, in both cameras, for their statistics t
 
 
 class Comparison:
-    """
-    Compares a camera with the same camera without effects while it records.
-
-    Parameters
-    ----------
-    camera : BlindCamera
-        The camera of the case.
-
-    """
+    """Compares a camera with the same camera without effects while it records."""
 
     def __init__(self, camera: BlindCamera) -> None:
         """Set all sums to zero."""
@@ -67,11 +59,7 @@ class Comparison:
         """
         Say which of the campaign's sampled pixels are affected.
 
-        Returns
-        -------
-        dict of str to numpy.ndarray
-            ``samples`` (S, 11), see `partition.COVARIATES`, and ``affected`` (S,) bool.
-
+        Returns ``samples`` (S, 11), see `partition.COVARIATES`, and ``affected`` (S,) bool.
         """
         cells = affected_cells(self._sums)
         return {
@@ -84,18 +72,10 @@ def affected_cells(sums: np.ndarray) -> np.ndarray:
     """
     Say which cells differ by more than matters.
 
-    Parameters
-    ----------
-    sums : numpy.ndarray
-        (frames, 2, cells, 9) with and without effects.
-
-    Returns
-    -------
-    numpy.ndarray
-        (cells,) bool. Differences are shrunk towards their mean over all cells, as far as they
-        are uncertain (empirical Bayes [Efron and Morris 1975]); their standard errors are those
-        of the jackknife over frames [Efron and Stein 1981].
-
+    `sums`: (frames, 2, cells, 9) with and without effects. Returns (cells,) bool. Differences are
+    shrunk towards their mean over all cells, as far as they are uncertain (empirical Bayes [Efron
+    and Morris 1975]); their standard errors are those of the jackknife over frames [Efron and
+    Stein 1981].
     """
     total, frames = sums.sum(axis=0), len(sums)
     # With few valid errors, only the fraction of invalid pixels says something.

@@ -21,16 +21,8 @@ def bounced_light(view: View) -> np.ndarray:
     """
     Return the indirect light of a view.
 
-    Parameters
-    ----------
-    view : View
-        The scene as the camera sees it.
-
-    Returns
-    -------
-    numpy.ndarray
-        (J, H, W) complex64, in the unit of the direct light.
-
+    `view`: the scene as the camera sees it. Returns (J, H, W) complex64, in the unit of the direct
+    light.
     """
     arriving = irradiance(view) if view.irradiance is None else view.irradiance
     step = _pixels(view, _RECEIVER)
@@ -48,11 +40,7 @@ def irradiance(view: View) -> np.ndarray:
     """
     Sum the light that all patches reflect to the receivers of a view.
 
-    Returns
-    -------
-    numpy.ndarray
-        (J, h, w) complex64: phasors of irradiance, phase up to the receiver.
-
+    Returns (J, h, w) complex64: phasors of irradiance, phase up to the receiver.
     """
     optics, K = view.optics, view.optics.wavenumbers
     patch, step = _pixels(view, _PATCH), _pixels(view, _RECEIVER)

@@ -24,18 +24,11 @@ class Case:
     """
     The definition of a campaign.
 
-    Attributes
-    ----------
-    scenes : SceneKey
-    effects : mapping of str to float
-        Strength by name; empty for the camera of the paper.
-    seed : int
-        Seed of the noise, the effects and the nuisances.
-    reflectivity_error, sigma_error : float
-        Standard deviations of the logarithms of the errors in what the user knows.
-    internals : Internals
-        What differs inside the camera from its profile.
-
+    * `effects`: strength by name; empty for the camera of the paper
+    * `seed`: seed of the noise, the effects and the nuisances
+    * `reflectivity_error`, `sigma_error`: standard deviations of the logarithms of the errors in
+      what the user knows
+    * `internals`: what differs inside the camera from its profile
     """
 
     scenes: SceneKey
@@ -50,18 +43,8 @@ class BlindCamera:
     """
     The real camera of a case.
 
-    Parameters
-    ----------
-    case : Case
-    scenes : SceneSet, optional
-        The scenes of the case, if several cases share them.
-
-    Attributes
-    ----------
-    effects : tuple of Effect
-    sigma_factor : float
-        True sigma_z divided by that of the paper.
-
+    * `scenes`: the scenes of the case, if several cases share them
+    * `sigma_factor`: true sigma_z divided by that of the paper
     """
 
     def __init__(self, case: Case, scenes: SceneSet | None = None) -> None:
@@ -143,15 +126,9 @@ class BlindCamera:
         """
         Write the recordings of the campaign: ``0.npz``, ``1.npz`` and so on.
 
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Must exist.
-        observer : callable, optional
-            Called with every frame, for labels that need more than the recordings.
-        only : sequence of int, optional
-            Which recordings to write; all when left out.
-
+        * `folder`: must exist
+        * `observer`: called with every frame, for labels that need more than the recordings
+        * `only`: which recordings to write; all when left out
         """
         key, scenes = self.case.scenes, self.scenes
         for i in range(key.recordings) if only is None else only:

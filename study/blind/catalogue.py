@@ -27,22 +27,11 @@ def make_effect(name: str, strength: float, rng: np.random.Generator, optics: Op
     """
     Create an effect of the catalogue or a novel one.
 
-    Parameters
-    ----------
-    name : str
-        A key of `CATALOGUE` or `NOVEL`.
-    strength : float
-        1 is typical.
-    rng : numpy.random.Generator
-        Draws what differs between cameras.
-    optics : Optics
-        The camera.
+    * `name`: a key of `CATALOGUE` or `NOVEL`
+    * `strength`: 1 is typical
+    * `rng`: draws what differs between cameras
 
-    Raises
-    ------
-    InputError
-        For an unknown name.
-
+    Raises InputError for an unknown name.
     """
     known = {**CATALOGUE, **NOVEL}
     if name not in known:

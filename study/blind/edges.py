@@ -19,16 +19,8 @@ def edge_maps(row_jumps: np.ndarray, column_jumps: np.ndarray) -> tuple[np.ndarr
     """
     Sort depth jumps by the direction in which their edge moves.
 
-    Parameters
-    ----------
-    row_jumps, column_jumps : numpy.ndarray
-        (H, W) uint8, 1 where depth jumps to the next pixel of the row, of the column.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (H, W) bool: jumps that move along the row, jumps that move along the column.
-
+    `row_jumps`, `column_jumps`: (H, W) uint8, 1 where depth jumps to the next pixel of the row, of
+    the column. Returns (H, W) bool: jumps that move along the row, and along the column.
     """
     upright = _neighbours(row_jumps) + 1 >= _neighbours(column_jumps)
     return (row_jumps > 0) & upright, (column_jumps > 0) & ~upright
@@ -55,25 +47,14 @@ def jitter_edges(
     """
     Displace the edges of one frame.
 
-    Parameters
-    ----------
-    rows, columns : numpy.ndarray
-        (H, W) bool from `edge_maps`.
-    spread : float
-        sigma_x of the mode, pixels, including the rounding to whole pixels.
-    scale : float
-        Factor on ``spread``.
-    rng : numpy.random.Generator
-        Draws one number for each row or column and edge.
-    tails : float
-        Fraction of the draws that are from Student's t with 3 degrees of freedom, scaled to
-        unit variance. 0 gives Gaussian edges.
+    * `rows`, `columns`: (H, W) bool from `edge_maps`
+    * `spread`: sigma_x of the mode, pixels, including the rounding to whole pixels
+    * `scale`: factor on ``spread``
+    * `rng`: draws one number for each row or column and edge
+    * `tails`: fraction of the draws that are from Student's t with 3 degrees of freedom, scaled to
+      unit variance. 0 gives Gaussian edges.
 
-    Returns
-    -------
-    numpy.ndarray
-        (H * W,) int32, index of the pixel whose light each pixel gets.
-
+    Returns (H * W,) int32, the index of the pixel whose light each pixel gets.
     """
     source = np.arange(rows.size, dtype=np.int32)
     sigma = math.sqrt(max((spread * scale) ** 2 - 1 / 12, 0.0))

@@ -15,17 +15,10 @@ class Shot:
     """
     Where and when the camera takes a frame; geometric effects change it.
 
-    Attributes
-    ----------
-    recording : int
-        Index in the campaign.
-    time : float
-        Seconds since the recording began.
-    twist : numpy.ndarray
-        (6,) motion in the camera's own frame: three turns (radians), three shifts (metres).
-    rays : numpy.ndarray or None
-        True rays; None for those of the intrinsics that the user knows.
-
+    * `recording`: index in the campaign
+    * `time`: seconds since the recording began
+    * `twist`: (6,) motion in the camera's own frame: three turns (radians), three shifts (metres)
+    * `rays`: true rays; None for those of the intrinsics that the user knows
     """
 
     recording: int
@@ -39,42 +32,23 @@ class Frame:
     """
     A frame while it is computed. Arrays are (H, W) unless noted.
 
-    Attributes
-    ----------
-    view : View
-    light : numpy.ndarray
-        (J, H, W) complex64 phasors on the sensor.
-    recording, index : int
-        Index of the recording, and of the frame in it.
-    uptime : float
-        Seconds since power-on.
-    dice : numpy.random.Generator
-        Random numbers of the effects; the base noise has its own.
-    look_later : callable
-        Returns the `View` of the scene some seconds later.
-    delay : numpy.ndarray or float
-        Extra path of each pixel, metres of range.
-    noise_gain : numpy.ndarray or float
-        Factor on the noise of the taps, for the surface that is seen.
-    edge_scale, edge_tails : float
-        See `jitter_edges`.
-    source : numpy.ndarray
-        (H * W,) int32, index of the pixel whose light each pixel gets.
-    taps : numpy.ndarray
-        (J, 4, H, W) float32.
-    phasors : numpy.ndarray
-        (J, H, W) complex64, computed from the taps.
-    reference : numpy.ndarray
-        Range, metres; the unwrapped one is the nearest to it.
-    disagreement : numpy.ndarray
-        Difference of the frequencies' phases, radians.
-    depth : numpy.ndarray
-        Metres, NaN where invalid.
-    invalid : numpy.ndarray
-        bool, set by effects before depth is computed.
-    past_gate : numpy.ndarray
-        bool, pixels outside the range of the mode that the camera does not recognise as such.
-
+    * `light`: (J, H, W) complex64 phasors on the sensor
+    * `recording`, `index`: index of the recording, and of the frame in it
+    * `uptime`: seconds since power-on
+    * `dice`: random numbers of the effects; the base noise has its own
+    * `look_later`: returns the `View` of the scene some seconds later
+    * `delay`: extra path of each pixel, metres of range
+    * `noise_gain`: factor on the noise of the taps, for the surface that is seen
+    * `edge_scale`, `edge_tails`: see `jitter_edges`
+    * `source`: (H * W,) int32, index of the pixel whose light each pixel gets
+    * `taps`: (J, 4, H, W) float32
+    * `phasors`: (J, H, W) complex64, computed from the taps
+    * `reference`: range, metres; the unwrapped one is the nearest to it
+    * `disagreement`: difference of the frequencies' phases, radians
+    * `depth`: metres, NaN where invalid
+    * `invalid`: bool, set by effects before depth is computed
+    * `past_gate`: bool, pixels outside the range of the mode that the camera does not recognise as
+      such
     """
 
     view: View
@@ -112,22 +86,9 @@ class Effect:
     """
     A deviation of a real camera from the model of the paper; this base class changes nothing.
 
-    Parameters
-    ----------
-    strength : float
-        1 is typical.
-    rng : numpy.random.Generator
-        Draws what differs between cameras.
-    optics : Optics
-        The camera.
-
-    Attributes
-    ----------
-    name : str
-        Identifier.
-    parameters : dict
-        Physical sizes by name, for the label.
-
+    * `strength`: 1 is typical
+    * `rng`: draws what differs between cameras
+    * `parameters`: physical sizes by name, for the label
     """
 
     name: ClassVar[str] = ''
@@ -171,22 +132,12 @@ def take(
     """
     Compute a frame.
 
-    Parameters
-    ----------
-    frame : Frame
-        With view and light; the other fields are computed.
-    effects : sequence of Effect
-        In the order in which they are applied.
-    noise : numpy.random.Generator
-        Draws the base noise.
-    sigma_factor : float
-        Factor on the base noise; 1 is the noise of the paper.
+    * `frame`: with view and light; the other fields are computed
+    * `effects`: in the order in which they are applied
+    * `noise`: draws the base noise
+    * `sigma_factor`: factor on the base noise; 1 is the noise of the paper
 
-    Returns
-    -------
-    Frame
-        The same object.
-
+    Returns the same frame.
     """
     view, optics = frame.view, frame.optics
     shape, K = optics.shape, optics.wavenumbers

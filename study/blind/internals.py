@@ -12,40 +12,24 @@ class Internals:
     Effects read it from `Optics`, each the part that concerns it. None changes what a camera
     without effects measures.
 
-    Attributes
-    ----------
-    mhz : float
-        Its one modulation frequency; 0: those of the mode.
-    wave_m : float
-        Period along the range of the error of `wiggling`, metres; 0: harmonics of the modulation.
-    axial : bool
-        Whether delays are constant in depth along the optical axis instead of in range.
-    footprint : str
-        Weight over the footprint of `flying_pixels`: ``square``, ``round`` or ``gauss``.
-    footprint_px : float
-        Its width at strength 1, pixels.
-    scatter : str
-        Scatter function of `stray_light`: ``tail`` (a power law), ``gauss`` or ``even`` (the same
-        over the whole image).
-    scatter_px : float
-        Its width, pixels of an image that is 224 wide.
-    window : str
-        Weights of `spatial_filter`: ``alike`` (bilateral, 5 x 5), ``box`` or ``gauss``.
-    window_px : int
-        Width of the box or of the Gaussian's support, pixels; odd.
-    memory : str
-        `temporal_filter`: ``first`` order, ``second`` order, or ``mean`` of the last frames.
-    memory_frames : int
-        How many frames the mean has.
-    light_scale : float
-        Factor on the amplitudes at which `low_signal_dropout` and `saturation` act.
-    knee : float
-        Charge at which the lag of `amplitude_bias` is halved, 1/m^2.
-    latency_s : float
-        Age of the image in `time_offset` at strength 1, seconds.
-    lost : float
-        Fraction of the pixels that `random_dropout` loses at strength 1.
-
+    * `mhz`: its one modulation frequency; 0: those of the mode
+    * `wave_m`: period along the range of the error of `wiggling`, metres; 0: harmonics of the
+      modulation
+    * `axial`: whether delays are constant in depth along the optical axis instead of in range
+    * `footprint`: weight over the footprint of `flying_pixels`: ``square``, ``round`` or ``gauss``
+    * `footprint_px`: its width at strength 1, pixels
+    * `scatter`: scatter function of `stray_light`: ``tail`` (a power law), ``gauss`` or ``even``
+      (the same over the whole image)
+    * `scatter_px`: its width, pixels of an image that is 224 wide
+    * `window`: weights of `spatial_filter`: ``alike`` (bilateral, 5 x 5), ``box`` or ``gauss``
+    * `window_px`: width of the box or of the Gaussian's support, pixels; odd
+    * `memory`: `temporal_filter`: ``first`` order, ``second`` order, or ``mean`` of the last
+      frames
+    * `memory_frames`: how many frames the mean has
+    * `light_scale`: factor on the amplitudes at which `low_signal_dropout` and `saturation` act
+    * `knee`: charge at which the lag of `amplitude_bias` is halved, 1/m^2
+    * `latency_s`: age of the image in `time_offset` at strength 1, seconds
+    * `lost`: fraction of the pixels that `random_dropout` loses at strength 1
     """
 
     mhz: float = 0.0

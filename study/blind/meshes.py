@@ -15,15 +15,8 @@ def write_mesh(solids: Solids, path: Path, longest: float | None = None) -> None
     """
     Write a scene as a mesh, z up, metres.
 
-    Parameters
-    ----------
-    solids : Solids
-        The scene.
-    path : pathlib.Path
-        File; its suffix gives the format.
-    longest : float, optional
-        Longest side of a triangle, metres, for a mesh as fine as a scan.
-
+    * `path`: file; its suffix gives the format
+    * `longest`: longest side of a triangle, metres, for a mesh as fine as a scan
     """
     parts = []
     for kind, place in zip(solids.kinds, solids.placement, strict=True):

@@ -16,13 +16,8 @@ def hide_truth(folder: Path, seed: int) -> None:
     """
     Hide about 30 % of the ground truth of all recordings of a campaign.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-        Recordings (``.npz``), which are written again.
-    seed : int
-        Of the places of the patches.
-
+    * `folder`: recordings (``.npz``), which are written again
+    * `seed`: of the places of the patches
     """
     for i, path in enumerate(sorted(folder.glob('*.npz'))):
         with np.load(path) as archive:
@@ -38,18 +33,10 @@ def known_part(clean: np.ndarray, seed: int) -> np.ndarray:
     """
     Choose where the ground truth is known: not next to jumps of depth, nor in some patches.
 
-    Parameters
-    ----------
-    clean : numpy.ndarray
-        (H, W) or (T, H, W) metres.
-    seed : int
-        Of the places of the patches.
+    * `clean`: (H, W) or (T, H, W) metres
+    * `seed`: of the places of the patches
 
-    Returns
-    -------
-    numpy.ndarray
-        Of the same shape, bool.
-
+    Returns bool, of the same shape.
     """
     frames = clean if clean.ndim == 3 else clean[None]
     rng = np.random.default_rng(seed)

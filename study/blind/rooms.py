@@ -27,17 +27,10 @@ class Path:
     """
     The pose of the camera as a function of time.
 
-    Attributes
-    ----------
-    start, velocity : tuple of float
-        World, metres and metres per second.
-    yaw, pitch, roll : float
-        Attitude at time 0, radians.
-    yaw_rate : float
-        Radians per second.
-    bob : float
-        Amplitude of the vertical motion by steps, metres.
-
+    * `start`, `velocity`: world, metres and metres per second
+    * `yaw`, `pitch`, `roll`: attitude at time 0, radians
+    * `yaw_rate`: radians per second
+    * `bob`: amplitude of the vertical motion by steps, metres
     """
 
     start: tuple[float, float, float]
@@ -68,13 +61,7 @@ class Scene:
     """
     A scene and a camera in it.
 
-    Attributes
-    ----------
-    kind : str
-        One of `KINDS`.
-    solids : Solids
-    path : Path
-
+    `kind`: one of `KINDS`.
     """
 
     kind: str
@@ -86,19 +73,8 @@ def make_scene(kind: str, reach: float, rng: np.random.Generator) -> Scene:
     """
     Draw a scene.
 
-    Parameters
-    ----------
-    kind : str
-        One of `KINDS`.
-    reach : float
-        Longest range of the camera, metres; it determines the size of the scene.
-    rng : numpy.random.Generator
-        Draws the scene.
-
-    Returns
-    -------
-    Scene
-
+    * `kind`: one of `KINDS`
+    * `reach`: longest range of the camera, metres; it determines the size of the scene
     """
     # Beyond four metres, sigma_z of the paper is too large for most effects to show.
     shapes, path = _MAKERS[kind](min(reach, 5.0), rng)

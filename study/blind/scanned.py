@@ -16,15 +16,7 @@ _CEILING, _FLOOR = -1.5, 1.2  # y of a camera's world, downwards, metres
 
 
 def furnished_room(seed: int) -> Solids:
-    """
-    Return a room of about 5 x 4 x 2.7 m with boxes and a ball along its walls.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the room.
-
-    """
+    """Return a room of about 5 x 4 x 2.7 m with boxes and a ball along its walls."""
     rng = np.random.default_rng([seed, 7])
     half = np.array([rng.uniform(1.8, 2.4), (_FLOOR - _CEILING) / 2, rng.uniform(2.3, 2.9)])
     shapes = [
@@ -58,25 +50,10 @@ class ScannedCamera:
     """
     A blind camera that records one room from many places.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the room, the poses and the noise.
-    effects : mapping of str to float
-        As in `Case`.
-    recordings, frames, width, height
-        As in `SceneKey`.
-    usecase : str
-        The mode.
-    moving : bool
-        Whether the camera walks and turns in every recording.
-
-    Attributes
-    ----------
-    solids : Solids
-        The room.
-    camera : BlindCamera
-
+    * `seed`: seed of the room, the poses and the noise
+    * `effects`: as in `Case`
+    * `recordings`, `frames`, `width`, `height`: as in `SceneKey`
+    * `moving`: whether the camera walks and turns in every recording
     """
 
     def __init__(
@@ -110,14 +87,9 @@ class ScannedCamera:
         """
         Write the recordings.
 
-        Parameters
-        ----------
-        folder : pathlib.Path
-            Must exist.
-        told : bool
-            Whether the recordings contain ground truth (`clean_depth`, `reflectivity`), as those
-            of a real camera do not.
-
+        * `folder`: must exist
+        * `told`: whether the recordings contain ground truth (`clean_depth`, `reflectivity`), as
+          those of a real camera do not
         """
         self.camera.record(folder)
         if not told:

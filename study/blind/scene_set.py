@@ -25,19 +25,10 @@ class SceneKey:
     """
     The definition of a set of scenes.
 
-    Attributes
-    ----------
-    usecase : str
-        The mode's name.
-    seed : int
-    pose_mm : float
-        Standard deviation of each recording's pose error along each axis, millimetres. The
-        standard deviation of the angle about each axis is 0.0625 degrees per millimetre.
-    width, height : int
-        Image size, pixels.
-    recordings, frames : int
-        Number of recordings, and of frames in each.
-
+    * `pose_mm`: standard deviation of each recording's pose error along each axis, millimetres.
+      The standard deviation of the angle about each axis is 0.0625 degrees per millimetre.
+    * `width`, `height`: image size, pixels
+    * `recordings`, `frames`: number of recordings, and of frames in each
     """
 
     usecase: str
@@ -61,21 +52,9 @@ class SceneSet:
     """
     Scenes seen from the true poses of the camera and from those that the user knows.
 
-    Parameters
-    ----------
-    key : SceneKey
-    cache : pathlib.Path, optional
-        Folder for rendered images. If it is left out, they are rendered each time.
-
-    Attributes
-    ----------
-    optics : Optics
-    scenes : tuple of Scene
-    twists : numpy.ndarray
-        (R, 6) the nuisance pose errors: turns in radians, shifts in metres.
-    uptimes : numpy.ndarray
-        (R,) seconds since power-on at which each recording begins.
-
+    * `cache`: folder for rendered images. If it is left out, they are rendered each time.
+    * `twists`: (R, 6) the nuisance pose errors: turns in radians, shifts in metres
+    * `uptimes`: (R,) seconds since power-on at which each recording begins
     """
 
     def __init__(self, key: SceneKey, cache: Path | None = None) -> None:

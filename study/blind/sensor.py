@@ -30,19 +30,11 @@ def split_noise(
     """
     Split the base model's noise between the taps and the path of the light.
 
-    Parameters
-    ----------
-    sigma_range : numpy.ndarray
-        (H, W) standard deviation along the ray, metres.
-    K : numpy.ndarray
-        (J,) wavenumbers.
+    * `sigma_range`: (H, W) standard deviation along the ray, metres
+    * `K`: (J,) wavenumbers
 
-    Returns
-    -------
-    tuple of numpy.ndarray
-        Phase noise of each frequency, radians, and jitter of the path, metres; (H, W) float32.
-        Together they give `sigma_range` after the frequencies are combined.
-
+    Returns the phase noise of each frequency, radians, and the jitter of the path, metres; (H, W)
+    float32. Together they give `sigma_range` after the frequencies are combined.
     """
     total = np.sqrt((K**2).sum())
     phase = np.minimum(sigma_range * total, _TAP_NOISE)
@@ -57,27 +49,16 @@ def expose(
     """
     Collect the taps of one frame.
 
-    Parameters
-    ----------
-    light : numpy.ndarray
-        (J, N) complex64 phasors that reach the pixels.
-    source : numpy.ndarray
-        (N,) int32, index of the pixel whose light each pixel gets.
-    amplitude, phase_noise, path_noise : numpy.ndarray
-        (N,) float32 of the scene without effects; they determine the noise.
-    noise_gain : numpy.ndarray
-        (N,) float32 factor on the taps' noise.
-    delay : numpy.ndarray
-        (N,) float32 extra path of each pixel, metres.
-    K : numpy.ndarray
-        (J,) float64 wavenumbers.
-    normals : numpy.ndarray
-        (1 + 4 J, N) float32.
-    jitter : numpy.ndarray
-        (N,) float32 output: extra path, metres.
-    taps : numpy.ndarray
-        (J, 4, N) float32 output, without ambient light.
-
+    * `light`: (J, N) complex64 phasors that reach the pixels
+    * `source`: (N,) int32, index of the pixel whose light each pixel gets
+    * `amplitude`, `phase_noise`, `path_noise`: (N,) float32 of the scene without effects; they
+      determine the noise
+    * `noise_gain`: (N,) float32 factor on the taps' noise
+    * `delay`: (N,) float32 extra path of each pixel, metres
+    * `K`: (J,) float64 wavenumbers
+    * `normals`: (1 + 4 J, N) float32
+    * `jitter`: (N,) float32 output: extra path, metres
+    * `taps`: (J, 4, N) float32 output, without ambient light
     """
     frequencies, count = light.shape
     for i in range(count):
@@ -113,26 +94,17 @@ def unwrap(phasors, K, reference, disagreement, period, out):
     """
     Turn phases into range.
 
-    With one frequency, the result is the range nearest to ``reference`` among those that the
-    phase allows. With two, it is the pair of wraps at which the frequencies agree best, then the
-    mean weighted by the squared wavenumber, up to the common period nearest to ``reference``.
+    With one frequency, the result is the range nearest to ``reference`` among those that the phase
+    allows. With two, it is the pair of wraps at which the frequencies agree best, then the mean
+    weighted by the squared wavenumber, up to the common period nearest to ``reference``.
 
-    Parameters
-    ----------
-    phasors : numpy.ndarray
-        (J, N) complex64, J = 1 or 2.
-    K : numpy.ndarray
-        (J,) float64 wavenumbers, the larger one first.
-    reference : numpy.ndarray
-        (N,) float32 metres.
-    disagreement : numpy.ndarray
-        (N,) float32, radians, added to the difference of the frequencies for the choice of wraps
-        only.
-    period : float
-        The range after which all phases repeat, metres.
-    out : numpy.ndarray
-        (N,) float32 metres.
-
+    * `phasors`: (J, N) complex64, J = 1 or 2
+    * `K`: (J,) float64 wavenumbers, the larger one first
+    * `reference`: (N,) float32 metres
+    * `disagreement`: (N,) float32, radians, added to the difference of the frequencies for the
+      choice of wraps only
+    * `period`: the range after which all phases repeat, metres
+    * `out`: (N,) float32 metres
     """
     turn = 2 * math.pi
     step = turn / K[0]

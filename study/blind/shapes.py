@@ -22,24 +22,15 @@ class Shape:
     """
     A solid, or a room seen from inside.
 
-    Attributes
-    ----------
-    kind : int
-        `BOX`, `ROOM` (a box seen from within) or `BALL`.
-    centre : tuple of float
-        World coordinates, metres.
-    half : tuple of float
-        Half the extent along the axes of the shape, metres; the first value is the radius of a
-        ball.
-    yaw, pitch : float
-        Turn about the vertical, then about the shape's own x axis, radians.
-    light, dark : float
-        The two reflectivities of the texture; floor and ceiling of a room are all `dark`.
-    texture : int
-        `PLAIN` (all `light`), `CHECKER`, `STRIPES` or `MOTTLE`.
-    period : float
-        Period of the texture, metres.
-
+    * `kind`: `BOX`, `ROOM` (a box seen from within) or `BALL`
+    * `centre`: world coordinates, metres
+    * `half`: half the extent along the axes of the shape, metres; the first value is the radius of
+      a ball
+    * `yaw`, `pitch`: turn about the vertical, then about the shape's own x axis, radians
+    * `light`, `dark`: the two reflectivities of the texture; floor and ceiling of a room are all
+      `dark`
+    * `texture`: `PLAIN` (all `light`), `CHECKER`, `STRIPES` or `MOTTLE`
+    * `period`: period of the texture, metres
     """
 
     kind: int
@@ -58,15 +49,10 @@ class Solids:
     """
     Shapes as arrays, for the compiled ray caster.
 
-    Attributes
-    ----------
-    kinds : numpy.ndarray
-        (N,) int64.
-    placement : numpy.ndarray
-        (N, 15) float64: centre, half extent, rotation from own axes to the world (row by row).
-    looks : numpy.ndarray
-        (N, 4) float64: light, dark, texture, period.
-
+    * `kinds`: (N,) int64
+    * `placement`: (N, 15) float64: centre, half extent, rotation from own axes to the world (row
+      by row)
+    * `looks`: (N, 4) float64: light, dark, texture, period
     """
 
     kinds: np.ndarray
@@ -170,21 +156,13 @@ def cast(kinds, placement, looks, R, origin, rays, depth, reflectivity, normal):
     """
     Follow rays to the first surface.
 
-    Parameters
-    ----------
-    kinds, placement, looks
-        From `Solids`.
-    R : numpy.ndarray
-        (3, 3) rotation from camera to world.
-    origin : numpy.ndarray
-        (3,) the camera in the world, metres.
-    rays : numpy.ndarray
-        (N, 2) x/z and y/z in the camera's optical frame.
-    depth, reflectivity : numpy.ndarray
-        (N,) float32 outputs: metres along the optical axis, NaN for no return; 0 to 1.
-    normal : numpy.ndarray
-        (N, 3) float32 output in the world, towards the camera.
-
+    * `kinds`, `placement`, `looks`: from `Solids`
+    * `R`: (3, 3) rotation from camera to world
+    * `origin`: (3,) the camera in the world, metres
+    * `rays`: (N, 2) x/z and y/z in the camera's optical frame
+    * `depth`, `reflectivity`: (N,) float32 outputs: metres along the optical axis, NaN for no
+      return; 0 to 1
+    * `normal`: (N, 3) float32 output in the world, towards the camera
     """
     count = len(kinds)
     starts = np.empty((count, 3))

@@ -18,14 +18,8 @@ class Optics:
     """
     Geometry and mode of the real camera.
 
-    Attributes
-    ----------
-    mode : Mode
-    intrinsics : Intrinsics
-        Those that the user knows: the K of the recordings.
-    internals : Internals
-        What differs inside.
-
+    * `intrinsics`: those that the user knows: the K of the recordings
+    * `internals`: what differs inside
     """
 
     mode: Mode
@@ -107,20 +101,11 @@ class View:
     """
     The scene as the camera sees it in one frame.
 
-    Attributes
-    ----------
-    optics : Optics
-    depth : numpy.ndarray
-        (H, W) float32 metres along the optical axis, NaN for no return.
-    reflectivity : numpy.ndarray
-        (H, W) float32.
-    solids, R, origin
-        The scene and the true pose, for effects that trace rays.
-    rays : numpy.ndarray
-        (H * W, 2) the true rays.
-    irradiance : numpy.ndarray or None
-        Indirect light if it has been computed; see `bounce`.
-
+    * `depth`: (H, W) float32 metres along the optical axis, NaN for no return
+    * `reflectivity`: (H, W) float32
+    * `solids`, `R`, `origin`: the scene and the true pose, for effects that trace rays
+    * `rays`: (H * W, 2) the true rays
+    * `irradiance`: indirect light if it has been computed; see `bounce`
     """
 
     optics: Optics
@@ -231,21 +216,8 @@ def look(
     """
     Render a view.
 
-    Parameters
-    ----------
-    solids : Solids
-        The scene.
-    pose : tuple of numpy.ndarray
-        Rotation camera to world and position.
-    optics : Optics
-        The camera.
-    rays : numpy.ndarray, optional
-        The true rays, if they differ from those that the user knows.
-
-    Returns
-    -------
-    View
-
+    * `pose`: rotation camera to world and position
+    * `rays`: the true rays, if they differ from those that the user knows
     """
     R, origin = pose
     chosen = optics.rays if rays is None else rays

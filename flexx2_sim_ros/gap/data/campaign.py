@@ -8,18 +8,22 @@ from pathlib import Path
 from flexx2_sim_ros.camera import flexx2, Intrinsics, Mode, Profile
 from flexx2_sim_ros.errors import each_once, InputError, unquoted
 from flexx2_sim_ros.gap.calibration.data import READING
-from flexx2_sim_ros.gap.data.arrival import Arrival, find_arrival
-from flexx2_sim_ros.gap.data.frames import choose_frames
+from flexx2_sim_ros.gap.data.frames import (
+    Arrival,
+    choose_frames,
+    find_arrival,
+    first_known,
+    known_in,
+    of_frames,
+    still,
+)
 from flexx2_sim_ros.gap.data.given import given_effects, Table
-from flexx2_sim_ros.gap.data.planes import plane_shifts
 from flexx2_sim_ros.gap.data.registration import RecordingData
-from flexx2_sim_ros.gap.data.truth_frames import first_known, known_in, of_frames, still
 from flexx2_sim_ros.gap.data.units import guessed_scale, largest, reflectivity_from
-from flexx2_sim_ros.gap.data.unknown import fill, nearest
+from flexx2_sim_ros.gap.data.unknown import fill, nearest, plane_shifts
 from flexx2_sim_ros.recording import open_recording, Recording, RecordingReader
-from flexx2_sim_ros.recording.reader import PROCESSED
+from flexx2_sim_ros.recording.reader import PROCESSED, uptime_of
 from flexx2_sim_ros.recording.truth import read_truth, Truth
-from flexx2_sim_ros.recording.uptime import uptime_of
 import numpy as np
 
 

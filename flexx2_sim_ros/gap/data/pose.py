@@ -13,7 +13,7 @@ from flexx2_sim_ros.physics.frame_state import FrameState, Memory, SPEED_OF_LIGH
 from flexx2_sim_ros.physics.geometry import ray_length
 from flexx2_sim_ros.physics.surface import tangents
 from flexx2_sim_ros.profiles.sensor import Sensor
-from flexx2_sim_ros.recording.folders import BAG_FILES
+from flexx2_sim_ros.recording.opening import BAG_FILES
 import numpy as np
 
 # The six small motions, in metres and degrees.

@@ -10,9 +10,9 @@ from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.gap.calibration.features import FEATURES, SIMULATION
 from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
 from flexx2_sim_ros.gap.data.given import together
-from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
 from flexx2_sim_ros.gap.data.pose import base_camera
 from flexx2_sim_ros.gap.data.registration import place, Placed, RecordingData
+from flexx2_sim_ros.gap.data.unknown import PLANE_STEPS
 from flexx2_sim_ros.gap.features.features import features, SIZE
 from flexx2_sim_ros.gap.features.sums import accumulate, Sums
 import numpy as np

@@ -11,7 +11,6 @@ from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import BIASES, covariate_of, Form, forms_of
 from flexx2_sim_ros.gap.forms.bias_fit import BiasFit, FittedForms
-from flexx2_sim_ros.gap.forms.calibratable import calibratable, PATTERN, shapes_of
 from flexx2_sim_ros.gap.forms.geometry import (
     is_fitted_with_poses,
     is_settled,
@@ -29,7 +28,15 @@ from flexx2_sim_ros.gap.forms.looked import (
     Simulator,
 )
 from flexx2_sim_ros.gap.forms.pattern import map_of
-from flexx2_sim_ros.gap.forms.proposals import FormProposal, FormVerdict, judged, variation
+from flexx2_sim_ros.gap.forms.proposals import (
+    calibratable,
+    FormProposal,
+    FormVerdict,
+    judged,
+    PATTERN,
+    shapes_of,
+    variation,
+)
 from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.forms.scale import fit_scale, pose_width, scale_of
 from flexx2_sim_ros.gap.forms.shape_search import Numbers, search

@@ -1,16 +1,25 @@
-"""A form for an effect, and whether left-out recordings pay for it."""
+"""Which effects have a form, a form for one, and whether left-out recordings pay for it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.effects.shapes import Shape
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.physical import distance
+from flexx2_sim_ros.gap.forms import dropout, noise
+from flexx2_sim_ros.gap.forms.bias import BIASES
 from flexx2_sim_ros.gap.forms.bias_fit import is_surely_less
+from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses
+from flexx2_sim_ros.gap.forms.looked import Settings
+from flexx2_sim_ros.gap.forms.shape_search import evaluations
 from flexx2_sim_ros.gap.inference.improvement import measured
+from flexx2_sim_ros.physics.frame_state import Stage
 import numpy as np
 
+PATTERN = 'fixed_pattern'
 # Measures that the distance has no part of, with the change of each that matters.
 _OTHERS = {
     'edge_sigma': FEATURES.tolerances['bias'],
@@ -18,6 +27,42 @@ _OTHERS = {
     'correlation': FEATURES.tolerances['neighbour'],
     'lag': FEATURES.tolerances['lag'],
 }
+
+
+def calibratable(effects: Settings, quick: bool) -> list[str]:
+    """
+    Return which effects have a form, in the order in which they are fitted.
+
+    If ``quick``, the form takes no search by simulation, or a quick one.
+    """
+    shaped = [
+        name
+        for name, kind in registry().items()
+        if (kind.shapes or kind.scale) and name in effects
+    ]
+    before = [name for name in shaped if registry()[name].stage <= Stage.PHASOR]
+    after = [name for name in shaped if name not in before]
+    places = *BIASES, PATTERN, noise.NAME, *dropout.KINDS
+    names = [*before, *(name for name in places if name in effects), *after]
+    return [one for one in names if not (quick and is_searched(one)) or shapes_of(one, quick)]
+
+
+def is_searched(effect: str) -> bool:
+    """Return whether an effect's form is found by simulation."""
+    return bool(registry()[effect].shapes) and not is_fitted_with_poses(effect)
+
+
+def shapes_of(effect: str, quick: bool) -> tuple[Shape, ...]:
+    """Return which shapes of an effect are searched for when a search is quick, or not."""
+    shapes = registry()[effect].shapes
+    return tuple(one for one in shapes if one.quick) if quick else shapes
+
+
+def rounds(effects: Settings, quick: bool) -> int:
+    """Return about how often each recording is judged to fit the forms of these effects."""
+    names = calibratable(effects, quick)
+    searched = [one for one in names if is_searched(one)]
+    return len(names) + sum(evaluations(shapes_of(one, quick), quick) for one in searched)
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from flexx2_sim_ros.effects import of_role, registry
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.data.hidden import Hidden
-from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
+from flexx2_sim_ros.gap.data.unknown import PLANE_STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import combine, Model

@@ -10,9 +10,9 @@ from copy import copy
 
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.calibration.inference import Loss, THRESHOLDS
-from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import free_planes, POSE
+from flexx2_sim_ros.gap.data.unknown import PLANE_STEPS
 from flexx2_sim_ros.gap.features.evidence import Evidence
 import numpy as np
 from scipy import stats

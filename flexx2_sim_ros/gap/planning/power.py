@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.calibration.decisions import calibrated
-from flexx2_sim_ros.gap.data.planes import PLANE_STEPS
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
+from flexx2_sim_ros.gap.data.unknown import PLANE_STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, Column
 from flexx2_sim_ros.gap.inference.decidable import undecided
 from flexx2_sim_ros.gap.inference.decide import hidden_could_explain

@@ -8,8 +8,8 @@ from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.effects.time_offset import time_offset_of, TimeOffset
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.gap.calibration.data import READING
-from flexx2_sim_ros.gap.data.arrival import Arrival
 from flexx2_sim_ros.gap.data.campaign import Found
+from flexx2_sim_ros.gap.data.frames import Arrival
 import numpy as np
 
 _KEYS = tuple(field.name for field in fields(Arrival))

@@ -10,7 +10,7 @@ from flexx2_sim_ros.config_file import read_bytes
 from flexx2_sim_ros.effects import Effect, load_effects, parse_effects
 from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError, shown, shown_path
-from flexx2_sim_ros.gap.data.arrival import Arrival
+from flexx2_sim_ros.gap.data.frames import Arrival
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.prior import USUAL
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED

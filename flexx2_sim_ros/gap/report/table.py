@@ -16,8 +16,8 @@ from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import ENOUGH
 from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.features.simulation import counts_edges
-from flexx2_sim_ros.gap.forms.calibratable import PATTERN
 from flexx2_sim_ros.gap.forms.calibrating import Calibrated
+from flexx2_sim_ros.gap.forms.proposals import PATTERN
 from flexx2_sim_ros.gap.inference.decide import Alternative, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects
 from flexx2_sim_ros.gap.inference.improvement import all_measured, simulated_losses, taken_off
