@@ -10,21 +10,19 @@ from flexx2_sim_ros.camera.frame import Frame
 from flexx2_sim_ros.camera.stages import run_stages
 from flexx2_sim_ros.effects.time_offset import changing
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.physics.axial import hold_reflectivity, model_sigma, observe, scale_by_surface
+from flexx2_sim_ros.physics.axial import hold_reflectivity, observe, prepare, scale_by_surface
 from flexx2_sim_ros.physics.frame_state import (
     check_frequencies,
     EffectProtocol,
     FrameState,
     Memory,
 )
-from flexx2_sim_ros.physics.lateral import displaced_pixels, edge_limit, pixel_sigma, upright_edges
-from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
-from flexx2_sim_ros.physics.surface import analyse, Surface
+from flexx2_sim_ros.physics.lateral import edge_limit, pixel_sigma
+from flexx2_sim_ros.physics.philox import camera_key, stamp_words
+from flexx2_sim_ros.physics.surface import analysis_constants
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2, Mode, Profile
 import numpy as np
-
-_GAUSSIAN = np.float32(0.0)  # fraction of Laplacian edges
 
 
 class Camera:
@@ -101,9 +99,12 @@ class Camera:
         self._key = camera_key(self.seed, name)
         self._coefficients = noise.coefficients
         self._cap = np.float32(noise.incidence_cap)
-        self._edge_sigma = np.float32(pixel_sigma(noise.sigma_x))
-        self._edge_limit = edge_limit(noise.sigma_x)
-        self._neighbourhood = sensor.neighbourhood_px
+        self._jitter = (
+            sensor.neighbourhood_px,
+            np.float32(pixel_sigma(noise.sigma_x)),
+            edge_limit(noise.sigma_x),
+            np.float32(0.0),  # fraction of Laplacian edges
+        )
         self._zero_confidence = np.float32(sensor.zero_at_sigma_m)
 
     @property
@@ -276,14 +277,12 @@ class Camera:
     def _prepare(self, scene: np.ndarray, matrix: np.ndarray) -> '_Prepared':
         height, width = scene.shape
         camera = _intrinsics(np.asarray(matrix, np.float64).tobytes(), width, height)
-        surface = analyse(np.ascontiguousarray(scene), camera, self.mode.sensor)
-        sigma = np.empty((height, width), np.float32)
-        model_sigma(
-            surface.inverse_depth, surface.cos_incidence, self._coefficients, self._cap, sigma
+        constants = analysis_constants(camera, self.mode.sensor)
+        inverse, cosine, sigma, edges = prepare(
+            np.ascontiguousarray(scene), constants, self._coefficients, self._cap
         )
-        row_edges, column_edges = upright_edges(surface.row_jumps, surface.column_jumps)
         outside = self.mode.sensor.outside(camera)
-        return _Prepared(scene, matrix, surface, sigma, row_edges, column_edges, outside)
+        return _Prepared(scene, matrix, inverse, cosine, sigma, edges, outside)
 
     def _expose(
         self,
@@ -295,40 +294,26 @@ class Camera:
         amplitude: np.ndarray,
         confidence: np.ndarray,
     ) -> None:
-        low, high = stamp_words(stamp)
-        normals = np.empty(depth.size, np.float32)
-        fill_normals(self._key, low, high, STREAM_AXIAL, normals)
-        moved, origin = displaced_pixels(
-            prepared.row_edges,
-            prepared.column_edges,
-            *depth.shape,
-            self._neighbourhood,
-            self._edge_sigma,
-            self._edge_limit,
-            self._key,
-            low,
-            high,
-            _GAUSSIAN,
-        )
         model, reflectivity = prepared.sigma, np.ascontiguousarray(albedo)
         surfaces = self.mode.noise.surfaces
         if surfaces is not None and reflectivity.size > 1:
             model = model.copy()
             scale_by_surface(
-                prepared.surface.inverse_depth,
-                prepared.surface.cos_incidence,
+                prepared.inverse_depth,
+                prepared.cos_incidence,
                 reflectivity,
                 surfaces.coefficients,
                 model,
             )
         observe(
-            prepared.surface.inverse_depth,
-            prepared.surface.cos_incidence,
+            prepared.inverse_depth,
+            prepared.cos_incidence,
             model,
             reflectivity,
-            moved,
-            origin,
-            normals,
+            prepared.edges,
+            self._jitter,
+            self._key,
+            *stamp_words(stamp),
             np.float32(self.mode.range_min),
             np.float32(self.mode.range_max),
             self._zero_confidence,
@@ -344,10 +329,10 @@ class _Prepared:
     # What the stamp does not change.
     scene: np.ndarray
     matrix: np.ndarray
-    surface: Surface
+    inverse_depth: np.ndarray
+    cos_incidence: np.ndarray
     sigma: np.ndarray
-    row_edges: np.ndarray
-    column_edges: np.ndarray
+    edges: tuple[np.ndarray, np.ndarray]
     outside: np.ndarray | None
 
     def holds(self, scene: np.ndarray, matrix: np.ndarray) -> bool:

@@ -9,7 +9,7 @@ from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.shapes import Free, Shape
 from flexx2_sim_ros.effects.tables import optional_number
 from flexx2_sim_ros.formulas.scalars import at, f32, most, size, where
-from flexx2_sim_ros.physics.compiled import compiled, loop
+from flexx2_sim_ros.physics.compiled import compiled, inlined, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
@@ -115,22 +115,41 @@ def _filter(depth, sigma, gate, mix, out):
             out[y, x] = _mixed_with_alike(depth, 0, height, width, y, x, limit, mix)
 
 
+@inlined
+def _add_alike(there, here, limits, weight, totals, weights):
+    for x in range(here.size):
+        difference = there[x] - here[x]
+        alike = abs(difference) <= limits[x]  # never true of NaN
+        own = weight if alike else np.float32(0.0)
+        totals[x] += own * (difference if alike else np.float32(0.0))
+        weights[x] += own
+
+
 @loop(error_model='numpy', fastmath=FAST)
 def _filter_widely(depth, sigma, line, gate, mix, out):
     # Weights are products of `line`, from the farthest pixel before to the farthest after.
+    # One shift of the image after the other: a row is vector code then.
     height, width = out.shape
     reach = line.size // 2
+    limits, totals, weights = np.empty((3, width), np.float32)
     for y in range(height):
+        here = depth[y]
         for x in range(width):
-            here = depth[y, x]
-            limit = gate * sigma[y, x]
-            total = np.float32(0.0)
-            weights = np.float32(0.0)
-            for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
-                for xx in range(max(x - reach, 0), min(x + reach + 1, width)):
-                    difference = depth[yy, xx] - here
-                    if abs(difference) <= limit:  # never true of NaN
-                        weight = line[yy - y + reach] * line[xx - x + reach]
-                        total += weight * difference
-                        weights += weight
-            out[y, x] = here + mix * total / weights if weights > 0 else here
+            limits[x] = gate * sigma[y, x]
+            totals[x] = weights[x] = np.float32(0.0)
+        for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
+            for shift in range(-reach, reach + 1):
+                weight = line[yy - y + reach] * line[shift + reach]
+                first, last = max(-shift, 0), min(width - shift, width)
+                if first < last:
+                    _add_alike(
+                        depth[yy, first + shift : last + shift],
+                        here[first:last],
+                        limits[first:last],
+                        weight,
+                        totals[first:last],
+                        weights[first:last],
+                    )
+        for x in range(width):
+            mean = totals[x] / weights[x]
+            out[y, x] = here[x] + mix * mean if weights[x] > 0 else here[x]

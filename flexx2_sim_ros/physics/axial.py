@@ -2,8 +2,9 @@
 
 from flexx2_sim_ros.formulas import pixels, surfaces
 from flexx2_sim_ros.physics.compiled import compiled, inlined, loop
-from flexx2_sim_ros.physics.philox import FAST
-from flexx2_sim_ros.physics.surface import PAD, Surface
+from flexx2_sim_ros.physics.lateral import displaced_pixels, upright_edges
+from flexx2_sim_ros.physics.philox import FAST, fill_normals, STREAM_AXIAL
+from flexx2_sim_ros.physics.surface import PAD, Surface, surface_arrays
 from flexx2_sim_ros.profiles.modes import NoiseModel
 import numpy as np
 
@@ -78,14 +79,30 @@ def sigma_image(
 
 
 @loop(error_model='numpy', fastmath=FAST)
+def prepare(depth, constants, coefficients, cap):
+    """
+    Return what no stamp changes: padded inverse depth, cosine of incidence, sigma_z and edges.
+
+    In one call: at the end of each, a thread waits until no other one holds Python's lock. Depth
+    and constants are as in `surface.surface_arrays`, the others as in `model_sigma`.
+    """
+    p, row_jumps, column_jumps, cosine = surface_arrays(depth, constants)
+    sigma = np.empty(cosine.shape, np.float32)
+    model_sigma(p, cosine, coefficients, cap, sigma)
+    return p, cosine, sigma, upright_edges(row_jumps, column_jumps)
+
+
+@loop(error_model='numpy', fastmath=FAST)
 def observe(
     p,
     cosine,
     model,
     reflectivity,
-    moved,
-    origin,
-    normals,
+    edges,
+    jitter,
+    key,
+    stamp_low,
+    stamp_high,
     range_min,
     range_max,
     zero_confidence,
@@ -103,10 +120,12 @@ def observe(
         Padded inverse depth, cosine of incidence and sigma_z of the surface, as above.
     reflectivity : numpy.ndarray
         (H, W) float32 in 0..1, or (1, 1) for one value everywhere.
-    moved, origin : numpy.ndarray
-        (M,) int32 flat pixel indices: pixels that show another one's surface, and that pixel.
-    normals : numpy.ndarray
-        (H * W,) float32 standard normals.
+    edges : tuple of numpy.ndarray
+        Edges that move along the row and along the column, from `lateral.upright_edges`.
+    jitter : tuple
+        ``neighbourhood``, ``sigma``, ``limit`` and ``laplace`` of `lateral.displaced_pixels`.
+    key, stamp_low, stamp_high
+        The counter-based generator's key and stamp.
     range_min, range_max : float
         Depths outside are invalid, before the noise and after it.
     zero_confidence : float
@@ -116,6 +135,22 @@ def observe(
 
     """
     height, width = depth.shape
+    normals = np.empty(height * width, np.float32)
+    fill_normals(key, stamp_low, stamp_high, STREAM_AXIAL, normals)
+    neighbourhood, edge_sigma, edge_limit, laplace = jitter
+    moved, origin = displaced_pixels(
+        edges[0],
+        edges[1],
+        height,
+        width,
+        neighbourhood,
+        edge_sigma,
+        edge_limit,
+        key,
+        stamp_low,
+        stamp_high,
+        laplace,
+    )
     uniform = reflectivity.size == 1
     limits = range_min, range_max, zero_confidence
     for y in range(height):

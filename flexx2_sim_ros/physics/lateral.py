@@ -45,9 +45,8 @@ def edge_limit(sigma_x: float, laplace: float = 0.0) -> int:
     return min(math.ceil((5 + 5 * laplace) * sigma_x), _FURTHEST)
 
 
-def upright_edges(
-    row_jumps: np.ndarray, column_jumps: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+@loop()
+def upright_edges(row_jumps, column_jumps):
     """
     Sort jumps into edges that move along the row and edges that move along the column.
 
@@ -55,24 +54,16 @@ def upright_edges(
     the row jumps of edges that run nearer to vertical (or exactly diagonal), and the column jumps
     of the others.
     """
-    places = np.flatnonzero((row_jumps | column_jumps).view(np.bool_))
-    edges: tuple[np.ndarray, np.ndarray] = _sort_edges(row_jumps, column_jumps, places)
-    return edges
-
-
-@loop()
-def _sort_edges(row_jumps, column_jumps, places):
-    # At the places where any jump is.
     height, width = row_jumps.shape
-    row_edges, column_edges = np.empty_like(places, np.int32), np.empty_like(places, np.int32)
+    row_edges = np.empty(row_jumps.size, np.int32)
+    column_edges = np.empty(row_jumps.size, np.int32)
     row_count = 0
     column_count = 0
     # Jumps in the window's rows, by column; beyond the image there are none.
     across = np.zeros(width + 2 * WINDOW, np.uint8)
     down = np.zeros(width + 2 * WINDOW, np.uint8)
     entering = 0
-    for place in places:
-        y, x = place // width, place % width
+    for y in range(height):
         while entering <= y + WINDOW:
             if entering < height:
                 for i in range(width):
@@ -84,17 +75,20 @@ def _sort_edges(row_jumps, column_jumps, places):
                     across[i + WINDOW] -= row_jumps[leaving, i]
                     down[i + WINDOW] -= column_jumps[leaving, i]
             entering += 1
-        jumps_across = np.int32(0)
-        jumps_down = np.int32(0)
-        for i in range(2 * WINDOW + 1):
-            jumps_across += across[np.uint32(x + i)]
-            jumps_down += down[np.uint32(x + i)]
-        if _is_upright(jumps_across, jumps_down):
-            row_edges[row_count] = place
-            row_count += row_jumps[y, x]
-        else:
-            column_edges[column_count] = place
-            column_count += column_jumps[y, x]
+        for x in range(width):
+            if not row_jumps[y, x] | column_jumps[y, x]:
+                continue
+            jumps_across = np.int32(0)
+            jumps_down = np.int32(0)
+            for i in range(2 * WINDOW + 1):
+                jumps_across += across[np.uint32(x + i)]
+                jumps_down += down[np.uint32(x + i)]
+            if _is_upright(jumps_across, jumps_down):
+                row_edges[row_count] = y * width + x
+                row_count += row_jumps[y, x]
+            else:
+                column_edges[column_count] = y * width + x
+                column_count += column_jumps[y, x]
     return row_edges[:row_count].copy(), column_edges[:column_count].copy()
 
 

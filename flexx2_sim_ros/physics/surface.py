@@ -66,25 +66,13 @@ def analyse(depth: np.ndarray, intrinsics: Intrinsics, sensor: Sensor) -> Surfac
     values mean no return. Distortion in ``intrinsics`` is not used; ``sensor`` has the thresholds
     of depth jumps.
     """
-    height, width = depth.shape
-    inverse = np.zeros((height + 2 * PAD, width + 2 * PAD), np.float32)
-    invert(depth, inverse)
-    row_jumps = np.zeros((height, width), np.uint8)
-    column_jumps = np.zeros((height, width), np.uint8)
-    jump_share, steep_share = np.float32(sensor.jump_share), np.float32(sensor.steep_share)
-    find_jumps(inverse, jump_share, steep_share, row_jumps, column_jumps)
-    cosine = np.empty((height, width), np.float32)
-    find_incidence(
-        inverse,
-        row_jumps,
-        column_jumps,
-        np.float32(intrinsics.fx),
-        np.float32(intrinsics.fy),
-        np.float32(intrinsics.cx),
-        np.float32(intrinsics.cy),
-        cosine,
-    )
-    return Surface(inverse, row_jumps, column_jumps, cosine)
+    return Surface(*_analyse(depth, analysis_constants(intrinsics, sensor)))
+
+
+def analysis_constants(intrinsics: Intrinsics, sensor: Sensor) -> tuple[np.float32, ...]:
+    """Return what `surface_arrays` needs: ``jump_share, steep_share, fx, fy, cx, cy``."""
+    shares, lens = (sensor.jump_share, sensor.steep_share), intrinsics
+    return tuple(map(np.float32, (*shares, lens.fx, lens.fy, lens.cx, lens.cy)))
 
 
 @loop(error_model='numpy')
@@ -123,7 +111,7 @@ def slope(p2, p1, p0, n1, n2, jump_share, steep_share):
     return _slope_between(p2, p1, p0, n1, n2, jump_before, jump_after)
 
 
-@loop(error_model='numpy', fastmath=FAST)
+@inlined  # A loop within another loop is optimised twice, and rounds in another way.
 def find_incidence(p, row_jumps, column_jumps, fx, fy, cx, cy, out):
     """Write the cosine of the incidence angle of every pixel, with the jumps of `find_jumps`."""
     height, width = out.shape
@@ -162,6 +150,26 @@ def find_incidence(p, row_jumps, column_jumps, fx, fy, cx, cy, out):
             )
             u = np.float32(x) - cx
             out[y, x] = _cos_incidence(here, du, dv, u, v, u / fx, ry, fx, fy)
+
+
+@inlined
+def surface_arrays(depth, constants):
+    """Return the arrays of a `Surface` of (H, W) float32 depth."""
+    height, width = depth.shape
+    jump_share, steep_share, fx, fy, cx, cy = constants
+    inverse = np.zeros((height + 2 * PAD, width + 2 * PAD), np.float32)
+    invert(depth, inverse)
+    row_jumps = np.zeros((height, width), np.uint8)
+    column_jumps = np.zeros((height, width), np.uint8)
+    find_jumps(inverse, jump_share, steep_share, row_jumps, column_jumps)
+    cosine = np.empty((height, width), np.float32)
+    find_incidence(inverse, row_jumps, column_jumps, fx, fy, cx, cy, cosine)
+    return inverse, row_jumps, column_jumps, cosine
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _analyse(depth, constants):
+    return surface_arrays(depth, constants)
 
 
 @loop(error_model='numpy', fastmath=FAST)
