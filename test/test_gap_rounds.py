@@ -8,6 +8,7 @@ from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE
 from flexx2_sim_ros.gap.inference.effects import table_of
+from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.joint import around, nothing, Proposal, proposals
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.work import Simulations
@@ -162,6 +163,46 @@ def test_what_the_others_make_unnecessary_is_taken_off():
     assert some[0].effects == effects
     assert set(some[-1].effects) == {'offset'}
     assert some[-1].loss < some[0].loss
+
+
+def test_the_constant_of_a_bias_goes_by_the_name_of_an_offset():
+    dark, offset = candidate('amplitude_bias', 'knee 1'), candidate('offset')
+    (constant, _), (slope, _) = (term.nodes[0][::-1] for term in dark.terms)
+    signals = {name: signal(k, ('bias',), 1.0) for k, name in enumerate((constant, slope))}
+    model = made(COLUMNS, {constant: 1.0, slope: 2.0}, signals)
+    begin = rounds.begin_with(fit(model, [dark]), [dark, offset])
+    assert [one.effect for one in begin.found] == ['amplitude_bias', 'offset']
+    assert [term.name for one in begin.found for term in one.terms] == ['slope', 'bias']
+    assert begin.values == pytest.approx([-0.006, dark.terms[0].nodes[0][0]], rel=0.05)
+    (alone,) = rounds.begin_with(fit(model, [dark]), [dark]).found
+    assert [term.name for term in alone.terms] == ['slope']
+
+
+@pytest.mark.parametrize(
+    ('rise', 'spread', 'gain', 'kept'),
+    [
+        (0.5, 0.5, (1.0, 2.0), True),
+        (0.5, 0.5, (1.0, 0.5), False),  # the features do not need it
+        (0.5, 0.5, (0.1, 2.0), False),
+        (0.0, 0.5, (5.0, 5.0), False),  # the simulation does not
+        (0.5, 1.2, (1.0, 1.0), False),  # neither is clear
+        (6.0, 1.2, (0.1, 0.1), True),  # more than half of what is left
+        (6.0, 60.0, (0.1, 0.1), False),
+    ],
+)
+def test_effects_stay_that_simulations_and_features_need(rise, spread, gain, kept):
+    effects = {'offset': {}, 'heavy_tails': {}}
+    gains = {'offset': (9.0, 9.0), 'heavy_tails': gain}
+    some = Proposal(effects, [effects] * RECORDINGS, [], 0.0, 0.0, {}, gains)
+    far = np.tile([10.0, 0, 0, 0], (RECORDINGS, 1))
+    rises = {name: np.zeros((RECORDINGS, 4)) for name in effects}
+    rises['offset'][:, 0] = 3.0
+    rises['heavy_tails'][:, 0] = rise + spread * np.array([-1, 1, -1, 1, -1, 1])
+    found = rounds.needed(rounds.ExplainedSet(some, far), rises)
+    assert list(found.proposal.effects) == list(found.rises)
+    assert 'offset' in found.rises
+    assert ('heavy_tails' in found.proposal.effects) == kept
+    assert all(('heavy_tails' in own) == kept for own in found.proposal.without)
 
 
 @pytest.mark.parametrize('modulation', [True, False])

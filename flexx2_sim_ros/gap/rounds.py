@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 import logging
 import math
 from typing import Any
@@ -16,6 +17,8 @@ from flexx2_sim_ros.gap.features.confirm import how_far
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_named
 from flexx2_sim_ros.gap.forms.looked import Simulator
+from flexx2_sim_ros.gap.inference.decidable import constants, decidable_part
+from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.joint import around, Begin, nothing, Proposal, proposals, Table
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.work import noisier, Simulations, summarise_all
@@ -119,18 +122,40 @@ class Campaign:
         return {name: one.far - best.far for name, one in judged}
 
 
-def explain(
-    campaign: Campaign, model: Model, found: Sequence[Candidate], values: np.ndarray
-) -> ExplainedSet:
+def explain(campaign: Campaign, model: Model, accepted: Fit) -> ExplainedSet:
     """
     Return the set of effects that explains the recordings.
 
-    `model` has the recordings beside the simulation without any effect, `found` the effects that
-    were found so far, `values` (n,) their terms.
+    `model` has the recordings beside the simulation without any effect, `accepted` is what was
+    found so far.
     """
-    campaign = replace(campaign, candidates=[_louder(one) for one in campaign.candidates])
-    begin = Begin(tuple(map(_louder, found)), values, tuple(campaign.posed))
-    return refine(campaign, proposals(model, nothing(model), [], campaign.candidates, begin)[1:])
+    candidates = [_louder(_without_constants(one)) for one in campaign.candidates]
+    begin = begin_with(accepted, candidates)
+    campaign = replace(campaign, candidates=candidates, posed=begin.posed)
+    return refine(campaign, proposals(model, nothing(model), [], candidates, begin)[1:])
+
+
+def begin_with(accepted: Fit, candidates: Sequence[Candidate]) -> Begin:
+    """Return what was found, its constants as effects of their own where `candidates` has them."""
+    posed: dict[Candidate, list[float]] = {}
+    found: dict[Candidate, list[float]] = {}
+    moved: dict[str, float] = {}
+    for one, values in accepted.parts:
+        own = dict(zip((term.name for term in one.terms), values, strict=True))
+        part = _louder(_without_constants(one))
+        kept = [own.pop(term.name) for term in part.terms]
+        (posed if one.kind.role == 'pose' else found)[part] = kept
+        moved |= {effect: own[name] for name, effect in constants(one).items() if name in own}
+    for name in set(moved) - {one.effect for one in found}:
+        for other in [one for one in candidates if one.effect == name][:1]:
+            found[other] = [moved[name]]
+    values = np.array([*chain(*posed.values(), *found.values())])
+    return Begin(tuple(found), values, tuple(posed))
+
+
+def _without_constants(one: Candidate) -> Candidate:
+    # The constant of an effect is an offset: in a set it goes by that name.
+    return decidable_part(one, set(constants(one).values()))
 
 
 def _louder(one: Candidate) -> Candidate:
@@ -164,7 +189,7 @@ def refine(campaign: Campaign, begin: Sequence[Proposal]) -> ExplainedSet:
             break
         some = campaign.proposed(now.proposal)
     best = _nearest(visited, ROUNDS.nearer)
-    return _needed(best, campaign.taking_off(best))
+    return needed(best, campaign.taking_off(best))
 
 
 def _whole(far: np.ndarray) -> np.ndarray:
@@ -179,16 +204,21 @@ def surely(rise: np.ndarray) -> float:
     return float(rise.mean() / (rise.std(ddof=1) / math.sqrt(len(rise)) + 1e-9))
 
 
-def _needed(best: ExplainedSet, rises: Mapping[str, np.ndarray]) -> ExplainedSet:
-    # Without effects that neither the simulations nor the features need.
-    least, proposal = ROUNDS.needed * best.apart.mean(), best.proposal
+def needed(best: ExplainedSet, rises: Mapping[str, np.ndarray]) -> ExplainedSet:
+    """
+    Return a set without the effects that it does not need.
+
+    Simulations have to show that an effect is needed, `rises` as of `ExplainedSet`, and features
+    as well, unless the effect takes off much of what is left.
+    """
+    left, proposal = best.apart.mean(), best.proposal
     kept = []
     for name in sorted(rises, key=lambda name: -rises[name][:, 0].mean()):
         rise, (gain, t) = _whole(rises[name]), proposal.gains.get(name, (0.0, 0.0))
-        numbers = rise.mean(), surely(rise), gain, t
-        _LOG.debug('%s: rise %.2f t %.1f, gain %.2f t %.1f', name, *numbers)
-        shown = surely(rise) >= (ROUNDS.t if rise.mean() >= least else ROUNDS.clear)
-        if shown or (gain >= ROUNDS.surely and t >= ROUNDS.sure):
+        shown = surely(rise)
+        _LOG.debug('%s: rise %.2f t %.1f, gain %.2f t %.1f', name, rise.mean(), shown, gain, t)
+        both = gain >= ROUNDS.kept and t >= ROUNDS.t and shown + t >= ROUNDS.both
+        if shown >= ROUNDS.t and (both or rise.mean() >= ROUNDS.large * left):
             kept.append(name)
     less = _without(proposal, set(rises) - set(kept))
     in_order = replace(less, effects={name: less.effects[name] for name in kept})
@@ -215,7 +245,7 @@ def _nearest(some: Sequence[ExplainedSet], within: float = ROUNDS.as_near) -> Ex
         )
     least = min(one.apart.mean() for one in some)
     near = [one for one in some if one.apart.mean() <= (1 + within) * least]
-    return min(near, key=lambda one: one.proposal.loss + ROUNDS.each * len(one.proposal.effects))
+    return min(near, key=lambda one: one.proposal.loss + ROUNDS.gain * len(one.proposal.effects))
 
 
 def _far(

@@ -165,26 +165,25 @@ class Rounds:
         MANY,
     )
     gain: float = constant(0.4, 'loss', 'that an effect must take off to be added', MANY)
+    begins: float = constant(0.7, '', 't over recordings, of such a gain', MANY)
     kept: float = constant(0.2, 'loss', 'that an effect must take off to be kept')
     t: float = constant(
-        0.75, '', 'over recordings, of such a gain; one recording that shows it gives 1', MANY
+        0.75, '', 'over recordings, of what keeps it; one recording that shows it gives 1', MANY
     )
     step: float = constant(0.25, 'of the value', 'by which a number is changed')
     least_step: float = constant(0.05, 'of the usual value', 'likewise')
     reach: float = constant(2.0, 'steps', 'that a number may move in a round')
     as_near: float = constant(0.1, 'of the distance', 'within which the loss decides', MANY)
-    each: float = constant(1.0, 'loss', 'that another effect is worth then', MANY)
     nearer: float = constant(0.02, 'of the distance', 'within which the loss decides at last')
-    needed: float = constant(0.01, 'of the distance', 'that each effect must take off')
-    clear: float = constant(
-        5.0,
-        '',
-        'over recordings, of a smaller distance that each effect takes off: steps of 1 mm',
-        'python -m bench.gap_many --count 8 --seeds 1,4 names the same; test_real_cameras.py: 7.2 '
-        'of the steps of a Kinect at half of its views, -3 of a filter that it lacks',
+    both: float = constant(
+        2.5, '', 'sum of t of the simulations and t of the features that keeps an effect', MANY
     )
-    surely: float = constant(2.0, 'loss', 'that is enough where the distance shows nothing')
-    sure: float = constant(1.5, '', 'over recordings, of such a loss')
+    large: float = constant(
+        0.5,
+        'of what is left',
+        'an effect that takes off more is kept if simulations show it',
+        MANY,
+    )
     true: float = constant(0.8, '', 'probability that is given to effects that rounds add')
 
 

@@ -195,6 +195,16 @@ def _with(covariance: np.ndarray, measured: _Measured) -> np.ndarray:
     return np.asarray((after + after.T) / 2)
 
 
+def constants(candidate: Candidate) -> dict[str, str]:
+    """Return the terms that do what another effect does, with its name."""
+    return {
+        term.name: term.stand_in.effect
+        for one in candidate.kind.hypotheses
+        for term in one.terms
+        if term.stand_in and term.stand_in.decay is None
+    }
+
+
 def decidable_part(candidate: Candidate, hidden: Set[str]) -> Candidate:
     """
     Return a candidate without the terms that change depth just like one of the `hidden` effects.
@@ -203,12 +213,7 @@ def decidable_part(candidate: Candidate, hidden: Set[str]) -> Candidate:
     it for whatever the ground truth leaves open. Hidden are effects that errors of poses and
     planes look like; `candidate` is of none of them.
     """
-    fixed = {
-        term.name
-        for one in candidate.kind.hypotheses
-        for term in one.terms
-        if term.stand_in and term.stand_in.decay is None and term.stand_in.effect in hidden
-    }
+    fixed = {name for name, effect in constants(candidate).items() if effect in hidden}
     free = [term.name not in fixed for term in candidate.terms]
     if all(free) or not any(free):
         return candidate

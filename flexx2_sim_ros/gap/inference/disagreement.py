@@ -70,14 +70,11 @@ def _most_apart(begun: Sequence[_Begun]) -> list[_Begun]:
 
 
 def _without(model: Model, chosen: Fit, name: str) -> Fit:
-    kept, values, i = [], [], 0
-    for candidate in chosen.candidates:
-        n = len(candidate.terms)
-        if candidate.effect != name:
-            kept.append(candidate)
-            values += [*chosen.values[i : i + n]]
-        i += n
-    return chosen if len(kept) == len(chosen.candidates) else fit(model, kept, np.array(values))
+    left = [(one, values) for one, values in chosen.parts if one.effect != name]
+    if len(left) == len(chosen.candidates):
+        return chosen
+    start = np.array([value for _, values in left for value in values])
+    return fit(model, [one for one, _ in left], start)
 
 
 def _begin(model: Model, base: Fit, candidate: Candidate) -> _Begun:

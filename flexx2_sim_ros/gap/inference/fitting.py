@@ -49,6 +49,12 @@ class Fit:
     pose_held_out: float
 
     @property
+    def parts(self) -> list[tuple[Candidate, np.ndarray]]:
+        """Return each candidate with the values of its terms."""
+        ends = np.cumsum([len(one.terms) for one in self.candidates[:-1]], dtype=int)
+        return list(zip(self.candidates, np.split(self.values, ends), strict=False))
+
+    @property
     def total(self) -> float:
         """Loss on held-out recordings."""
         return float(self.held_out.sum()) + self.pose_held_out

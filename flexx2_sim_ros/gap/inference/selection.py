@@ -229,13 +229,12 @@ def without_each(trials: Trials, chosen: Choice) -> list[Choice]:
 def _oddity(one: Fit, about: Thresholds) -> float:
     # Penalty for effects far below typical strength, which are less likely than other effects at
     # typical strength.
-    cost, i = 0.0, 0
-    for candidate in one.candidates:
+    cost = 0.0
+    for candidate, values in one.parts:
         cost += candidate.kind.doubt
         if len(candidate.terms) == 1 and not candidate.steps:
             term = candidate.terms[0]
             usual = abs(term.nodes[len(term.nodes) // 2][0] - term.neutral)
-            size = max(abs(float(one.values[i]) - term.neutral), 1e-3 * usual)
+            size = max(abs(float(values[0]) - term.neutral), 1e-3 * usual)
             cost += about.weak_cost * max(np.log(usual / size) - np.log(about.weak), 0.0)
-        i += len(candidate.terms)
     return cost
