@@ -186,7 +186,7 @@ def test_the_constant_of_a_bias_goes_by_the_name_of_an_offset():
         (0.5, 0.5, (0.1, 2.0), False),
         (0.0, 0.5, (5.0, 5.0), False),  # the simulation does not
         (0.5, 1.2, (1.0, 1.0), False),  # neither is clear
-        (6.0, 1.2, (0.1, 0.1), True),  # more than half of what is left
+        (6.0, 1.2, (0.1, 0.1), True),  # more than a quarter of what is left
         (6.0, 60.0, (0.1, 0.1), False),
     ],
 )

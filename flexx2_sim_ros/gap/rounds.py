@@ -245,7 +245,15 @@ def _nearest(some: Sequence[ExplainedSet], within: float = ROUNDS.as_near) -> Ex
         )
     least = min(one.apart.mean() for one in some)
     near = [one for one in some if one.apart.mean() <= (1 + within) * least]
+    # What more effects explain has to bring the simulation nearer as well.
+    near = [one for one in near if not any(_without_more(other, one) for other in near)]
     return min(near, key=lambda one: one.proposal.loss + ROUNDS.gain * len(one.proposal.effects))
+
+
+def _without_more(one: ExplainedSet, other: ExplainedSet) -> bool:
+    # Whether a part of another set is nearer than that.
+    part = set(one.proposal.effects) < set(other.proposal.effects)
+    return part and one.apart.mean() < other.apart.mean()
 
 
 def _far(

@@ -179,10 +179,11 @@ class Rounds:
         2.5, '', 'sum of t of the simulations and t of the features that keeps an effect', MANY
     )
     large: float = constant(
-        0.5,
+        0.25,
         'of what is left',
-        'an effect that takes off more is kept if simulations show it',
-        MANY,
+        'that an effect takes off which simulations alone keep',
+        'test_gap_real.py: 0.29, saturation of a Kinect; python -m bench.gap_many --count 8,12: '
+        '0.15 and less, effects that a camera lacks',
     )
     true: float = constant(0.8, '', 'probability that is given to effects that rounds add')
 
