@@ -146,9 +146,9 @@ def begin_with(accepted: Fit, candidates: Sequence[Candidate]) -> Begin:
         kept = [own.pop(term.name) for term in part.terms]
         (posed if one.kind.role == 'pose' else found)[part] = kept
         moved |= {effect: own[name] for name, effect in constants(one).items() if name in own}
-    for name in set(moved) - {one.effect for one in found}:
-        for other in [one for one in candidates if one.effect == name][:1]:
-            found[other] = [moved[name]]
+    have = {one.effect for one in found}
+    first = {one.effect: one for one in reversed(candidates)}
+    found |= {first[name]: [moved[name]] for name in moved if name in first and name not in have}
     values = np.array([*chain(*posed.values(), *found.values())])
     return Begin(tuple(found), values, tuple(posed))
 
@@ -246,14 +246,13 @@ def _nearest(some: Sequence[ExplainedSet], within: float = ROUNDS.as_near) -> Ex
     least = min(one.apart.mean() for one in some)
     near = [one for one in some if one.apart.mean() <= (1 + within) * least]
     # What more effects explain has to bring the simulation nearer as well.
-    near = [one for one in near if not any(_without_more(other, one) for other in near)]
+    near = [one for one in near if not any(_nearer_part(other, one) for other in near)]
     return min(near, key=lambda one: one.proposal.loss + ROUNDS.gain * len(one.proposal.effects))
 
 
-def _without_more(one: ExplainedSet, other: ExplainedSet) -> bool:
-    # Whether a part of another set is nearer than that.
-    part = set(one.proposal.effects) < set(other.proposal.effects)
-    return part and one.apart.mean() < other.apart.mean()
+def _nearer_part(one: ExplainedSet, whole: ExplainedSet) -> bool:
+    part = set(one.proposal.effects) < set(whole.proposal.effects)
+    return part and one.apart.mean() < whole.apart.mean()
 
 
 def _far(

@@ -165,10 +165,9 @@ class Rounds:
         MANY,
     )
     gain: float = constant(0.4, 'loss', 'that an effect must take off to be added', MANY)
-    begins: float = constant(0.7, '', 't over recordings, of such a gain', MANY)
     kept: float = constant(0.2, 'loss', 'that an effect must take off to be kept')
     t: float = constant(
-        0.75, '', 'over recordings, of what keeps it; one recording that shows it gives 1', MANY
+        0.7, '', 'over recordings, of such gains; one recording that shows it gives 1', MANY
     )
     step: float = constant(0.25, 'of the value', 'by which a number is changed')
     least_step: float = constant(0.05, 'of the usual value', 'likewise')

@@ -273,6 +273,6 @@ def _with_one_more(state: _State, candidates: Sequence[Candidate]) -> _State | N
     for one in best_of_each(more, last=True):
         if one.gain - chosen.gain < ROUNDS.gain * state.trials.count:
             return None
-        if advantage(one.fit, chosen.fit) >= ROUNDS.begins:
+        if advantage(one.fit, chosen.fit) >= ROUNDS.t:
             return state.more(one)
     return None
