@@ -48,7 +48,7 @@ def finish(process, number=None, code=0):
         process.send_signal(number)
     out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == code, f'{out}{err}'
-    assert 'Traceback' not in f'{out}{err}'
+    assert 'Traceback' not in f'{out}{err}', f'{out}{err}'
     return out
 
 
