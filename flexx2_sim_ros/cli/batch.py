@@ -168,20 +168,10 @@ def draw(
     errors: dict[str, np.ndarray],
 ) -> None:
     """
-    Draw the robot that stands on most steps, and the errors of all robots.
+    Draw the robot that stands on most steps, and the errors of all robots, as PNG.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        PNG to write.
-    clean, noisy : numpy.ndarray
-        (N, H, W) depth of the left cameras without and with noise, metres; 0 is invalid.
-    truth : numpy.ndarray
-        (N, rows, columns) true heights, metres.
-    errors : dict of str to numpy.ndarray
-        (N, rows, columns) height errors of the grids ``without noise`` and ``with noise``, metres;
-        NaN where a cell was not seen.
-
+    ``clean`` and ``noisy`` are (N, H, W) depth of the left cameras, 0 is invalid; ``truth`` and
+    the ``errors`` of the grids are (N, rows, columns) heights, NaN where not seen; all in metres.
     """
     import matplotlib
 

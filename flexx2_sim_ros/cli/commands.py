@@ -64,15 +64,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def make_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
-    """
-    Return the parser of the command line.
-
-    Parameters
-    ----------
-    argv : sequence of str, optional
-        Arguments: only the command that they name has its options. Default: all commands have.
-
-    """
+    """Return the parser; given ``argv``, only the command that it names has its options."""
     parser = _Parser(
         prog='flexx2',
         description='A simulated PMD Flexx2 time-of-flight camera, and tools that measure a depth '

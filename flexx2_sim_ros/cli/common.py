@@ -59,15 +59,7 @@ def read_known(path: str | None) -> dict[str, dict[str, Any]] | None:
 
 @contextmanager
 def progress_bar(console: Console) -> Iterator[Callable[[str, float], None]]:
-    """
-    Show a progress bar on a terminal while the block runs.
-
-    Yields
-    ------
-    callable
-        To be called with what is being done, and the fraction that is done.
-
-    """
+    """Show a progress bar on a terminal; yield a function of what is being done, and how much."""
     with Progress(
         TextColumn('{task.description}', markup=False),
         BarColumn(),

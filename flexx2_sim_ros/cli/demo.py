@@ -190,20 +190,10 @@ def draw(
     profile: Profile,
 ) -> None:
     """
-    Write the picture.
+    Write the picture, PNG, with a row for each mode.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        PNG to write.
-    pictures : mapping
-        By (camera, usecase): clean depth as `go1_cameras` renders it for the profile, and
-        simulated depth in the camera's pixels; metres, NaN for invalid.
-    modes : list of Mode
-        One row each.
-    profile : Profile
-        The camera.
-
+    ``pictures`` are clean depth as `go1_cameras` renders it for the profile, and simulated depth
+    in the camera's pixels, by camera and mode; metres, NaN for invalid.
     """
     import matplotlib
 
@@ -256,23 +246,10 @@ def draw(
 
 def as_seen(rendered: np.ndarray, profile: Profile) -> np.ndarray:
     """
-    Return rendered depth in the pixels of the camera.
+    Return depth of the `centred` camera in the pixels of the camera, (H, W), NaN for invalid.
 
     A renderer has no distortion and the principal point in the middle, so for some cameras it
     draws a larger image.
-
-    Parameters
-    ----------
-    rendered : numpy.ndarray
-        Depth of the `centred` camera, metres.
-    profile : Profile
-        The camera.
-
-    Returns
-    -------
-    numpy.ndarray
-        (H, W) of the camera, NaN for invalid.
-
     """
     camera = profile.intrinsics
     view = Reprojection(camera, centred(camera), sensor=profile.sensor)

@@ -22,22 +22,7 @@ _INVALID = '#3a3a3a'
 
 
 def draw(path: Path, effect: Effect) -> None:
-    """
-    Write the picture of an effect.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        PNG to write.
-    effect : Effect
-        One of the registry, with its parameters.
-
-    Raises
-    ------
-    InputError
-        When the picture cannot be written.
-
-    """
+    """Write the picture of an effect, PNG; raise `InputError` when it cannot be written."""
     import matplotlib
 
     matplotlib.use('Agg')

@@ -17,17 +17,7 @@ PANEL = 2.2  # behind it by less than c / 4f, so that mixed phases give a depth 
 
 @dataclass(frozen=True)
 class DrawnRoom:
-    """
-    Depth and reflectivity of the room.
-
-    Attributes
-    ----------
-    depth : numpy.ndarray
-        (H, W) metres along the optical axis.
-    reflectivity : numpy.ndarray
-        (H, W) in 0..1.
-
-    """
+    """Depth, metres along the optical axis, and reflectivity, 0..1, of the room, (H, W) each."""
 
     depth: np.ndarray
     reflectivity: np.ndarray
@@ -35,16 +25,10 @@ class DrawnRoom:
 
 def room(forward: float = 0.0) -> DrawnRoom:
     """
-    Return the view of a camera that has moved forward.
+    Return the view of a camera that has moved ``forward``, metres, at most 0.3.
 
     A bright wall with a door to a far one, a wall at a right angle to it, a floor, a chart of
     gray shades before a panel, a column, and a white ball close by.
-
-    Parameters
-    ----------
-    forward : float
-        Metres along the optical axis, at most 0.3.
-
     """
     x, y = pixel_rays(flexx2().intrinsics)
     depth = np.full(x.shape, _FAR - forward)
@@ -102,33 +86,15 @@ STEEP = 40.0  # degrees; at steeper incidence, noise hides the effects
 
 @dataclass(frozen=True)
 class EffectView:
-    """
-    What a camera saw of the scene, with an effect and without it.
-
-    Attributes
-    ----------
-    effect : Effect
-        The effect.
-    scene : DrawnRoom
-        The scene, from the start of a moving camera.
-    clean : numpy.ndarray
-        (T, H, W) clean depth, metres.
-    surface : Surface
-        Slopes and edges of `scene`.
-    seconds : numpy.ndarray
-        (T,) times of the frames.
-    frame, rest : Frame
-        T frames with the effect and without it, with the same random numbers.
-
-    """
+    """What a camera saw of the scene in T frames, with an effect and without it."""
 
     effect: Effect
-    scene: DrawnRoom
-    clean: np.ndarray
-    surface: Surface
-    seconds: np.ndarray
-    frame: Frame
-    rest: Frame
+    scene: DrawnRoom  # from the start of a moving camera
+    clean: np.ndarray  # (T, H, W) metres
+    surface: Surface  # slopes and edges of `scene`
+    seconds: np.ndarray  # (T,)
+    frame: Frame  # with the effect
+    rest: Frame  # without it, with the same random numbers
 
     @property
     def kind(self) -> type[Effect]:

@@ -15,17 +15,7 @@ _LONGEST = 20  # characters of a value that an error repeats
 
 
 def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:
-    """
-    Return an argument type: a whole number in a range.
-
-    Parameters
-    ----------
-    low : int
-        The least.
-    high : int, optional
-        The most; None for any.
-
-    """
+    """Return an argument type: a whole number from `low`, up to `high` if there is one."""
 
     def convert(text: str) -> int:
         try:
@@ -41,17 +31,7 @@ def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:
 
 
 def number(low: float, high: float, *, above: bool = False) -> Callable[[str], float]:
-    """
-    Return an argument type: a finite number in a range.
-
-    Parameters
-    ----------
-    low, high : float
-        The least and the most.
-    above : bool
-        Whether `low` itself is out of range.
-
-    """
+    """Return an argument type: a number from `low` (or ``above`` it) to `high`."""
 
     def convert(text: str) -> float:
         try:
@@ -100,18 +80,9 @@ def add_table(parser: Any, table: str, **more: Any) -> None:
     A row is ``NAME: help``, ``NAME METAVAR: help`` with one metavar for each value, or ``NAME
     one|another: help``. Rows that are indented go on with the help above. Without a metavar, a
     name with dashes is a switch. A name alone is an option that several commands have. Empty lines
-    may part off a description above the rows and an example below them.
-
-    Parameters
-    ----------
-    parser : argparse.ArgumentParser or argument group
-        What gets the options.
-    table : str
-        The rows.
-    **more
-        By name, without dashes in front and with ``_`` for others: a dict of what else argparse
-        gets; or the type, a function; or the default, anything else.
-
+    may part off a description above the rows and an example below them. ``more`` has, by name
+    (without dashes in front and with ``_`` for others), a dict of what else argparse gets; or the
+    type, a function; or the default, anything else.
     """
     parts = table.strip('\n').split('\n\n')
     if len(parts) == 3:

@@ -17,15 +17,7 @@ from flexx2_sim_ros.signals import exit_status, SIGNALS
 
 @dataclass
 class Stop:
-    """
-    Whether this process was told to stop; a callable.
-
-    Attributes
-    ----------
-    signals : list of int
-        The signals received.
-
-    """
+    """Whether this process was told to stop, by `signals`; a callable."""
 
     signals: list[int] = field(default_factory=list)
 
@@ -42,18 +34,9 @@ class Stop:
 @contextmanager
 def ros() -> Iterator[Stop]:
     """
-    Start ROS for the block. Ctrl-C and SIGTERM do not interrupt it but are reported.
+    Start ROS for the block, or raise `InputError` when there is none.
 
-    Yields
-    ------
-    Stop
-        Returns whether the process was told to stop.
-
-    Raises
-    ------
-    InputError
-        When there is no ROS.
-
+    Ctrl-C and SIGTERM do not interrupt the block; what is yielded tells of them.
     """
     if importlib.util.find_spec('rclpy') is None:
         raise InputError(
@@ -91,20 +74,8 @@ def nodes(commands: Mapping[str, Sequence[str]], folder: Path) -> Iterator[Proce
     """
     Run nodes as separate processes, with their logs in a folder.
 
-    All end with the block and with this process, even if it is killed.
-
-    Parameters
-    ----------
-    commands : mapping of str to sequence of str
-        By the log's name: a module of ``flexx2_sim_ros.nodes`` and its arguments.
-    folder : pathlib.Path
-        For the logs.
-
-    Yields
-    ------
-    dict of str to subprocess.Popen
-        The processes.
-
+    All end with the block and with this process, even if it is killed. ``commands`` are, by the
+    log's name, a module of ``flexx2_sim_ros.nodes`` and its arguments. Yields the processes.
     """
     processes: Processes = {}
     try:

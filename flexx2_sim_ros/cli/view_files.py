@@ -20,33 +20,11 @@ def open_files(
     path: Path, campaign: Path | None, cameras: Sequence[str], profile: str
 ) -> tuple[dict[str, list[RecordedCamera]], str]:
     """
-    Open what the arguments of `flexx2 view` name.
+    Open the recordings, or the diagnosis and its campaign, that `flexx2 view` names.
 
-    Recordings of a folder that cannot be read are left out with a warning.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        A recording, a folder of recordings or a diagnosis.
-    campaign : pathlib.Path or None
-        The recordings of a diagnosis.
-    cameras : sequence of str
-        Only these cameras of bags; all when empty.
-    profile : str
-        As for `find_profile`.
-
-    Returns
-    -------
-    dict of str to list of RecordedCamera
-        The cameras of each recording, by its name.
-    str
-        The verdict of the diagnosis; empty without one.
-
-    Raises
-    ------
-    InputError
-        When nothing can be shown, or the diagnosis cannot be read.
-
+    Returned are the cameras of each recording, by its name (of bags only `cameras`, unless that is
+    empty), and the verdict of the diagnosis. Recordings of a folder that cannot be read are left
+    out with a warning. Raises InputError when nothing can be shown.
     """
     effects, verdict = None, ''
     if (path / 'diagnosis.json').is_file():
