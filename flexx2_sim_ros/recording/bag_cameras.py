@@ -39,29 +39,18 @@ class CameraTopics:
     """
     The topics of a camera.
 
-    Attributes
-    ----------
-    name : str
-        The namespace, or the node's name if it has no namespace. If the topics' names do not tell
-        the node: the topic of the depth image, without the first slash.
-    node : str
-        Full name of the node; empty if unknown.
-    depth : str
-        Topic of the depth image, also if only the cloud is published.
-    space : str
-        The namespace in which ``clean/depth_image`` is, without a slash at its end.
-    inputs : dict of str to str
-        Topics of clean images that were remapped, by the names that they would have.
-
+    ``name`` is the namespace, or the node's name if it has no namespace. If the topics' names do
+    not tell the node: the topic of the depth image, without the first slash.
     """
 
     name: str
-    node: str
-    depth: str
+    node: str  # full name; empty if unknown
+    depth: str  # also if only the cloud is published
     info: str
     cloud: str
     gray: str
-    space: str
+    space: str  # the namespace in which ``clean/depth_image`` is, without a slash at its end
+    # Topics of clean images that were remapped, by the names that they would have.
     inputs: Mapping[str, str] = field(default_factory=dict)
 
     @property

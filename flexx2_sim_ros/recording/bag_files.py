@@ -42,15 +42,9 @@ class Bag:
     messages are read, and `notes` says how many. No file is changed. Raises InputError when there
     is no bag, or it has no complete message.
 
-    Attributes
-    ----------
-    topics : dict of str to str
-        Types, as ``sensor_msgs/msg/Image``, by topic; topics without messages are left out.
-    latched : set of str
-        Topics whose publishers were transient local according to the bag.
-    notes : list of str
-        Notes for the user; reading can add to them.
-
+    ``topics`` are types, as ``sensor_msgs/msg/Image``, by topic, without topics that have no
+    messages; ``latched`` those whose publishers were transient local according to the bag. Reading
+    can add to the `notes`.
     """
 
     def __init__(self, path: str | Path) -> None:

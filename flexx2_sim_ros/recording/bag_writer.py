@@ -171,25 +171,11 @@ def write_bag(
     that `open_recording` returns every key exactly. A message has the time at which the frame was
     received, if the recording has it, else its stamp. The bag gets its name when it is complete.
 
-    Parameters
-    ----------
-    reader : RecordingReader
-        What to write.
-    path : pathlib.Path
-        The folder, or a single file if the name ends in ``.mcap`` or ``.db3``.
-    storage : str
-        ``mcap`` or ``sqlite3``; the suffix of a single file has priority.
-    camera : str, optional
-        The camera's name (namespace). Default: the recording's name, else ``camera``.
-    progress : callable
-        Called with the fraction of the frames that are written.
-
-    Raises
-    ------
-    InputError
-        When messages cannot have the recording's stamps, the name is not a ROS name, the path
-        exists, or it cannot be written.
-
+    ``path`` is the folder, or a single file if the name ends in ``.mcap`` or ``.db3``, which has
+    priority over ``storage``, ``mcap`` or ``sqlite3``. ``camera`` is the camera's namespace; by
+    default the recording's name, else ``camera``. ``progress`` is called with the fraction of the
+    frames that are written. Raises InputError when messages cannot have the recording's stamps,
+    the name is not a ROS name, the path exists, or it cannot be written.
     """
     name = camera or str(reader.arrays.get('camera', 'camera'))
     if not _NAME.fullmatch(name):

@@ -37,39 +37,19 @@ def convert(
     processed: Callable[[RecordingReader], RecordingReader] = lambda reader: reader,
 ) -> list[tuple[RecordingReader, Path]]:
     """
-    Write a recording in another format, without loss and in bounded memory.
+    Write a recording in another format, without loss; return what was read and written.
 
-    Parameters
-    ----------
-    source : str or pathlib.Path
-        As for `open_recording`, or a folder of PNG or TIFF files, or one of them (see
-        `ImageRecording`), or an HDF5 file (see `OtherArchive`), or a LeRobot data set (see
-        `Dataset`).
-    target : str or pathlib.Path
-        An ``.npz`` file (replaced if it exists), a ``.mcap`` or ``.db3`` file, or a folder for a
-        bag. From a bag with several cameras, if none is chosen, ``out.npz`` becomes
-        ``out_<camera>.npz`` for each.
-    camera : str, optional
-        Which camera of the bag or data set; for another source, its name in the bag.
-    storage : str
-        ``mcap`` or ``sqlite3``, where the target is a folder.
-    given : Given
-        What the file does not say.
-    progress : callable
-        Called with what is being done, and the fraction of it that is done.
-    processed : callable
-        Returns what is written of a recording.
+    * `source`: as for `open_recording`, or what `ImageRecording`, `OtherArchive` (HDF5) or
+      `Dataset` reads.
+    * `target`: an ``.npz`` file (replaced if it exists), a ``.mcap`` or ``.db3`` file, or a folder
+      for a bag. From a bag with several cameras, if none is chosen, ``out.npz`` becomes
+      ``out_<camera>.npz`` for each.
+    * `camera`: which one of the bag or data set; for another source, its name in the bag.
+    * `storage`: ``mcap`` or ``sqlite3``, where the target is a folder.
+    * `progress`: called with what is being done, and the fraction of it that is done.
+    * `processed`: returns what is written of a recording.
 
-    Returns
-    -------
-    list of (RecordingReader, pathlib.Path)
-        What was read and where it was written.
-
-    Raises
-    ------
-    InputError
-        As `open_recording`, `ImageRecording`, `OtherArchive`, `complete` and `write_bag`.
-
+    Raises InputError as what reads and writes, and `complete`.
     """
     source, target = Path(source), Path(target)
     check_distinct(source, target)

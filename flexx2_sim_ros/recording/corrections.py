@@ -22,56 +22,29 @@ MILLIMETRE = 0.001
 
 @dataclass(frozen=True)
 class Given:
-    """
-    What a user says of a recording.
-
-    Attributes
-    ----------
-    usecase : str or None
-        The camera's mode.
-    mask : pathlib.Path or None
-        A PNG of the images' size: the ground truth of its black pixels is unknown.
-    rate_hz : float or None
-        Frames a second, for files without stamps.
-    calibration : pathlib.Path or None
-        A file with the lens; see `read_calibration`.
-    unit : float or None
-        Metres of a count of depth, for images and ``.npz`` files of other programs.
-    keys : mapping of str to str
-        Keys of the recording format, and what an ``.npz`` file of another program calls them.
-    partial_truth : bool
-        Whether the ground truth is unknown where `clean_depth` is NaN, and not "no return".
-    clean, infrared : str or None
-        Topics of a bag: of the clean depth images, if it is not ``clean/depth_image``, and of the
-        infrared image, where the bag does not tell.
-    radial : bool
-        Whether depth is measured along the ray of each pixel instead of along the optical axis.
-    intrinsics : tuple of float or None
-        fx, fy, cx, cy, pixels, instead of a calibration file.
-    rectified : bool or None
-        Whether depth is rectified: it has the projection matrix of the calibration or camera info,
-        and no distortion. None: the name of a bag's topic says it.
-    profile : Profile or None
-        The camera: it has the mode. None: the mode may be that of any camera.
-    episode : int or None
-        Which one of a LeRobot data set.
-
-    """
+    """What a user says of a recording."""
 
     usecase: str | None = None
+    # A PNG of the images' size: the ground truth of its black pixels is unknown.
     mask: Path | None = None
-    rate_hz: float | None = None
-    calibration: Path | None = None
+    rate_hz: float | None = None  # for files without stamps
+    calibration: Path | None = None  # a file with the lens; see `read_calibration`
+    # Of files of other programs: metres of a count of depth, and their names of keys.
     unit: float | None = None
     keys: Mapping[str, str] = field(default_factory=dict)
+    # Whether the ground truth is unknown where `clean_depth` is NaN, and not "no return".
     partial_truth: bool = False
+    # Topics of a bag: of clean depth, if it is not ``clean/depth_image``, and of the infrared
+    # image, where the bag does not tell.
     clean: str | None = None
     infrared: str | None = None
-    radial: bool = False
-    intrinsics: tuple[float, ...] | None = None
+    radial: bool = False  # depth is along the ray of each pixel, not along the optical axis
+    intrinsics: tuple[float, ...] | None = None  # fx, fy, cx, cy, pixels: no calibration file
+    # Whether depth has the projection matrix of the lens, and no distortion. None: the name of a
+    # bag's topic says it.
     rectified: bool | None = None
-    profile: Profile | None = None
-    episode: int | None = None
+    profile: Profile | None = None  # has the mode; None: that may be a mode of any camera
+    episode: int | None = None  # of a LeRobot data set
 
     @property
     def of_files(self) -> list[str]:

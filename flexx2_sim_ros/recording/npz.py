@@ -195,15 +195,7 @@ class RecordingWriter:
         """
         Add another array of depth's shape, frame by frame; after all depth frames.
 
-        Parameters
-        ----------
-        key : str
-            Its name.
-        dtype : numpy.dtype
-            Type in which each (H, W) frame is stored.
-        frames : iterable of numpy.ndarray
-            As many as `depth` has.
-
+        It has `dtype`; there must be as many (H, W) `frames` as depth has.
         """
         if self._left:
             raise InputError(f'depth: {self._left} frames are missing before {key!r}')

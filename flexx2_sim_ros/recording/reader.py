@@ -83,30 +83,14 @@ class Layout:
 
 @dataclass
 class Content:
-    """
-    What a file has.
+    """What a file has."""
 
-    Attributes
-    ----------
-    layouts : dict of str to Layout
-        The stacks: keys with one image a frame. ``depth`` is float32.
-    arrays : dict of str to numpy.ndarray
-        All other keys of the recording format.
-    notes : list of str
-        As in `Recording`.
-    changes : list of str
-        Those notes that say that the mode or the camera changes midway: ``usecase`` and ``K`` are
-        those at the start.
-    frames : int
-        How many images ``depth`` has; needed where there is no stamp.
-
-    """
-
-    layouts: dict[str, Layout]
-    arrays: dict[str, np.ndarray]
-    notes: list[str] = field(default_factory=list)
+    layouts: dict[str, Layout]  # keys with one image a frame; ``depth`` is float32
+    arrays: dict[str, np.ndarray]  # all other keys
+    notes: list[str] = field(default_factory=list)  # as in `Recording`
+    # Notes that say that the mode or the camera changes midway: `arrays` has those at the start.
     changes: list[str] = field(default_factory=list)
-    frames: int = 0
+    frames: int = 0  # images of ``depth``; needed where there is no stamp
 
 
 class RecordingReader(ABC):

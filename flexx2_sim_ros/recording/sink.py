@@ -26,15 +26,8 @@ class BagSink:
     `put` never waits: it refuses messages when the queue is full. If this process crashes, the
     bag lacks at most the last second. The writer is opened and closed by the thread.
 
-    Attributes
-    ----------
-    error : InputError or None
-        Why writing ended early; later messages are refused.
-    waiting : int
-        Bytes in the queue.
-    remarks : dict of str to str
-        Remarks that are added to the bag's custom data at its end.
-
+    `error` says why writing ended early; later messages are refused. `waiting` are the bytes in
+    the queue. `remarks` are added to the bag's custom data at its end.
     """
 
     def __init__(self, writer: BagWriter, capacity: int) -> None:

@@ -55,29 +55,14 @@ class Truth:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """
-    A recording's ground truth in a few numbers, each None where the recording does not say.
+    """A recording's ground truth in a few numbers, each None where the recording does not say."""
 
-    Attributes
-    ----------
-    unknown : float
-        Fraction of the pixels.
-    sigma : float or None
-        Median of `clean_sigma` where known, metres.
-    pose, turn : float or None
-        Root mean square standard deviation of the pose, metres and degrees an axis.
-    planes : int
-        How many have constraints instead of values.
-    offset, tilt : float or None
-        Root mean square standard deviation of the planes' parameters, metres and degrees.
-
-    """
-
-    unknown: float = 0.0
-    sigma: float | None = None
+    unknown: float = 0.0  # fraction of the pixels
+    sigma: float | None = None  # median of `clean_sigma` where known, metres
+    # Root mean square standard deviation of the pose, metres and degrees an axis:
     pose: float | None = None
     turn: float | None = None
-    planes: int = 0
+    planes: int = 0  # with constraints instead of values; and of their parameters:
     offset: float | None = None
     tilt: float | None = None
 
