@@ -35,7 +35,7 @@ apidoc_modules = [
             *(f'**/{room}/**' for room in ('cli', 'nodes', 'view')),
             *(f'**/gap/{room}/**' for room in ('data', 'features', 'inference', 'report')),
             '**/*kernels.py',
-            '**/batch/arithmetic.py',
+            '**/batch/compiled.py',
             '**/batch/effect_formulas.py',
             '**/batch/effect_tables.py',
         ],

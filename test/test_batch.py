@@ -12,12 +12,12 @@ from flexx2_sim_ros.batch import (
     bounce,
     DepthNoise,
     edge_kernels,
-    geometry_kernels,
-    history_kernels,
+    geometry,
+    history,
     images,
     kernels,
     scatter,
-    timing_kernels,
+    timing,
 )
 from flexx2_sim_ros.batch.effect_tables import BATCHED
 from flexx2_sim_ros.camera import Camera, flexx2
@@ -272,8 +272,7 @@ def test_calls_are_in_the_order_of_torchs_stream():
 
 
 @pytest.mark.parametrize(
-    'module',
-    [kernels, edge_kernels, geometry_kernels, history_kernels, timing_kernels, bounce, scatter],
+    'module', [kernels, edge_kernels, geometry, history, timing, bounce, scatter]
 )
 def test_kernels_compile_for_cuda(module, tmp_path):
     """Without a GPU this is all that can be said; effect_kernels takes 5 s and is left out."""

@@ -10,47 +10,29 @@ after the other on the CPU; on CUDA as many apart as the row has threads, so tha
 threads read neighbouring memory.
 """
 
+from typing import Any
+
 import warp as wp
 
 PIXELS_A_THREAD = 4  # on CUDA, as many as share a counter of random numbers
-_GET = 'assert(i >= 0 && i < a.shape[0]); return a.data[i];'
-_PUT = 'assert(i >= 0 && i < a.shape[0]); a.data[i] = v;'
 
 
-@wp.func_native(_GET)
-def at(a: wp.array(dtype=wp.float32), i: wp.int32) -> wp.float32:
-    """Return an element."""
-    ...
+def _getter(kind: Any) -> Any:
+    @wp.func_native('assert(i >= 0 && i < a.shape[0]); return a.data[i];')
+    def at(a: wp.array(dtype=kind), i: wp.int32) -> kind: ...
+
+    return at
 
 
-@wp.func_native(_GET)
-def at_byte(a: wp.array(dtype=wp.uint8), i: wp.int32) -> wp.uint8:
-    """Return an element."""
-    ...
+def _putter(kind: Any) -> Any:
+    @wp.func_native('assert(i >= 0 && i < a.shape[0]); a.data[i] = v;')
+    def put(a: wp.array(dtype=kind), i: wp.int32, v: kind) -> None: ...
+
+    return put
 
 
-@wp.func_native(_GET)
-def at_word(a: wp.array(dtype=wp.uint16), i: wp.int32) -> wp.uint16:
-    """Return an element."""
-    ...
-
-
-@wp.func_native(_PUT)
-def put(a: wp.array(dtype=wp.float32), i: wp.int32, v: wp.float32) -> None:
-    """Write an element."""
-    ...
-
-
-@wp.func_native(_PUT)
-def put_byte(a: wp.array(dtype=wp.uint8), i: wp.int32, v: wp.uint8) -> None:
-    """Write an element."""
-    ...
-
-
-@wp.func_native(_PUT)
-def put_word(a: wp.array(dtype=wp.uint16), i: wp.int32, v: wp.uint16) -> None:
-    """Write an element."""
-    ...
+at, at_byte, at_word = map(_getter, (wp.float32, wp.uint8, wp.uint16))
+put, put_byte, put_word = map(_putter, (wp.float32, wp.uint8, wp.uint16))
 
 
 def _where(on_cuda: str, on_cpu: str) -> str:
@@ -128,25 +110,15 @@ def on_cuda() -> wp.bool:
     ...
 
 
-@wp.func_native(_where('return exp2f(y);', 'return 0.0f;'))
-def quick_exp2(y: wp.float32) -> wp.float32:
-    """Return 2 to a power, on CUDA."""
-    ...
+def _on_cuda_only(code: str) -> Any:
+    @wp.func_native(_where(code, 'return 0.0f;'))
+    def quick(x: wp.float32) -> wp.float32: ...
+
+    return quick
 
 
-@wp.func_native(_where('return __log2f(x);', 'return 0.0f;'))
-def quick_log2(x: wp.float32) -> wp.float32:
-    """Return the binary logarithm, on CUDA."""
-    ...
-
-
-@wp.func_native(_where('return __cosf(6.2831853f * (turns - rintf(turns)));', 'return 0.0f;'))
-def quick_cosine(turns: wp.float32) -> wp.float32:
-    """Return the cosine of an angle in turns, on CUDA."""
-    ...
-
-
-@wp.func_native(_where('return __sinf(6.2831853f * (turns - rintf(turns)));', 'return 0.0f;'))
-def quick_sine(turns: wp.float32) -> wp.float32:
-    """Return the sine of an angle in turns, on CUDA."""
-    ...
+quick_exp2 = _on_cuda_only('return exp2f(x);')
+quick_log2 = _on_cuda_only('return __log2f(x);')
+# Of an angle in turns:
+quick_cosine = _on_cuda_only('return __cosf(6.2831853f * (x - rintf(x)));')
+quick_sine = _on_cuda_only('return __sinf(6.2831853f * (x - rintf(x)));')

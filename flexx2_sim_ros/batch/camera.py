@@ -112,7 +112,7 @@ class BatchCamera:
         self._invalid = _INVALID[invalid_value]
         self._seeds, self._name = seeds(seed, self.num_envs), name
         keys = np.stack([camera_key(one, name) for one in self._seeds])
-        self._rows = Rows.of(keys, self.device)
+        self._rows = Rows(keys, self.device)
         self.stamps = self._rows.stamps
         self._shortest_ns = min(map(period_ns, self.profile.modes))
         self._timing = FrameTiming(step_s, self._rows, self.device)

@@ -4,14 +4,53 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from flexx2_sim_ros.batch import drawn_kernels
 from flexx2_sim_ros.batch.effect_tables import Effects, effects_row
+from flexx2_sim_ros.batch.frame import OPTIONS
 from flexx2_sim_ros.batch.images import launch, Rows
 from flexx2_sim_ros.effects import Effect, Randomisation
 from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, shown
 import numpy as np
 import warp as wp
+
+wp.set_module_options(OPTIONS)
+
+
+@wp.kernel
+def draw(
+    mask: wp.array(dtype=wp.bool),
+    pool: wp.array(dtype=Effects),
+    seed: wp.int32,
+    counts: wp.array(dtype=wp.int32),
+    drawn: wp.array(dtype=wp.int32),
+):
+    """Draw another camera of the pool for each chosen environment that draws its cameras."""
+    i = wp.tid()
+    if mask[i] and drawn[i] >= 0:
+        state = wp.rand_init(seed + i, counts[i])
+        drawn[i] = wp.int32(wp.randu(state) % wp.uint32(pool.shape[0]))
+        counts[i] = counts[i] + 1
+
+
+@wp.kernel
+def take(
+    mask: wp.array(dtype=wp.bool),
+    pool: wp.array(dtype=Effects),
+    drawn: wp.array(dtype=wp.int32),
+    pool_latencies: wp.array(dtype=wp.int64),
+    pool_delays: wp.array(dtype=wp.int64),
+    effects: wp.array(dtype=Effects),
+    latencies: wp.array(dtype=wp.int64),
+    delays: wp.array(dtype=wp.int64),
+):
+    """Give each chosen environment the effects of its camera, and its `TimeOffset`."""
+    i = wp.tid()
+    if mask[i] and drawn[i] >= 0:
+        k = drawn[i]
+        effects[i] = pool[k]
+        latencies[i] = pool_latencies[k]
+        delays[i] = pool_delays[k]
+
 
 # What an effect has these for is computed once, when the batch is set up.
 _ONCE = {'pose', 'view', 'edges'}
@@ -56,7 +95,7 @@ class DrawnCameras:
         self._counts, self.drawn = (
             wp.zeros(num_envs, dtype=wp.int32, device=device) for _ in range(2)
         )
-        wp.load_module(drawn_kernels, device=device)
+        wp.load_module(__name__, device=device)
         with wp.ScopedDevice(device):
             self.draw(wp.ones(num_envs, dtype=wp.bool, device=device))
 
@@ -73,7 +112,7 @@ class DrawnCameras:
     def draw(self, mask: wp.array) -> None:
         """Draw another camera for environments; ``mask`` is (N,) bool on the device."""
         parts = self._pool, self._seed, self._counts, self.drawn
-        launch(drawn_kernels.draw, mask.size, mask, *parts)
+        launch(draw, mask.size, mask, *parts)
 
     def scale(self, share: float) -> None:
         """Multiply the strengths of all cameras, as they were drawn, by 0 to 1."""
@@ -112,7 +151,7 @@ class DrawnCameras:
         self._rows = rows
         pool = self._pool, self.drawn, self._latencies, self._delays
         own = rows.effects, rows.latencies, rows.delays
-        launch(drawn_kernels.take, mask.size, mask, *pool, *own)
+        launch(take, mask.size, mask, *pool, *own)
 
 
 def can_be_drawn_again(effect: Effect) -> bool:

@@ -1,8 +1,7 @@
 """Lateral noise as Warp kernels: edges that jitter as a whole; see `physics.lateral`."""
 
-from flexx2_sim_ros.batch.arithmetic import COLUMN_EDGES, counter_of, edge_draw, ROW_EDGES
 from flexx2_sim_ros.batch.arrays import at_byte, put_byte, put_least
-from flexx2_sim_ros.batch.compiled import compiled
+from flexx2_sim_ros.batch.compiled import COLUMN_EDGES, compiled, counter_of, edge_draw, ROW_EDGES
 from flexx2_sim_ros.batch.frame import (
     BORDER,
     Frame,

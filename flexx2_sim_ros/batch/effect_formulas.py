@@ -2,9 +2,15 @@
 
 import math
 
-from flexx2_sim_ros.batch.arithmetic import counter_of, four_normals, one_of, philox4x32, uniform
 from flexx2_sim_ros.batch.arrays import at, at_byte
-from flexx2_sim_ros.batch.compiled import compiled
+from flexx2_sim_ros.batch.compiled import (
+    compiled,
+    counter_of,
+    four_normals,
+    one_of,
+    philox4x32,
+    uniform,
+)
 from flexx2_sim_ros.batch.effect_tables import Light
 from flexx2_sim_ros.batch.frame import BORDER, Own, padded, place, Surfaces
 from flexx2_sim_ros.batch.kernels import cos_incidence

@@ -9,9 +9,8 @@ that sees it.
 import math
 from typing import Any
 
-from flexx2_sim_ros.batch.arithmetic import arccos, log_from_zero
 from flexx2_sim_ros.batch.arrays import at, put
-from flexx2_sim_ros.batch.compiled import compiled
+from flexx2_sim_ros.batch.compiled import arccos, compiled, log_from_zero
 from flexx2_sim_ros.batch.effect_formulas import draw_four, unwrapped, wrapped
 from flexx2_sim_ros.batch.frame import (
     blocks_of,

@@ -230,91 +230,80 @@ def always(f: Frame, own: Own) -> wp.bool:
     return True
 
 
-def of_pixels(when: Any = always, **options: Any) -> Callable[[Any], Any]:
-    """
-    Make a kernel of what the decorated function does in a pixel.
+def _maker(kernel_of: Callable[[Any, Any], Any]) -> Callable[..., Callable[[Any], Any]]:
+    # A decorator that makes a kernel of what a function does in a pixel, in the function's own
+    # module, which is compiled when it is needed. `when`, of `Frame` and `Own`, says whether the
+    # environment needs it; `options` are those of `warp.kernel`.
+    def of(when: Any = always, **options: Any) -> Callable[[Any], Any]:
+        def decorate(body: Any) -> Any:
+            kernel = kernel_of(wp.func(body), when)
+            kernel.__name__, kernel.__qualname__ = body.__name__, f'{body.__qualname__}_everywhere'
+            kernel.__doc__ = body.__doc__
+            return wp.kernel(kernel, module=wp.get_module(body.__module__), **options)
 
-    The function takes `Frame`, `Own`, the environment of the pass, row and column. `when`, of
-    `Frame` and `Own`, says whether the environment needs it; `options` are those of `warp.kernel`.
-    """
+        return decorate
 
-    def decorate(body: Any) -> Any:
-        in_pixel = wp.func(body)
+    of.__doc__ = kernel_of.__doc__
+    return of
 
-        def kernel(f: Frame):
-            n, y, c = wp.tid()
-            own = own_of(f, n)
-            if when(f, own):
+
+@_maker
+def of_pixels(in_pixel: Any, when: Any) -> Any:
+    """Make a kernel of a function of `Frame`, `Own`, environment of the pass, row and column."""
+
+    def kernel(f: Frame):
+        n, y, c = wp.tid()
+        own = own_of(f, n)
+        if when(f, own):
+            x = first_of(c, f.chunk)
+            end = end_of(c, f.chunk, f.lens.width)
+            stride = stride_of(f.lens.width)
+            while x < end:
+                in_pixel(f, own, n, y, x)
+                x += stride
+
+    return kernel
+
+
+@_maker
+def of_frequencies(in_pixel: Any, when: Any) -> Any:
+    """Make a kernel as `of_pixels`, of a function that takes a frequency after `Own`."""
+
+    def kernel(f: Frame):
+        n, y, c = wp.tid()
+        own = own_of(f, n)
+        if when(f, own):
+            end = end_of(c, f.chunk, f.lens.width)
+            stride = stride_of(f.lens.width)
+            k = wp.int32(0)
+            while k < own.light.frequencies:
+                own.turns = own.light.turns[k]
+                own.weight = own.light.weights[k]
                 x = first_of(c, f.chunk)
-                end = end_of(c, f.chunk, f.lens.width)
-                stride = stride_of(f.lens.width)
                 while x < end:
-                    in_pixel(f, own, n, y, x)
+                    in_pixel(f, own, k, n, y, x)
                     x += stride
+                k += 1
 
-        return _made(kernel, body, options)
-
-    return decorate
-
-
-def of_frequencies(when: Any = always, **options: Any) -> Callable[[Any], Any]:
-    """
-    Make a kernel of what a function does in a pixel at a modulation frequency: see `of_pixels`.
-
-    The decorated function takes the number of the frequency after `Own`.
-    """
-
-    def decorate(body: Any) -> Any:
-        in_pixel = wp.func(body)
-
-        def kernel(f: Frame):
-            n, y, c = wp.tid()
-            own = own_of(f, n)
-            if when(f, own):
-                end = end_of(c, f.chunk, f.lens.width)
-                stride = stride_of(f.lens.width)
-                k = wp.int32(0)
-                while k < own.light.frequencies:
-                    own.turns = own.light.turns[k]
-                    own.weight = own.light.weights[k]
-                    x = first_of(c, f.chunk)
-                    while x < end:
-                        in_pixel(f, own, k, n, y, x)
-                        x += stride
-                    k += 1
-
-        return _made(kernel, body, options)
-
-    return decorate
+    return kernel
 
 
-def of_listed(when: Any = always) -> Callable[[Any], Any]:
-    """Make a kernel of what it does in a listed pixel: see `of_pixels`."""
+@_maker
+def of_listed(in_pixel: Any, when: Any) -> Any:
+    """Make a kernel as `of_pixels`, for the listed pixels alone."""
 
-    def decorate(body: Any) -> Any:
-        in_pixel = wp.func(body)
+    def kernel(f: Frame):
+        n, thread = wp.tid()
+        own = own_of(f, n)
+        if when(f, own):
+            entry = wp.int32(thread)
+            while entry < f.listed[n * SPREAD]:
+                pixel = f.pixel_list[n * f.lens.height * f.lens.width + entry]
+                y = pixel / f.lens.width
+                in_pixel(f, own, n, y, pixel - y * f.lens.width)
+                entry += f.threads
 
-        def kernel(f: Frame):
-            n, thread = wp.tid()
-            own = own_of(f, n)
-            if when(f, own):
-                entry = wp.int32(thread)
-                while entry < f.listed[n * SPREAD]:
-                    pixel = f.pixel_list[n * f.lens.height * f.lens.width + entry]
-                    y = pixel / f.lens.width
-                    in_pixel(f, own, n, y, pixel - y * f.lens.width)
-                    entry += f.threads
-
-        return _made(kernel, body, {})
-
-    return decorate
-
-
-def _made(kernel: Any, body: Any, options: dict[str, Any]) -> Any:
-    # In the body's own module, which is compiled when it is needed.
-    kernel.__name__, kernel.__qualname__ = body.__name__, f'{body.__qualname__}_everywhere'
-    kernel.__doc__ = body.__doc__
-    return wp.kernel(kernel, module=wp.get_module(body.__module__), **options)
+    return kernel
 
 
 @wp.func

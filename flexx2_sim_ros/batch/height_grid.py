@@ -2,11 +2,65 @@
 
 from typing import Any
 
-from flexx2_sim_ros.batch import robot_kernels
+from flexx2_sim_ros.batch.compiled import compiled
+from flexx2_sim_ros.batch.frame import OPTIONS
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.consumers.height_grid import AHEAD, LEAST, LEFT, REACH
+from flexx2_sim_ros.consumers.height_grid import AHEAD, from_cell, LEAST, LEFT, nearest_cell, REACH
 import numpy as np
 import warp as wp
+
+wp.set_module_options(OPTIONS)
+
+_nearest_cell = compiled(nearest_cell)
+_from_cell = compiled(from_cell)
+
+
+@wp.kernel
+def add_points(
+    depth: wp.array3d(dtype=wp.float32),
+    focal: wp.vec2f,
+    centre: wp.vec2f,
+    position: wp.array(dtype=wp.vec3f),
+    rotation: wp.array(dtype=wp.mat33f),
+    first: wp.vec2f,
+    pitch: wp.float32,
+    reach: wp.float32,
+    total: wp.array3d(dtype=wp.float32),
+    count: wp.array3d(dtype=wp.float32),
+):
+    """Add the point of a pixel to the cell it lies in, if it lies near the middle."""
+    n, v, u = wp.tid()
+    z = depth[n, v, u]
+    if not z > 0.0:
+        return
+    ray = wp.vec3f(
+        (wp.float32(u) - centre[0]) / focal[0], (wp.float32(v) - centre[1]) / focal[1], 1.0
+    )
+    point = position[n] + rotation[n] * (z * ray)
+    row = _nearest_cell(point[0], first[0], pitch)
+    column = _nearest_cell(point[1], first[1], pitch)
+    i, j = wp.int32(row), wp.int32(column)
+    if i < 0 or j < 0 or i >= total.shape[1] or j >= total.shape[2]:
+        return
+    across = wp.max(
+        _from_cell(point[0], first[0], pitch, row), _from_cell(point[1], first[1], pitch, column)
+    )
+    if across <= reach:
+        wp.atomic_add(total, n, i, j, point[2])
+        wp.atomic_add(count, n, i, j, 1.0)
+
+
+@wp.kernel
+def mean(
+    total: wp.array3d(dtype=wp.float32),
+    count: wp.array3d(dtype=wp.float32),
+    least: wp.float32,
+    out: wp.array3d(dtype=wp.float32),
+):
+    """Write the mean height in a cell, NaN below ``least`` points."""
+    n, i, j = wp.tid()
+    seen = count[n, i, j]
+    out[n, i, j] = wp.where(seen >= least, total[n, i, j] / wp.max(seen, 1.0), wp.nan)
 
 
 class HeightGrid:
@@ -66,7 +120,7 @@ class HeightGrid:
         """
         camera, device = self._camera, self._total.device
         wp.launch(
-            robot_kernels.add_points,
+            add_points,
             depth.shape,
             [
                 depth,
@@ -86,7 +140,7 @@ class HeightGrid:
     def heights(self) -> wp.array:
         """Return (N, A, L) float32 metres, NaN without a measurement."""
         wp.launch(
-            robot_kernels.mean,
+            mean,
             self._total.shape,
             [self._total, self._count, float(self._least), self._heights],
             device=self._total.device,

@@ -1,7 +1,6 @@
 """The images of one frame in the making, on the device, and the launches that make it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 import math
 from typing import Any
@@ -32,68 +31,32 @@ def many_threads(device: Any) -> bool:
     return bool(device.is_cuda)
 
 
-@dataclass(frozen=True)
 class Rows:
     """
     The mode, effects, key and stamps of each environment, (N,) arrays on the device.
 
-    Attributes
-    ----------
-    noises, lights : warp.array
-        `Noise` and `Light`, of its mode.
-    surface_noise : warp.array
-        vec3f, of its mode: the coefficients of `formulas.surfaces.surface_factor`.
-    periods : warp.array
-        int64, nanoseconds from frame to frame.
-    effects : warp.array
-        `Effects`.
-    latencies, delays : warp.array
-        int64, nanoseconds, of its `TimeOffset`.
-    keys : warp.array
-        vec2ui, of its random numbers.
-    stamps : warp.array
-        int64, nanoseconds.
-    is_due : warp.array
-        uint8, 1 where this call takes a frame; elsewhere nothing is kept of it.
-    was_reset, is_first : warp.array
-        uint8, 1 where the next frame is the first one for its effects, and where this one is.
-    started, last, before : warp.array
-        int64, nanoseconds: stamps of the first frame, of this one and of the one before.
-
+    They begin at stamp 0, with `keys`, (N, 2) uint32; modes and effects are to be set.
     """
 
-    noises: wp.array
-    lights: wp.array
-    surface_noise: wp.array
-    periods: wp.array
-    effects: wp.array
-    latencies: wp.array
-    delays: wp.array
-    keys: wp.array
-    stamps: wp.array
-    is_due: wp.array
-    was_reset: wp.array
-    is_first: wp.array
-    started: wp.array
-    last: wp.array
-    before: wp.array
+    def __init__(self, keys: np.ndarray, device: Any) -> None:
+        """Allocate them."""
 
-    @classmethod
-    def of(cls, keys: np.ndarray, device: Any) -> 'Rows':
-        """Return rows with the (N, 2) uint32 keys, at stamp 0; modes and effects are to be set."""
-        types = {
-            **dict.fromkeys(('periods', 'latencies', 'delays', 'stamps'), wp.int64),
-            **dict.fromkeys(('started', 'last', 'before'), wp.int64),
-            **dict.fromkeys(('is_due', 'was_reset', 'is_first'), wp.uint8),
-            'noises': Noise,
-            'lights': Light,
-            'surface_noise': wp.vec3f,
-            'effects': Effects,
-        }
-        return cls(
-            keys=wp.array(keys, dtype=wp.vec2ui, device=device),
-            **{name: wp.zeros(len(keys), dtype=one, device=device) for name, one in types.items()},
-        )
+        def zeros(dtype: Any) -> wp.array:
+            return wp.zeros(len(keys), dtype=dtype, device=device)
+
+        # Of its mode; coefficients are those of `formulas.surfaces.surface_factor`.
+        self.noises, self.lights = zeros(Noise), zeros(Light)
+        self.surface_noise = zeros(wp.vec3f)
+        self.periods = zeros(wp.int64)  # nanoseconds from frame to frame
+        self.effects = zeros(Effects)
+        self.latencies, self.delays = zeros(wp.int64), zeros(wp.int64)  # ns, of its `TimeOffset`
+        self.keys = wp.array(keys, dtype=wp.vec2ui, device=device)  # of its random numbers
+        self.stamps = zeros(wp.int64)  # nanoseconds
+        self.is_due = zeros(wp.uint8)  # 1: this call takes a frame; else nothing is kept of it
+        # 1 where the next frame is the first one for its effects, and where this one is:
+        self.was_reset, self.is_first = zeros(wp.uint8), zeros(wp.uint8)
+        # Stamps of the first frame, of this one and of the one before, nanoseconds:
+        self.started, self.last, self.before = (zeros(wp.int64) for _ in range(3))
 
     def set_modes(
         self, modes: Sequence[Mode], effects: Sequence[tuple[Effect, ...]], profile: Profile

@@ -4,7 +4,6 @@ The base model as Warp kernels: one source for CPU and CUDA, from clean depth to
 `formulas.surfaces` explains the model; edges move in `edge_kernels`.
 """
 
-from flexx2_sim_ros.batch.arithmetic import AXIAL, counter_of, four_normals, one_of
 from flexx2_sim_ros.batch.arrays import (
     add_each,
     at,
@@ -17,7 +16,7 @@ from flexx2_sim_ros.batch.arrays import (
     put_word,
     stride_of,
 )
-from flexx2_sim_ros.batch.compiled import compiled
+from flexx2_sim_ros.batch.compiled import AXIAL, compiled, counter_of, four_normals, one_of
 from flexx2_sim_ros.batch.frame import (
     blocks_of,
     BORDER,

@@ -7,7 +7,7 @@ import importlib.util
 import os
 from typing import Any, Protocol
 
-from flexx2_sim_ros.batch import robot_kernels
+from flexx2_sim_ros.batch.frame import OPTIONS
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.rendering.renderer import open_renderer
@@ -15,7 +15,18 @@ import mujoco
 import numpy as np
 import warp as wp
 
+wp.set_module_options(OPTIONS)
+
 BACKENDS = ('auto', 'mujoco-warp', 'egl', 'osmesa', 'ray')
+
+
+@wp.kernel
+def unpack(
+    images: wp.array2d(dtype=wp.float32), offset: wp.int32, out: wp.array3d(dtype=wp.float32)
+):
+    """Copy one camera's images from those of all cameras of an environment."""
+    n, v, u = wp.tid()
+    out[n, v, u] = images[n, offset + v * out.shape[2] + u]
 
 
 class BatchRenderer(Protocol):
@@ -153,8 +164,6 @@ class _OnDevice:
             mjw.render(self._model, self._data, self._context)
             for index, image in enumerate(self._images):
                 wp.launch(
-                    robot_kernels.unpack,
-                    image.shape,
-                    [self._context.depth_data, self._offsets[index], image],
+                    unpack, image.shape, [self._context.depth_data, self._offsets[index], image]
                 )
         return self._images

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
-from flexx2_sim_ros.batch import effect_kernels, grain_kernels, kernels, light_kernels, motion
+from flexx2_sim_ros.batch import effect_kernels, kernels, light, motion
 from flexx2_sim_ros.batch.geometry import SceneGeometry
+from flexx2_sim_ros.batch.grain import make_grain
 from flexx2_sim_ros.batch.images import Images, launch, Rows
-from flexx2_sim_ros.batch.light import PixelLight
 from flexx2_sim_ros.camera import Intrinsics, Profile
 from flexx2_sim_ros.effects import Effect
 import warp as wp
@@ -41,12 +41,12 @@ class BatchStages:
         self._allocate(num_envs, device)
         rows.was_reset.fill_(1)
         self._geometry = SceneGeometry(effects, latest_ns, profile, images, rows, camera)
-        self._light = PixelLight(effects, profile, images, device)
+        self._light = light.PixelLight(effects, profile, images, device)
         if 'motion_artefact' in self._names:
             motion.prepare(images, num_envs, device)
         wp.load_module(effect_kernels, device=device)
         if 'fixed_pattern' in self._names:
-            self._make_grain(num_envs)
+            make_grain(images, num_envs)
 
     def _allocate(self, num_envs: int, device: Any) -> None:
         # What effects keep between frames, and the images between kernels.
@@ -83,19 +83,19 @@ class BatchStages:
         images.each_pixel(kernels.describe)
         self._light.find()
         if self._depends_on_surfaces and images.frame.surfaces.reflectivity.size:
-            images.each_pixel(light_kernels.scale_by_surface)
+            images.each_pixel(light.scale_by_surface)
         # What effects add to the light and the noise of each pixel's own surface:
         if 'motion_artefact' in names:
             motion.shift(images)
         if 'wiggling' in names:
-            images.each_pixel(light_kernels.wiggle)
+            images.each_pixel(light.wiggle)
         if names & _SHIFTS_ALIKE:
-            images.each_pixel(light_kernels.shift_alike)
+            images.each_pixel(light.shift_alike)
         if names & _CHANGES_NOISE:
-            images.each_pixel(light_kernels.change_noise)
+            images.each_pixel(light.change_noise)
         images.draw_normals()
         if 'heavy_tails' in names:
-            images.each_block(light_kernels.widen_tails)
+            images.each_block(light.widen_tails)
         images.each_pixel(effect_kernels.measure)
         # And to what each pixel sees:
         if 'spatial_filter' in names:
@@ -107,12 +107,3 @@ class BatchStages:
         for name, lose in effect_kernels.LOSES.items():
             if name in names:
                 images.each_pixel(lose)
-
-    def _make_grain(self, num_envs: int) -> None:
-        images, frame = self.images, self.images.frame
-        white = wp.empty_like(frame.grain)
-        with wp.ScopedDevice(white.device):
-            launch(grain_kernels.white_noise, (num_envs, images.blocks), frame, white)
-            grid = num_envs, images.height, images.width
-            launch(grain_kernels.less_its_mean, grid, frame, white)
-            launch(grain_kernels.to_unit_variance, num_envs, frame)

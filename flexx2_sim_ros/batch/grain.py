@@ -1,9 +1,9 @@
 """The grain of the effect fixed_pattern, made once; see `effects.fixed_pattern`."""
 
-from flexx2_sim_ros.batch.arithmetic import counter_of, four_normals
 from flexx2_sim_ros.batch.arrays import at, put
-from flexx2_sim_ros.batch.compiled import compiled
+from flexx2_sim_ros.batch.compiled import compiled, counter_of, four_normals
 from flexx2_sim_ros.batch.frame import Frame, OPTIONS, place
+from flexx2_sim_ros.batch.images import Images, launch
 from flexx2_sim_ros.effects import fixed_pattern
 import warp as wp
 
@@ -55,3 +55,13 @@ def to_unit_variance(f: Frame):
     while i < (n + 1) * pixels:
         put(grain, i, at(grain, i) * scale)
         i += 1
+
+
+def make_grain(images: Images, num_envs: int) -> None:
+    """Write the grain of so many environments to the frame, which has room for it."""
+    frame = images.frame
+    white = wp.empty_like(frame.grain)
+    with wp.ScopedDevice(white.device):
+        launch(white_noise, (num_envs, images.blocks), frame, white)
+        launch(less_its_mean, (num_envs, images.height, images.width), frame, white)
+        launch(to_unit_variance, num_envs, frame)
