@@ -5,6 +5,7 @@ from collections import Counter
 from dataclasses import replace
 import json
 
+from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import InputError
 from made_answers import MODE, said, small
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from rich.console import Console
 from study.benchmark import DEVELOPMENT, make_design, Planned, run_benchmark, score, TEST
 from study.benchmark.answers import joined, read_answers, write_answers
-from study.benchmark.command import add_options
+from study.benchmark.command import OPTIONS, VALUES
 from study.benchmark.command import run as run_command
 from study.benchmark.realised import realised_gap
 from study.benchmark.report import draw_confusion, print_report, sheets, write_page
@@ -93,7 +94,7 @@ def test_test_seeds_need_a_release(tmp_path):
     with pytest.raises(InputError, match='dev or test'):
         seed_range('other', True)
     parser = argparse.ArgumentParser()
-    add_options(parser)
+    add_table(parser, OPTIONS, **VALUES)
     arguments = parser.parse_args(['--seed-set', 'test', '--out', str(tmp_path / 'out')])
     with pytest.raises(InputError, match='--release'):
         run_command(arguments)

@@ -2,11 +2,10 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder, output_folder
 from flexx2_sim_ros.cli.common import messages
-from flexx2_sim_ros.cli.options import add_table, MOST_FRAMES, number, SEEDS, whole_number
+from flexx2_sim_ros.cli.options import MOST_FRAMES, number, SEEDS, Step, whole_number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import find_profile, save_profile
 from flexx2_sim_ros.profiles.modes import Profile
@@ -17,62 +16,14 @@ _BACKENDS = ('auto', 'egl', 'osmesa', 'ray')
 _OUT = 'characterization'
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add its own commands."""
-    parser.description = (
-        'Measure noise as the paper did: record a flat board at several distances '
-        'and angles (plan, or capture with the simulated camera), then fit the noise model '
-        '(fit). The results are a report and a camera profile.'
-    )
-    parser.epilog = 'example: flexx2 characterize fit campaign --out result'
-    steps = parser.add_subparsers(dest='step', required=True, metavar='STEP')
-    _add_plan(steps)
-    _add_capture(steps)
-    _add_fit(steps)
+OPTIONS = """
+Measure noise as the paper did: record a flat board at several distances and angles (plan, or
+capture with the simulated camera), then fit the noise model (fit). The results are a report and a
+camera profile.
 
-
-def _add_plan(steps: Any) -> None:
-    parser = steps.add_parser(
-        'plan',
-        help='print the campaign as a checklist',
-        epilog='example: flexx2 characterize plan --usecase Mode_9_30fps > checklist.md',
-        description='Print the campaign as a checklist (Markdown) for a person with a camera, a '
-        'tape and a board. It says what to call each recording.',
-    )
-    _add_conditions(parser)
-    parser.set_defaults(run=_plan)
-
-
-_CAPTURE = """
-Record the campaign with the simulated camera in the scene `board`: one .npz file for each mode,
-distance and angle (46 MB for 300 frames of 224 x 172). Resumes after an interruption.
-
-folder FOLDER: folder for the recordings
-
-example: flexx2 characterize capture campaign --frames 300
+example: flexx2 characterize fit campaign --out result
 """
-_MORE = """
---seed SEED: seed of the noise (default 0)
---renderer: how the board is rendered (default %(default)s)
---jobs
-"""
-
-
-def _add_capture(steps: Any) -> None:
-    text = 'record the campaign with the simulated camera'
-    parser = steps.add_parser('capture', help=text)
-    add_table(parser, _CAPTURE, folder=Path)
-    _add_conditions(parser)
-    add_table(
-        parser,
-        _MORE,
-        seed={'type': whole_number(*SEEDS), 'default': 0},
-        renderer={'choices': _BACKENDS, 'default': 'auto', 'action': 'store'},
-    )
-    parser.set_defaults(run=_capture)
-
-
-_CONDITIONS = """
+_CONDITIONS = """\
 --usecase MODE: a mode; may be repeated (default: the modes whose noise was measured)
 --distances M: distances of the board, metres, to the centimetre (default: up to eight that suit
     each mode's range)
@@ -82,21 +33,37 @@ _CONDITIONS = """
 --frames FRAMES: frames in each recording (default %(default)s)
 --profile
 """
+_OF_CONDITIONS = {
+    'usecase': {'action': 'append'},
+    'distances': {'type': number(0, 1e3, above=True), 'nargs': '+'},
+    'angles': {'type': number(0, 80), 'nargs': '+', 'default': [0.0, 15.0, 30.0, 45.0, 60.0]},
+    'reflectivities': {'type': number(1, 100), 'nargs': '+', 'default': [None]},
+    'frames': {'type': whole_number(1, MOST_FRAMES), 'default': 300},
+}
+_PLAN = f"""
+Print the campaign as a checklist (Markdown) for a person with a camera, a tape and a board. It
+says what to call each recording.
 
+{_CONDITIONS}
+example: flexx2 characterize plan --usecase Mode_9_30fps > checklist.md
+"""
+_CAPTURE = f"""
+Record the campaign with the simulated camera in the scene `board`: one .npz file for each mode,
+distance and angle (46 MB for 300 frames of 224 x 172). Resumes after an interruption.
 
-def _add_conditions(parser: argparse.ArgumentParser) -> None:
-    # Options for the recordings: modes, poses, boards and number of frames.
-    add_table(
-        parser,
-        _CONDITIONS,
-        usecase={'action': 'append'},
-        distances={'type': number(0, 1e3, above=True), 'nargs': '+'},
-        angles={'type': number(0, 80), 'nargs': '+', 'default': [0.0, 15.0, 30.0, 45.0, 60.0]},
-        reflectivities={'type': number(1, 100), 'nargs': '+', 'default': [None]},
-        frames={'type': whole_number(1, MOST_FRAMES), 'default': 300},
-    )
+folder FOLDER: folder for the recordings
+{_CONDITIONS}--seed SEED: seed of the noise (default 0)
+--renderer: how the board is rendered (default %(default)s)
+--jobs
 
-
+example: flexx2 characterize capture campaign --frames 300
+"""
+_OF_CAPTURE = {
+    **_OF_CONDITIONS,
+    'folder': Path,
+    'seed': {'type': whole_number(*SEEDS), 'default': 0},
+    'renderer': {'choices': _BACKENDS, 'default': 'auto', 'action': 'store'},
+}
 _FIT = f"""
 Analyse a folder of recordings (.npz or bags) of one camera that looks at a flat board. Writes
 report.html, figures and profile.yaml. Recordings called MODE_DISTANCEm_ANGLEdeg are checked
@@ -112,12 +79,7 @@ folder FOLDER: folder of recordings
 
 example: flexx2 characterize fit campaign --out result
 """
-
-
-def _add_fit(steps: Any) -> None:
-    parser = steps.add_parser('fit', help='analyse recordings: report and camera profile')
-    add_table(parser, _FIT, folder=Path, out=Path, box=whole_number(0, 1_000_000))
-    parser.set_defaults(run=_fit)
+_OF_FIT = {'folder': Path, 'out': Path, 'box': whole_number(0, 1_000_000)}
 
 
 def _profile(arguments: argparse.Namespace) -> Profile:
@@ -208,3 +170,12 @@ def _fit(arguments: argparse.Namespace) -> int:
         console.print(printable(f'left out: {reason}'), style='yellow', soft_wrap=True)
     console.print(f'{page}\n{out / "profile.yaml"}', soft_wrap=True)
     return 0
+
+
+STEPS = {
+    'plan': Step('print the campaign as a checklist', _PLAN, _plan, _OF_CONDITIONS),
+    'capture': Step(
+        'record the campaign with the simulated camera', _CAPTURE, _capture, _OF_CAPTURE
+    ),
+    'fit': Step('analyse recordings: report and camera profile', _FIT, _fit, _OF_FIT),
+}

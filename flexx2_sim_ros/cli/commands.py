@@ -40,6 +40,12 @@ GAP_COMMANDS = {
     'walk': 'measure how often a walking robot fails with the diagnosed camera',
     'benchmark': 'measure how often the diagnosis is right',
 }
+_GAP = """
+Compare recordings of a real camera with the simulation of the same scenes. The gap is the
+difference between the two.
+
+example: flexx2 gap diagnose recordings --out diagnosis
+"""
 # Of commands whose module has another name. The blind camera is not installed.
 MODULES = {'compile': 'flexx2_sim_ros.cli.compiling', 'gap_benchmark': 'study.benchmark.command'}
 ALL = ('*',)  # words that name every command
@@ -84,42 +90,43 @@ def make_parser(argv: Sequence[str] | None = None) -> argparse.ArgumentParser:
 def _add_commands(
     commands: Any, texts: Mapping[str, str], room: str, words: tuple[str, ...]
 ) -> None:
-    # The module of a command that the words name has `run`, and `OPTIONS` and perhaps `VALUES` for
-    # `add_table`. If these are not enough, it has `add_options` instead.
+    # The module of a command that the words name has `OPTIONS` and perhaps `VALUES` for
+    # `add_table`, `run`, and perhaps `STEPS`, which are commands of its own.
     for name, text in texts.items():
         parser = commands.add_parser(name, help=text)
         if words != ALL and words[:1] != (name,):
             continue
-        rest = words if words == ALL else words[1:]
+        # Imported here: it loads profiles, which the help of all commands should not wait for.
+        from flexx2_sim_ros.cli.options import add_table
+
         if name == 'gap':
-            _add_gap(parser, rest)
+            add_table(parser, _GAP)
+            own = parser.add_subparsers(dest='gap_command', required=True, metavar='COMMAND')
+            _add_commands(own, _gap_commands(), 'gap_', words if words == ALL else words[1:])
             continue
         name = f'{room}{name}'
         module = import_module(MODULES.get(name, f'flexx2_sim_ros.cli.{name}'))
+        add_table(parser, module.OPTIONS, **getattr(module, 'VALUES', {}))
         if hasattr(module, 'run'):
             parser.set_defaults(run=module.run)
-        if hasattr(module, 'OPTIONS'):
-            # Imported here: it loads profiles, which the help of all commands should not wait for.
-            from flexx2_sim_ros.cli.options import add_table
+        if hasattr(module, 'STEPS'):
+            alone = hasattr(module, 'run')  # The command does something without a step, too.
+            steps = parser.add_subparsers(
+                required=not alone, metavar='|'.join(module.STEPS) if alone else 'STEP'
+            )
+            for one, step in module.STEPS.items():
+                of_step = steps.add_parser(one, help=step.text)
+                add_table(of_step, step.options, **step.values)
+                of_step.set_defaults(run=step.run)
 
-            add_table(parser, module.OPTIONS, **getattr(module, 'VALUES', {}))
-        else:
-            module.add_options(parser)
 
-
-def _add_gap(parser: argparse.ArgumentParser, words: tuple[str, ...]) -> None:
-    parser.description = (
-        'Compare recordings of a real camera with the simulation of the same scenes. '
-        'The gap is the difference between the two.'
-    )
-    parser.epilog = 'example: flexx2 gap diagnose recordings --out diagnosis'
-    commands = parser.add_subparsers(dest='gap_command', required=True, metavar='COMMAND')
+def _gap_commands() -> dict[str, str]:
     texts = dict(GAP_COMMANDS)
     if (folder := checkout()) is None:
         del texts['benchmark']
     elif str(folder) not in sys.path:
         sys.path.append(str(folder))
-    _add_commands(commands, texts, 'gap_', words)
+    return texts
 
 
 def run(argv: Sequence[str] | None) -> int:

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.cli.common import messages, progress_bar
-from flexx2_sim_ros.cli.options import add_table, number, whole_number
+from flexx2_sim_ros.cli.options import number, whole_number
 from flexx2_sim_ros.errors import InputError, printable, shown
 
-_DESCRIPTION = """\
+OPTIONS = """
 Convert a recording to another format, without loss. A and B are .npz recordings
 or rosbag2 bags: a folder, or a single .mcap or .db3 file. A can also be a .bag
 file of ROS 1, a folder of 16-bit PNG or TIFF files or one of them, or an .npz
@@ -18,21 +18,7 @@ or HDF5 file of another program, or a LeRobot data set. Bags of pmd-royale-ros,
 pico_flexx_driver, realsense-ros and Azure Kinect work without options. A
 damaged bag is read up to the damage. From a bag with several cameras, B.npz
 becomes B_<camera>.npz for each camera.
-"""
-_EXAMPLES = """examples:
-  flexx2 convert walk walk.npz --camera front_left
-  flexx2 convert pico_flexx.bag wall.npz --usecase MODE_9_5FPS_2000
-  flexx2 convert realsense_bag wall.npz --usecase depth
-  flexx2 convert images/ wall.npz --usecase NFOV_unbinned_30fps --rate 15
-  flexx2 convert boards/ views/ --views --usecase depth_30fps
-  flexx2 convert no_camera_info wall.npz --intrinsics 210.6 212.9 111.5 85.5
-  flexx2 convert frame.png frame.npz --unit 0.0002 --mask known.png
-  flexx2 convert demos.hdf5 a.npz --key depth=data/demo_0/obs/front_depth
-  flexx2 convert my_set a.npz --episode 3 --intrinsics 380 380 320 240
-  flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16"""
 
-
-_OPTIONS = """
 source A: recording to read
 target B: recording to write: a name that ends in .npz, .mcap or .db3, or a new folder
 --camera CAMERA: from a bag: which camera, by its name or by the topic of its depth image; from a
@@ -63,28 +49,31 @@ target B: recording to write: a name that ends in .npz, .mcap or .db3, or a new 
     floating-point numbers)
 --rate HZ: frames per second, if A has no stamps (default: that of the mode, or 30)
 --key NAME=OTHER: for other .npz and HDF5: read the key NAME from OTHER in A; may be repeated
+
+examples:
+  flexx2 convert walk walk.npz --camera front_left
+  flexx2 convert pico_flexx.bag wall.npz --usecase MODE_9_5FPS_2000
+  flexx2 convert realsense_bag wall.npz --usecase depth
+  flexx2 convert images/ wall.npz --usecase NFOV_unbinned_30fps --rate 15
+  flexx2 convert boards/ views/ --views --usecase depth_30fps
+  flexx2 convert no_camera_info wall.npz --intrinsics 210.6 212.9 111.5 85.5
+  flexx2 convert frame.png frame.npz --unit 0.0002 --mask known.png
+  flexx2 convert demos.hdf5 a.npz --key depth=data/demo_0/obs/front_depth
+  flexx2 convert my_set a.npz --episode 3 --intrinsics 380 380 320 240
+  flexx2 convert sdk.npz wall.npz --key depth=depth_mm --key amplitude=ir16
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.description = _DESCRIPTION
-    parser.epilog = _EXAMPLES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    add_table(
-        parser,
-        _OPTIONS,
-        storage='mcap',
-        calibration=Path,
-        intrinsics=number(-1e6, 1e6),
-        rectified={'action': argparse.BooleanOptionalAction},
-        process=Path,
-        mask=Path,
-        unit=number(0, 1000, above=True),
-        rate=number(0, 1e6, above=True),
-        key={'action': 'append', 'default': []},
-        episode=whole_number(0, 10**9),
-    )
+VALUES = {
+    'storage': 'mcap',
+    'calibration': Path,
+    'intrinsics': number(-1e6, 1e6),
+    'rectified': {'action': argparse.BooleanOptionalAction},
+    'process': Path,
+    'mask': Path,
+    'unit': number(0, 1000, above=True),
+    'rate': number(0, 1e6, above=True),
+    'key': {'action': 'append', 'default': []},
+    'episode': whole_number(0, 10**9),
+}
 
 
 def _keys(pairs: list[str]) -> dict[str, str]:

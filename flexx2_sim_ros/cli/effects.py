@@ -5,7 +5,7 @@ from pathlib import Path
 
 from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
 from flexx2_sim_ros.cli.common import plain_table
-from flexx2_sim_ros.cli.options import add_table
+from flexx2_sim_ros.cli.options import Step
 from flexx2_sim_ros.effects import Effect, load_effects, registry
 from flexx2_sim_ros.effects.presets import bounds, markdown, preset_files
 from flexx2_sim_ros.errors import InputError, shown, shown_path
@@ -13,11 +13,18 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-_OPTIONS = """
---sources: list the source of each effect instead of its parameters
---markdown: print the page docs/effects.md
---write-presets DIR: write a YAML file for each effect, and typical.yaml
+OPTIONS = """
+List the effects of a real camera that the noise model leaves out, in the order in which they act
+on the light: parameters, typical values, ranges and units. flexx2 simulate --effects or the
+parameters of the camera node switch them on.
+
+/ --sources: list the source of each effect instead of its parameters
+/ --markdown: print the page docs/effects.md
+/ --write-presets DIR: write a YAML file for each effect, and typical.yaml
+
+examples: flexx2 effects --sources, flexx2 effects show multipath
 """
+VALUES = {'write_presets': Path}
 _SHOW = """
 Write a picture: a fixed scene with the effect, what the effect changes in it, and this change as a
 curve against the quantity that it depends on.
@@ -28,22 +35,6 @@ name NAME: an effect, see flexx2 effects
 
 example: flexx2 effects show multipath --out multipath.png
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.description = (
-        'List the effects of a real camera that the noise model leaves out, in the '
-        'order in which they act on the light: parameters, typical values, ranges and units. '
-        'flexx2 simulate --effects or the parameters of the camera node switch them on.'
-    )
-    parser.epilog = 'examples: flexx2 effects --sources, flexx2 effects show multipath'
-    form = parser.add_mutually_exclusive_group()
-    add_table(form, _OPTIONS, write_presets=Path)
-    actions = parser.add_subparsers(metavar='show', dest='action')
-    show = actions.add_parser('show', help='draw what an effect does')
-    add_table(show, _SHOW, out=Path)
-    show.set_defaults(run=run_show)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -128,3 +119,6 @@ def _effect_of(file: str | None, name: str) -> Effect:
         if effect.name == name:
             return effect
     raise InputError(f'--effects: {shown_path(file)}: must have {name}, got no such effect')
+
+
+STEPS = {'show': Step('draw what an effect does', _SHOW, run_show, {'out': Path})}

@@ -7,20 +7,19 @@ import subprocess
 import sys
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 
-_TRUTHS = """
---planes FILE: walls or boards whose distance you measure with a tape
---board FILE: a printed board that the gray images show
---scan FILE: a scan of the room, a triangle mesh
---scene FILE: a MuJoCo model of the room
---none: the recordings have their ground truth (clean_depth)
+_TRUTHS = """\
+/ --planes FILE: walls or boards whose distance you measure with a tape
+/ --board FILE: a printed board that the gray images show
+/ --scan FILE: a scan of the room, a triangle mesh
+/ --scene FILE: a MuJoCo model of the room
+/ --none: the recordings have their ground truth (clean_depth)
 """
 _KINDS = {
-    row.split()[0].strip('-:'): row.partition(': ')[2] for row in _TRUTHS.strip().split('\n')
+    row.split()[1].strip('-:'): row.partition(': ')[2] for row in _TRUTHS.strip().split('\n')
 }
-_OPTIONS = """
+OPTIONS = f"""
 Go from recordings to a diagnosis, for the first time. Asks for what no option says, prints the
 commands that it runs, and runs them. Without a terminal, answers are read line by line from
 standard input; an empty line takes the default.
@@ -29,19 +28,16 @@ recordings RECORDINGS: folder of recordings or of PNG images, or a LeRobot data 
 --options TEXT: more options of flexx2 gap truth, as "--trajectory poses.txt --clock-offset 0"
 --out
 --profile
-
+{_TRUTHS}
 example: flexx2 gap start recordings/ --planes planes.yaml
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    own = {'required': False, 'default': 'gap'}
-    add_table(
-        parser, _OPTIONS, recordings={'nargs': '?'}, options='', out=own, profile={'default': None}
-    )
-    truths = parser.add_mutually_exclusive_group()
-    add_table(truths, _TRUTHS, none={'action': 'store_const', 'const': ''})
+VALUES = {
+    'recordings': {'nargs': '?'},
+    'options': '',
+    'out': {'required': False, 'default': 'gap'},
+    'profile': {'default': None},
+    'none': {'action': 'store_const', 'const': ''},
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

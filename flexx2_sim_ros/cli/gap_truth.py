@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.cli.options import add_table, number
+from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.errors import each_once, InputError, printable, shown
 from flexx2_sim_ros.profiles.files import find_profile
 
@@ -21,22 +21,44 @@ _ONLY_WITH = (
     (('lens_error', 'wall'), ('board',)),
 )
 _UPS = '+x', '-x', '+y', '-y', '+z', '-z'
-_OPTIONS = """
+
+
+def _seconds_or_auto(text: str) -> float | None:
+    return None if text == 'auto' else number(-1e10, 1e10)(text)
+
+
+OPTIONS = """
 Register each RECORDING (.npz, a bag, or a folder of them) to a room, a printed board or planes,
 and write it to DIR with clean_depth and its accuracy. Writes truth.yaml and truth.html as well. An
 interrupted run resumes. See docs/truth.md.
 
 recordings RECORDING: .npz file, bag, or folder of these
-
-example: flexx2 gap truth bags/ --scan room.ply --out campaign/
-"""
-_POSE = """
+! --scan MESH: the room as a triangle mesh in metres: .ply, .obj, .glb or .stl
+! --scene FILE: the room as a MuJoCo model: MJCF (.xml) or .urdf
+! --board FILE: a printed board that the gray images show: target.yaml of flexx2 gap target, the
+    file of a target of Kalibr, chessboard:9x6:0.03 (inner corners, metres),
+    charuco:5x7:0.04:0.03:DICT_5X5_100, circles:7x6:0.03:0.015 or, with every second row shifted,
+    acircles:4x11:0.02:0.015 (distance, diameter)
+! --planes FILE: planes of the room, with distances and angles that were measured (planes.yaml)
 --out
 --pose X,Y,Z,QX,QY,QZ,QW: rough pose of the camera in the room in the first frame (optical frame,
     metres), within 0.3 m and 20 degrees; once for all recordings or once for each (default:
     searched in the whole room). If the first number is negative, write --pose=-1,...
-"""
-_REST = """
+/ --trajectory FILE: rough poses with stamps, as of motion capture: text (lines t x y z qx qy qz
+    qw, TUM) or .csv with these columns; seconds, metres, in the room. A folder has a file for each
+    recording, of the same name
+/ --odometry TOPIC: rough poses from the bags: nav_msgs/Odometry or geometry_msgs/PoseStamped
+/ --tf PARENT,CHILD: rough poses from the bags' TF: the room's frame and the body's
+--camera-in-body X,Y,Z,QX,QY,QZ,QW: pose of the camera (optical frame) in the frame of the tracked
+    body (default: the poses are those of the camera)
+--pose-accuracy METRES,DEGREES: standard deviations of these poses, such as 0.002,0.2 of motion
+    capture: they are used as they are, and not fitted (default: they are rough). Needs
+    --clock-offset
+--clock-offset SECONDS: how far the clock of the recording is ahead of that of these poses; 0 for
+    one clock. What the motion shows beyond it is the latency of the images (default: auto, found
+    from the motion, latency included)
+--relative: use only the motions, because the poses are in another frame than the room, as those of
+    odometry
 --up AXIS: the room's axis that points up, for finding poses: +z, or +y for .glb (default)
 --camera NAME: the camera of a bag that has several
 --profile
@@ -48,71 +70,19 @@ _REST = """
     follow from their stamps (default: counted from the earliest recording)
 --jobs
 --scheduler
+
+example: flexx2 gap truth bags/ --scan room.ply --out campaign/
 """
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    add_table(parser, _OPTIONS, recordings={'nargs': '+'})
-    _add_rooms(parser)
-    add_table(parser, _POSE, pose={'action': 'append', 'default': []})
-    _add_poses(parser)
-    add_table(
-        parser,
-        _REST,
-        up={'choices': _UPS},
-        motion='auto',
-        room_error=number(0, 1),
-        lens_error=number(0, 0.1),
-        uptime=number(0, 1e6),
-    )
-
-
-_ROOMS = """
---scan MESH: the room as a triangle mesh in metres: .ply, .obj, .glb or .stl
---scene FILE: the room as a MuJoCo model: MJCF (.xml) or .urdf
---board FILE: a printed board that the gray images show: target.yaml of flexx2 gap target, the file
-    of a target of Kalibr, chessboard:9x6:0.03 (inner corners, metres),
-    charuco:5x7:0.04:0.03:DICT_5X5_100, circles:7x6:0.03:0.015 or, with every second row shifted,
-    acircles:4x11:0.02:0.015 (distance, diameter)
---planes FILE: planes of the room, with distances and angles that were measured (planes.yaml)
-"""
-
-
-def _add_rooms(parser: argparse.ArgumentParser) -> None:
-    room = parser.add_mutually_exclusive_group(required=True)
-    add_table(room, _ROOMS)
-
-
-_POSES = """
---trajectory FILE: rough poses with stamps, as of motion capture: text (lines t x y z qx qy qz qw,
-    TUM) or .csv with these columns; seconds, metres, in the room. A folder has a file for each
-    recording, of the same name
---odometry TOPIC: rough poses from the bags: nav_msgs/Odometry or geometry_msgs/PoseStamped
---tf PARENT,CHILD: rough poses from the bags' TF: the room's frame and the body's
-"""
-_END = """
---camera-in-body X,Y,Z,QX,QY,QZ,QW: pose of the camera (optical frame) in the frame of the tracked
-    body (default: the poses are those of the camera)
---pose-accuracy METRES,DEGREES: standard deviations of these poses, such as 0.002,0.2 of motion
-    capture: they are used as they are, and not fitted (default: they are rough). Needs
-    --clock-offset
---clock-offset SECONDS: how far the clock of the recording is ahead of that of these poses; 0 for
-    one clock. What the motion shows beyond it is the latency of the images (default: auto, found
-    from the motion, latency included)
---relative: use only the motions, because the poses are in another frame than the room, as those of
-    odometry
-"""
-
-
-def _add_poses(parser: argparse.ArgumentParser) -> None:
-    told = parser.add_mutually_exclusive_group()
-    add_table(told, _POSES)
-    add_table(parser, _END, clock_offset=_seconds_or_auto)
-
-
-def _seconds_or_auto(text: str) -> float | None:
-    return None if text == 'auto' else number(-1e10, 1e10)(text)
+VALUES = {
+    'recordings': {'nargs': '+'},
+    'pose': {'action': 'append', 'default': []},
+    'clock_offset': _seconds_or_auto,
+    'up': {'choices': _UPS},
+    'motion': 'auto',
+    'room_error': number(0, 1),
+    'lens_error': number(0, 0.1),
+    'uptime': number(0, 1e6),
+}
 
 
 def run(arguments: argparse.Namespace) -> int:

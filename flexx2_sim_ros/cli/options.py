@@ -1,9 +1,9 @@
 """The options of a command: their types, and a table of them that reads like its help."""
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from flexx2_sim_ros.processes import available_cores
 from flexx2_sim_ros.profiles.files import PROFILE_HELP
@@ -73,22 +73,42 @@ _SHARED_MORE: dict[str, dict[str, Any]] = {
 }
 
 
-def add_table(parser: Any, table: str, **more: Any) -> None:
+class Step(NamedTuple):
+    """A command of a command: what its parent's help says of it, its table, and what runs it."""
+
+    text: str
+    options: str
+    run: Callable[[argparse.Namespace], int]
+    values: Mapping[str, Any] = {}
+
+
+def add_table(parser: argparse.ArgumentParser, table: str, **more: Any) -> None:
     """
-    Add what a table lists to a parser, or to a group of it.
+    Add what a table lists to a parser.
 
     A row is ``NAME: help``, ``NAME METAVAR: help`` with one metavar for each value, or ``NAME
     one|another: help``. Rows that are indented go on with the help above. Without a metavar, a
-    name with dashes is a switch. A name alone is an option that several commands have. Empty lines
-    may part off a description above the rows and an example below them. ``more`` has, by name
-    (without dashes in front and with ``_`` for others), a dict of what else argparse gets; or the
-    type, a function; or the default, anything else.
+    name with dashes is a switch. A name alone is an option that several commands have. At most one
+    of rows that begin with ``/`` may be given, and exactly one of those that begin with ``!``.
+    Empty lines part off a description above the rows and an example below them; both keep their
+    lines if those of the example are indented. ``more`` has, by name (without dashes in front and
+    with ``_`` for others), a dict of what else argparse gets; or the type, a function; or the
+    default, anything else.
     """
     parts = table.strip('\n').split('\n\n')
-    if len(parts) == 3:
-        parser.description, parser.epilog = (one.replace('\n', ' ') for one in parts[::2])
+    parser.description, parser.epilog = parts[0], parts[-1]
+    if '\n  ' in parts[-1]:
+        parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    else:
+        parser.description, parser.epilog = (
+            one.replace('\n', ' ') for one in (parts[0], parts[-1])
+        )
     shared = {head.partition(' ')[0]: (head, text) for head, text in _rows(_SHARED.strip('\n'))}
-    for row, text in _rows(parts[len(parts) // 2]):
+    sign, target = '', parser
+    for row, text in _rows(parts[1]) if len(parts) == 3 else ():
+        before, sign, row = sign, row[: row[0] in '/!'], row.lstrip('/! ')
+        if sign != before:
+            target = parser.add_mutually_exclusive_group(required=sign == '!') if sign else parser
         head, text = (row, text) if text else shared[row]
         name, _, values = head.partition(' ')
         given: dict[str, Any] = {'help': text}
@@ -106,7 +126,7 @@ def add_table(parser: Any, table: str, **more: Any) -> None:
         own = more.pop(name.lstrip('-').replace('-', '_'), {})
         if not isinstance(own, dict):
             own = {'type' if callable(own) else 'default': own}
-        parser.add_argument(name, **{**given, **own})
+        target.add_argument(name, **{**given, **own})
     assert not more, f'no row has {", ".join(more)}'
 
 

@@ -11,49 +11,27 @@ _CONFUSION = 'benchmark_confusion.png'
 _ANSWERS = 'answers.jsonl'
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    """Add what the command takes."""
-    parser.description = (
-        'Record campaigns with a blind camera, whose physics is separate from the '
-        'simulator, diagnose each, and score the answers against labels that were sealed before '
-        'the run. Resumes after an interruption. Prints the tables and writes '
-        f'benchmark.md, {_CONFUSION} and {_ANSWERS} to --out.'
-    )
-    parser.epilog = 'example: flexx2 gap benchmark --quick --out /tmp/benchmark'
-    parser.add_argument('--quick', action='store_true', help='a few small cases, in minutes')
-    parser.add_argument(
-        '--seed-set',
-        choices=('dev', 'test'),
-        default='dev',
-        help='which seeds of scenes and cameras (default %(default)s)',
-    )
-    parser.add_argument(
-        '--release',
-        action='store_true',
-        help='allow the test seeds; for the published run of a release only',
-    )
-    parser.add_argument(
-        '--jobs',
-        type=whole_number(1, MOST_JOBS),
-        default=2,
-        help='number of processes (default %(default)s)',
-    )
-    parser.add_argument(
-        '--out',
-        default='benchmark_output',
-        help='folder for results, labels and cache (default %(default)s)',
-    )
-    parser.add_argument(
-        '--score',
-        action='store_true',
-        help='run nothing: score the finished cases of an interrupted run',
-    )
-    parser.add_argument(
-        '--earlier',
-        metavar='FILE',
-        help=f'{_ANSWERS} of an earlier part of this run, with the same version: its cases are '
-        'not run again, and all are scored together',
-    )
+OPTIONS = f"""
+Record campaigns with a blind camera, whose physics is separate from the simulator, diagnose each,
+and score the answers against labels that were sealed before the run. Resumes after an
+interruption. Prints the tables and writes benchmark.md, {_CONFUSION} and {_ANSWERS} to --out.
+
+--quick: a few small cases, in minutes
+--seed-set dev|test: which seeds of scenes and cameras (default %(default)s)
+--release: allow the test seeds; for the published run of a release only
+--jobs JOBS: number of processes (default %(default)s)
+--out OUT: folder for results, labels and cache (default %(default)s)
+--score: run nothing: score the finished cases of an interrupted run
+--earlier FILE: {_ANSWERS} of an earlier part of this run, with the same version: its cases are not
+    run again, and all are scored together
+
+example: flexx2 gap benchmark --quick --out /tmp/benchmark
+"""
+VALUES = {
+    'seed_set': 'dev',
+    'jobs': {'type': whole_number(1, MOST_JOBS), 'default': 2},
+    'out': 'benchmark_output',
+}
 
 
 def run(arguments: argparse.Namespace) -> int:
