@@ -111,28 +111,19 @@ class Images:
     """
     Memory for frames of one size, used again for every frame.
 
-    The distortion of `camera` is not used. `invalid` is what invalid pixels are.
-
-    Attributes
-    ----------
-    most, count : int
-        Environments in a pass, and in the pass at hand.
-    frame : Frame
-        What kernels take. `listed` of it says how many pixels of each environment are listed
-        (every `SPREAD`), and `pixel_list` which: those that see another surface; with many threads
-        those with a jump. `moved` is 0 everywhere between frames.
-    lists : bool
-        Whether there are many threads, so that lists share out the work of a few pixels.
-    out : warp.array
-        (N, H, W) float32, finished frames.
-
+    The distortion of `camera` is not used. `invalid` is what invalid pixels are. ``frame`` is what
+    kernels take: its `listed` says how many pixels of each environment are listed (every
+    `SPREAD`), and `pixel_list` which: those that see another surface; with many threads those with
+    a jump. Its `moved` is 0 everywhere between frames. ``out`` are finished frames, (N, H, W).
     """
 
     def __init__(self, rows: Rows, camera: Intrinsics, profile: Profile, invalid: float) -> None:
         """Allocate the memory."""
         device, num_envs = rows.stamps.device, rows.stamps.size
         self.height, self.width = camera.height, camera.width
+        # Whether there are many threads, so that lists share out the work of a few pixels.
         self.lists = many_threads(device)
+        # Environments in a pass, and in the pass at hand.
         self.most = self.count = min(num_envs, AT_A_TIME['cuda' if device.is_cuda else 'cpu'])
         self.pixels = self.most * self.height * self.width
         bordered = self.most * (self.height + BORDER) * (self.width + BORDER)

@@ -18,26 +18,14 @@ _TOP = 2.0  # metres, above all ground of the built-in scenes
 
 @dataclass(frozen=True)
 class Walk:
-    """
-    The paths of N robots, in F frames with C cameras.
+    """The paths of N robots, in F frames with C cameras."""
 
-    Attributes
-    ----------
-    qpos : numpy.ndarray
-        (F, N, nq) states of the model.
-    camera_position, camera_rotation : numpy.ndarray
-        (F, N, C, 3) and (F, N, C, 3, 3): the optical frames in the frame of the robot's grid,
-        which is under the trunk where it is at last, looks ahead as it does then, and has the
-        world's height.
-    heights : numpy.ndarray
-        (N, 11, 7) the ground's height at the grid's points, metres.
-
-    """
-
-    qpos: np.ndarray
-    camera_position: np.ndarray
-    camera_rotation: np.ndarray
-    heights: np.ndarray
+    qpos: np.ndarray  # (F, N, nq) states of the model
+    # The optical frames in the frame of the robot's grid, which is under the trunk where it is at
+    # last, looks ahead as it does then, and has the world's height.
+    camera_position: np.ndarray  # (F, N, C, 3)
+    camera_rotation: np.ndarray  # (F, N, C, 3, 3)
+    heights: np.ndarray  # (N, 11, 7) the ground's height at the grid's points, metres
 
 
 def walk(

@@ -11,9 +11,9 @@ import numpy as np
 from rich.console import Console
 
 
-def print_result(result: Characterization, console: Console | None = None) -> None:
+def print_result(result: Characterization) -> None:
     """Print one table, with the paper's figures below each mode that the paper measured."""
-    console = console or Console(markup=False, highlight=False)
+    console = Console(markup=False, highlight=False)
     names = 'mode', *NAMES, 'sigma_x', 'KL'
     table = plain_table(*names, text=('mode',), whole=names)
     for mode in result.modes:
