@@ -104,7 +104,8 @@ def add_table(parser: argparse.ArgumentParser, table: str, **more: Any) -> None:
             one.replace('\n', ' ') for one in (parts[0], parts[-1])
         )
     shared = {head.partition(' ')[0]: (head, text) for head, text in _rows(_SHARED.strip('\n'))}
-    sign, target = '', parser
+    sign = ''
+    target: Any = parser
     for row, text in _rows(parts[1]) if len(parts) == 3 else ():
         before, sign, row = sign, row[: row[0] in '/!'], row.lstrip('/! ')
         if sign != before:
