@@ -1,8 +1,8 @@
 """What a user says of a recording, where its file does not."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 from flexx2_sim_ros.errors import did_you_mean, InputError, shown, shown_path
@@ -13,7 +13,7 @@ from flexx2_sim_ros.profiles.files import find_profile, shipped
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Profile
 from flexx2_sim_ros.recording.calibration import Calibration, calibration_of, read_calibration
-from flexx2_sim_ros.recording.reader import ASSUMED, Content, RecordingReader
+from flexx2_sim_ros.recording.reader import ASSUMED, Content, Layout, RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
 
@@ -90,11 +90,12 @@ def in_metres(depth: np.ndarray, unit: float | None = None) -> np.ndarray:
         return np.where(valid, metres, np.float32(np.nan))
 
 
-class CompletedRecording(RecordingReader):
+class ChangedRecording(RecordingReader):
     """
-    A recording with more or other arrays than its file, `source`, has.
+    A recording with other arrays or images than its file, `source`, has.
 
-    ``arrays`` are not stacks; ``radial`` says that `source` has depth along the ray; ``profile``
+    ``arrays`` replace those of `source`, or are added; ``change`` has functions of the images of a
+    stack, which become float32; ``order`` are the numbers of the frames that remain; ``profile``
     replaces that of `source`; ``notes`` are added. Raises InputError when they do not fit the
     recording.
     """
@@ -103,17 +104,22 @@ class CompletedRecording(RecordingReader):
         self,
         source: RecordingReader,
         arrays: Mapping[str, np.ndarray],
-        radial: bool = False,
+        change: Mapping[str, Callable[[np.ndarray], np.ndarray]],
+        notes: Sequence[str],
+        order: np.ndarray | None = None,
         profile: Profile | None = None,
-        notes: Sequence[str] = (),
     ) -> None:
         """Check them."""
-        self._source = source
-        self._radial = radial
+        self._source, self._change, self._order = source, change, order
+        layouts = {
+            key: Layout(np.dtype(np.float32), layout.shape) if key in change else layout
+            for key, layout in source.layouts.items()
+        }
+        kept = [note for note in source.notes if ASSUMED not in note]
         content = Content(
-            source.layouts,
+            layouts,
             {**source.arrays, **arrays},
-            [*(note for note in source.notes if ASSUMED not in note), *notes],
+            [*kept, *notes],
             source.changes,
             len(source.stamp),
         )
@@ -122,11 +128,22 @@ class CompletedRecording(RecordingReader):
     def frames(self, key: str) -> Iterator[np.ndarray]:
         """Iterate over the images of a stack; see `RecordingReader.frames`."""
         images = self._source.frames(key)
-        if not self._radial or key != 'depth':
-            return images
-        camera = Intrinsics.from_matrix(self.K, *self.shape[:0:-1], self.distortion)
-        axis = (1 / np.sqrt(1 + (pixel_rays(camera) ** 2).sum(axis=0))).astype(np.float32)
-        return (image * axis for image in images)
+        if self._order is not None:
+            images = _in_order(images, self._order)
+        return map(self._change[key], images) if key in self._change else images
+
+
+def _in_order(images: Iterator[np.ndarray], order: np.ndarray) -> Iterator[np.ndarray]:
+    # Keeps only images that come before one that belongs before them.
+    wanted = set(order.tolist())
+    kept: dict[int, np.ndarray] = {}
+    source = enumerate(images)
+    for number in order.tolist():
+        while number not in kept:
+            at, image = next(source)
+            if at in wanted:
+                kept[at] = image
+        yield kept.pop(number)
 
 
 def complete(reader: RecordingReader, given: Given) -> RecordingReader:
@@ -160,10 +177,19 @@ def complete(reader: RecordingReader, given: Given) -> RecordingReader:
                 f'--rate: must be left out for a recording with stamps, got {given.rate_hz:g}'
             )
         arrays['stamp'] = np.arange(len(reader.stamp)) / given.rate_hz
-    radial = given.radial
-    if not (arrays or radial):
+    if not (arrays or given.radial):
         return reader
-    return CompletedRecording(reader, arrays, radial, given.profile, notes)
+    change = {'depth': _along_axis(reader)} if given.radial else {}
+    return ChangedRecording(reader, arrays, change, notes, profile=given.profile)
+
+
+def _along_axis(reader: RecordingReader) -> Callable[[np.ndarray], np.ndarray]:
+    @cache
+    def axis() -> np.ndarray:  # not before the lens is checked
+        camera = Intrinsics.from_matrix(reader.K, *reader.shape[:0:-1], reader.distortion)
+        return (1 / np.sqrt(1 + (pixel_rays(camera) ** 2).sum(axis=0))).astype(np.float32)
+
+    return lambda image: image * axis()
 
 
 def _unknown_mode(usecase: str) -> list[str]:
