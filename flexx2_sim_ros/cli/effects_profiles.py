@@ -16,6 +16,7 @@ from flexx2_sim_ros.cli.effects_view import (
 import numpy as np
 
 GRAY = '#8a8a8a'
+_BOTH = ('with', 'C0'), ('without', GRAY)  # names and colours
 
 
 def _covariate(view: EffectView) -> tuple[str, np.ndarray, np.ndarray]:
@@ -146,16 +147,10 @@ def _histogram(axis: Any, view: EffectView) -> None:
     calm = view.calm(9)
     scale = 1e3 * view.rest.sigma[:, calm]
     limit = 8.0
-    for error, name, colour in zip(view.error, ('with', 'without'), ('C0', GRAY), strict=True):
+    for error, (name, colour) in zip(view.error, _BOTH, strict=True):
         values = error[:, calm] / scale
-        axis.hist(
-            values[np.isfinite(values)],
-            np.linspace(-limit, limit, 161),
-            density=True,
-            histtype='step',
-            color=colour,
-            label=name,
-        )
+        shown = values[np.isfinite(values)]
+        _outline(axis, shown, np.linspace(-limit, limit, 161), name, colour)
     axis.set(
         xlabel='error / modelled sigma',
         ylabel='density',
@@ -163,6 +158,10 @@ def _histogram(axis: Any, view: EffectView) -> None:
         ylim=(1e-5, 1),
         xlim=(-limit, limit),
     )
+
+
+def _outline(axis: Any, values: np.ndarray, bins: np.ndarray, name: str, colour: str) -> None:
+    axis.hist(values, bins, density=True, histtype='step', color=colour, label=name)
 
 
 # Rows and columns that contain the chart's left edge.
@@ -174,10 +173,8 @@ def _true_edge(view: EffectView) -> int:
 
 
 def _across_edge(axis: Any, view: EffectView) -> None:
-    for seen, name, colour, aside in (
-        (view.frame, 'with', 'C0', 0.0),
-        (view.rest, 'without', GRAY, 0.3),
-    ):
+    seen_both = (view.frame, 0.0), (view.rest, 0.3)
+    for (seen, aside), (name, colour) in zip(seen_both, _BOTH, strict=True):
         depth = seen.depth[::8, _EDGE_ROWS, _EDGE_COLUMNS]
         x = np.broadcast_to(np.arange(depth.shape[2]) - _true_edge(view) + aside, depth.shape)
         axis.plot(x.ravel(), depth.ravel(), '.', color=colour, markersize=3, label=name)
@@ -191,17 +188,10 @@ def _across_edge(axis: Any, view: EffectView) -> None:
 
 def _edge_positions(axis: Any, view: EffectView) -> None:
     bins = np.arange(-12.5, 13.5)
-    for seen, name, colour in ((view.frame, 'with', 'C0'), (view.rest, 'without', GRAY)):
+    for seen, (name, colour) in zip((view.frame, view.rest), _BOTH, strict=True):
         far = seen.depth[:, _EDGE_ROWS, _EDGE_COLUMNS] > 1.8
         moved = far.sum(axis=2) - _true_edge(view)
-        axis.hist(
-            moved.ravel(),
-            bins,
-            density=True,
-            histtype='step',
-            color=colour,
-            label=f'{name}: {moved.std():.2f} px',
-        )
+        _outline(axis, moved.ravel(), bins, f'{name}: {moved.std():.2f} px', colour)
     axis.set(
         xlabel='displacement of the edge of the chart, columns', ylabel='density', yscale='log'
     )
@@ -258,7 +248,7 @@ def _correlations(
 ) -> None:
     calm = view.calm(12, 45.0)
     lags = range(6)
-    for error, name, colour in zip(view.error, ('with', 'without'), ('C0', GRAY), strict=True):
+    for error, (name, colour) in zip(view.error, _BOTH, strict=True):
         noise = np.where(calm, error - mean_over_time(error), np.nan) / (1e3 * view.rest.sigma)
         values = _correlation([pair(noise, lag) for lag in lags])
         axis.plot(lags, values, 'o-', color=colour, label=name)
