@@ -40,12 +40,11 @@ GAP_COMMANDS = {
     'walk': 'measure how often a walking robot fails with the diagnosed camera',
     'benchmark': 'measure how often the diagnosis is right',
 }
-_GAP = """
-Compare recordings of a real camera with the simulation of the same scenes. The gap is the
-difference between the two.
-
-example: flexx2 gap diagnose recordings --out diagnosis
-"""
+_GAP = (
+    'Compare recordings of a real camera with the simulation of the same scenes. The gap is the '
+    'difference between the two.',
+    'example: flexx2 gap diagnose recordings --out diagnosis',
+)
 # Of commands whose module has another name. The blind camera is not installed.
 MODULES = {'compile': 'flexx2_sim_ros.cli.compiling', 'gap_benchmark': 'study.benchmark.command'}
 ALL = ('*',)  # words that name every command
@@ -96,14 +95,14 @@ def _add_commands(
         parser = commands.add_parser(name, help=text)
         if words != ALL and words[:1] != (name,):
             continue
-        # Imported here: it loads profiles, which the help of all commands should not wait for.
-        from flexx2_sim_ros.cli.options import add_table
-
         if name == 'gap':
-            add_table(parser, _GAP)
+            parser.description, parser.epilog = _GAP
             own = parser.add_subparsers(dest='gap_command', required=True, metavar='COMMAND')
             _add_commands(own, _gap_commands(), 'gap_', words if words == ALL else words[1:])
             continue
+        # Imported here: it loads profiles, which the help of all commands should not wait for.
+        from flexx2_sim_ros.cli.options import add_table
+
         name = f'{room}{name}'
         module = import_module(MODULES.get(name, f'flexx2_sim_ros.cli.{name}'))
         add_table(parser, module.OPTIONS, **getattr(module, 'VALUES', {}))
