@@ -188,6 +188,16 @@ def with_inside(effect, recording, **inside):
     return Look({effect: 1.0}, recording, inside=Internals(**inside))
 
 
+def test_a_lens_has_two_focal_lengths_and_tangential_distortion():
+    usual, other = (
+        with_inside('intrinsics_error', BOARD, aspect=aspect, tangential=aspect / 4)
+        for aspect in (0.0, 0.04)
+    )
+    surface = usual.flat[0] & other.flat[0]
+    apart = np.nanmean(other.depth - usual.depth, axis=0)[surface]
+    assert np.nanstd(apart) > 2e-3
+
+
 def test_an_axial_camera_adds_its_delay_to_depth():
     radial, axial = (with_inside('offset', CLOSE, axial=flag) for flag in (False, True))
     corner = np.zeros(radial.clean.shape, bool)
