@@ -188,6 +188,15 @@ def with_inside(effect, recording, **inside):
     return Look({effect: 1.0}, recording, inside=Internals(**inside))
 
 
+def test_wells_that_overflow_blind_their_columns():
+    alone, bleeding = (with_inside('saturation', CLOSE, bleed_px=reach) for reach in (0.0, 6.0))
+    more = bleeding.invalid & ~alone.invalid
+    assert not (alone.invalid & ~bleeding.invalid).any()
+    assert more.mean() > 0.01
+    # Each lies in a column with a full well.
+    assert (alone.invalid.any(axis=1)[:, None] | ~more).all()
+
+
 def test_a_lens_has_two_focal_lengths_and_tangential_distortion():
     usual, other = (
         with_inside('intrinsics_error', BOARD, aspect=aspect, tangential=aspect / 4)
