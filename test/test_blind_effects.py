@@ -188,6 +188,11 @@ def with_inside(effect, recording, **inside):
     return Look({effect: 1.0}, recording, inside=Internals(**inside))
 
 
+def test_a_median_keeps_most_of_the_noise_off():
+    seen = with_inside('spatial_filter', CLOSE, window='median', window_px=3)
+    assert seen.spread() == pytest.approx(0.166**0.5 * plain(CLOSE).spread(), rel=0.15)
+
+
 def test_wells_that_overflow_blind_their_columns():
     alone, bleeding = (with_inside('saturation', CLOSE, bleed_px=reach) for reach in (0.0, 6.0))
     more = bleeding.invalid & ~alone.invalid

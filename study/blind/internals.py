@@ -21,8 +21,9 @@ class Internals:
     * `scatter`: scatter function of `stray_light`: ``tail`` (a power law), ``gauss`` or ``even``
       (the same over the whole image)
     * `scatter_px`: its width, pixels of an image that is 224 wide
-    * `window`: weights of `spatial_filter`: ``alike`` (bilateral, 5 x 5), ``box`` or ``gauss``
-    * `window_px`: width of the box or of the Gaussian's support, pixels; odd
+    * `window`: weights of `spatial_filter`: ``alike`` (bilateral, 5 x 5), ``box`` or ``gauss``, or
+      a ``median`` of depths
+    * `window_px`: width of box, median or the Gaussian's support, pixels; odd
     * `memory`: `temporal_filter`: ``first`` order, ``second`` order, or ``mean`` of the last
       frames
     * `memory_frames`: how many frames the mean has
