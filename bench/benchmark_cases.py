@@ -8,7 +8,7 @@ same code has answered in ``--out`` are not run again.
 
 With ``--scenes``, as many cases have scenes and cameras of their own, in place of those of the
 design. With ``--alike``, scenes are those of 400 in which the errors of the poses are most alike,
-by chance.
+by chance. With ``--inside``, all cameras have these values of `Internals` beside their own.
 
 python -m bench.benchmark_cases --effects intrinsics_error,wiggling --strengths 1 --jobs 2
 """
@@ -43,6 +43,7 @@ def main():
     parser.add_argument(
         '--scenes', type=int, default=0, help='so many other scenes and cameras, one case each'
     )
+    parser.add_argument('--inside', type=json.loads, default={}, help='JSON: values by field')
     parser.add_argument('--jobs', type=int, default=2)
     parser.add_argument('--out', default='build/benchmark_cases')
     arguments = parser.parse_args()
@@ -93,7 +94,10 @@ def _chosen(arguments):
         told = '+'.join(planned.effects) or 'none'
         scene = f'{planned.seed}-{planned.scene_seed}'
         name = f'{planned.group}-{told}-{planned.strength:g}-{scene}'
-        yield name, replace(planned, realise=bool(planned.effects) and not planned.without)
+        name += ''.join(f'-{field}={value}' for field, value in arguments.inside.items())
+        inside = {**planned.internals, **arguments.inside}
+        realise = bool(planned.effects) and not planned.without
+        yield name, replace(planned, internals=inside, realise=realise)
 
 
 def _alike(pose_mm):

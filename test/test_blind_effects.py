@@ -188,6 +188,30 @@ def with_inside(effect, recording, **inside):
     return Look({effect: 1.0}, recording, inside=Internals(**inside))
 
 
+def test_a_median_keeps_most_of_the_noise_off():
+    seen = with_inside('spatial_filter', CLOSE, window='median', window_px=3)
+    assert seen.spread() == pytest.approx(0.166**0.5 * plain(CLOSE).spread(), rel=0.15)
+
+
+def test_wells_that_overflow_blind_their_columns():
+    alone, bleeding = (with_inside('saturation', CLOSE, bleed_px=reach) for reach in (0.0, 6.0))
+    more = bleeding.invalid & ~alone.invalid
+    assert not (alone.invalid & ~bleeding.invalid).any()
+    assert more.mean() > 0.01
+    # Each lies in a column with a full well.
+    assert (alone.invalid.any(axis=1)[:, None] | ~more).all()
+
+
+def test_a_lens_has_two_focal_lengths_and_tangential_distortion():
+    usual, other = (
+        with_inside('intrinsics_error', BOARD, aspect=aspect, tangential=aspect / 4)
+        for aspect in (0.0, 0.04)
+    )
+    surface = usual.flat[0] & other.flat[0]
+    apart = np.nanmean(other.depth - usual.depth, axis=0)[surface]
+    assert np.nanstd(apart) > 2e-3
+
+
 def test_an_axial_camera_adds_its_delay_to_depth():
     radial, axial = (with_inside('offset', CLOSE, axial=flag) for flag in (False, True))
     corner = np.zeros(radial.clean.shape, bool)

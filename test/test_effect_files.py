@@ -149,7 +149,7 @@ CURVES = {
     'fixed_pattern': {'pattern': np.linspace(-0.01, 0.01, SHADES.size).reshape(SHADES.shape)},
     'low_signal_dropout': {'curve': {'knots': [-4.0, -3.0], 'values': [0.9, 0.0]}},
     'grazing_dropout': {'slant': {'knots': [-1.0, 1.0], 'values': [0.0, 0.6]}},
-    'saturation': {'curve': {'knots': [-1.0, 0.0], 'values': [0.0, 0.7]}},
+    'saturation': {'curve': {'knots': [-1.0, 0.0], 'values': [0.0, 0.7]}, 'bleed': 4.0},
     'flying_pixels': {'width': 1.0, 'mhz': 40.0},
     'multipath': {'mhz': 40.0},
     'stray_light': {'radius': 0.02, 'exponent': 1.2, 'frequency_factor': 0.5},

@@ -234,6 +234,16 @@ def test_a_filter_over_frames_gets_its_own_kernel(tmp_path):
     assert one.proposal.together['window'] == pytest.approx(4.0, abs=0.5)
 
 
+def test_light_that_bleeds_along_columns_is_told_from_light_that_stays(tmp_path):
+    """Assert that the table is over light that bleeds in one camera alone."""
+    for name, bleed in (('stays', {}), ('bleeds', {'bleed': 3.0})):
+        full = {'half': 0.3, 'gloss': 0.0}
+        effects = {'saturation': {**full, **bleed}}
+        write_campaign(tmp_path / name, seed=118, effects=effects, **TINY)
+        (one,) = fitted_forms(tmp_path / name, {'saturation': full}, quick=True).explained.verdicts
+        assert one.proposal.together.get('bleed') == bleed.get('bleed')
+
+
 def test_a_recording_without_valid_pixels_stays_where_it_was_registered():
     """Assert it of pose and forms: what the others say is not changed."""
     nothing = np.zeros(0)

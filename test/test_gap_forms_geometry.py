@@ -17,7 +17,7 @@ from named_forms import fitted_forms
 import numpy as np
 import pytest
 
-LENS = {'focal': 0.01, 'cx': 0.5, 'cy': -0.4, 'k1': 0.03}
+LENS = {'focal': 0.01, 'cx': 0.5, 'cy': -0.4, 'k1': 0.03, 'aspect': 0.02, 'p2': 0.01}
 # What a diagnosis may name: a part of the lens, and a pose error for the rest.
 PART = {'focal': 0.006, 'cx': 0.2, 'cy': -0.2, 'k1': 0.02}
 NAMED = {'pose_error': {'x': 0.002}, 'intrinsics_error': PART}
@@ -28,7 +28,7 @@ COUNT = 400
 def recordings(tmp_path_factory):
     """Record rooms with a wrong lens, from poses that are wrong, too."""
     folder = tmp_path_factory.mktemp('lens') / 'recordings'
-    size = {'recordings': 6, 'frames': 6, 'scale': 0.25, 'moving': 0}
+    size = {'recordings': 6, 'frames': 6, 'scale': 0.4, 'moving': 0}
     write_campaign(folder, seed=131, effects={'intrinsics_error': LENS}, **size)
     return folder
 
@@ -44,6 +44,8 @@ def test_a_wrong_lens_is_found_although_the_poses_are_wrong(recordings):
     (lens,) = found.effects(parse_effects(NAMED))
     assert lens.focal == pytest.approx(LENS['focal'], abs=0.004)
     assert lens.k1 == pytest.approx(LENS['k1'], abs=0.004)
+    assert lens.aspect == pytest.approx(LENS['aspect'], abs=0.006)
+    assert lens.p2 == pytest.approx(LENS['p2'], abs=0.003)
 
 
 def test_a_lens_at_its_bounds_is_fitted_on(tmp_path):

@@ -65,6 +65,9 @@ class IntrinsicsError(Effect):
                 Free('cx', -20.0, 20.0),
                 Free('cy', -20.0, 20.0),
                 Free('k1', -0.3, 0.3),
+                Free('aspect', -0.1, 0.1),
+                Free('p1', -0.05, 0.05),
+                Free('p2', -0.05, 0.05),
             ),
         ),
     )
@@ -87,6 +90,7 @@ class IntrinsicsError(Effect):
     p1: float = parameter(0.0, -0.1, 0.1, '', 'plumb_bob, tangential, down')
     p2: float = parameter(0.0, -0.1, 0.1, '', 'plumb_bob, tangential, across')
     k3: float = parameter(0.0, -0.5, 0.5, '', 'plumb_bob, radial, r^6')
+    aspect: float = parameter(0.0, -0.2, 0.2, '', 'relative error of fy beyond that of fx')
 
     def true_camera(self, believed: Intrinsics) -> Intrinsics:
         """Return what the camera is when it is thought to be ``believed``."""
@@ -94,7 +98,7 @@ class IntrinsicsError(Effect):
         return replace(
             believed,
             fx=believed.fx * (1 + s * self.focal),
-            fy=believed.fy * (1 + s * self.focal),
+            fy=believed.fy * (1 + s * (self.focal + self.aspect)),
             cx=believed.cx + s * self.cx,
             cy=believed.cy + s * self.cy,
             distortion=(s * self.k1, s * self.k2, s * self.p1, s * self.p2, s * self.k3),

@@ -8,7 +8,7 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Searched
 from flexx2_sim_ros.effects.light import log_amplitude
 from flexx2_sim_ros.effects.losing import glare_as_found, kept_by, lose, lost_beyond, survival
-from flexx2_sim_ros.effects.tables import Curve, curve_over
+from flexx2_sim_ros.effects.tables import Curve, curve_over, optional_number
 from flexx2_sim_ros.formulas.fastmath import arccos, exp, log, log_from_zero
 from flexx2_sim_ros.formulas.scalars import f32
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -30,6 +30,20 @@ def survives_light(
 ) -> float:
     """Return the chance that a pixel of this amplitude, times a gain, stays valid."""
     return survival(slope * (log_amplitude + log(gain) - log_half), strength)
+
+
+def bled(log_amplitude: np.ndarray, reach: float) -> np.ndarray:
+    """
+    Return the largest light, (H, W), that runs up or down the columns into each pixel.
+
+    Light is the logarithm of amplitudes. It loses 1 in every ``reach`` pixels.
+    """
+    out = log_amplitude.copy()
+    fall = np.float32(1 / reach)
+    for down in (out, out[::-1]):
+        for above, here in zip(down[:-1], down[1:], strict=True):
+            np.fmax(here, above - fall, out=here)
+    return out
 
 
 @dataclass(frozen=True)
@@ -71,6 +85,9 @@ class Saturation(Effect):
         1.0,
         'probability that a pixel is invalid, in place of the logistic function and gloss',
     )
+    bleed: float | None = optional_number(
+        'px', 0.1, 100.0, 'light that bleeds up and down columns falls by e in this many pixels'
+    )
 
     def constants(self) -> dict[str, float]:
         """Return gloss and lobe (radians), then the logistic's half, slope and strength."""
@@ -85,10 +102,17 @@ class Saturation(Effect):
     def apply(self, state: FrameState) -> None:
         """Lose pixels by a logistic in the logarithm of the amplitude, rising."""
         gain, survives = np.ones_like(state.depth), np.empty_like(state.depth)
-        if self.curve is not None:
-            survives = kept_by(self.curve.at(log_amplitude(state.signal)), self.strength)
+        if self.curve is None:
+            gloss, *rest = self.rounded
+            _survives(state.signal, state.cosine, gloss, *rest, gain, survives)
+            if self.bleed is not None:
+                light = np.exp(bled(log_amplitude(state.signal * gain), self.bleed))
+                none = np.zeros_like(gloss)
+                _survives(light, state.cosine, none, *rest, np.empty_like(gain), survives)
         else:
-            _survives(state.signal, state.cosine, *self.rounded, gain, survives)
+            light = log_amplitude(state.signal)
+            over = light if self.bleed is None else bled(light, self.bleed)
+            survives = kept_by(self.curve.at(over), self.strength)
         lost = lose(state, survives, self.stream)
         state.saturated = lost & np.isfinite(state.depth)
         if state.saturated.any():

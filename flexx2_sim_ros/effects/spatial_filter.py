@@ -71,6 +71,7 @@ class SpatialFilter(Effect):
     )
     shapes: ClassVar[tuple[Shape, ...]] = (
         Shape('3 x 3 mean', (Free('mix', 0.0, 1.0), _GATE), quick=True),
+        Shape('3 x 3 median', (Free('mix', 0.0, 1.0),), {'median': 3.0, 'gate': 20.0}, quick=True),
         Shape('Gaussian mean', (Free('width', 0.2, 3.0, log=True), _GATE), {'mix': 1.0}),
     )
     filters: ClassVar[bool] = True
@@ -85,6 +86,9 @@ class SpatialFilter(Effect):
     width: float | None = optional_number(
         'px', 0.05, 5.0, 'standard deviation of a Gaussian mean, in place of that of 3 x 3 pixels'
     )
+    median: float | None = optional_number(
+        'px', 3.0, 9.0, 'width of the window of a median, in place of a mean; odd'
+    )
 
     def constants(self) -> dict[str, float]:
         """Return the gate, in sigma_z, and the weight of the mean."""
@@ -93,7 +97,10 @@ class SpatialFilter(Effect):
     def apply(self, state: FrameState) -> None:
         """Mix every pixel with those neighbours that are alike."""
         out = np.empty_like(state.measured)
-        if self.width is None:
+        if self.median is not None:
+            reach = int(self.median) // 2
+            _filter_by_median(state.measured, state.sigma, reach, *self.rounded, out)
+        elif self.width is None:
             _filter(state.measured.ravel(), state.sigma, *self.rounded, out)
         else:
             places = np.arange(-int(np.ceil(_REACH * self.width)), 0)
@@ -113,6 +120,27 @@ def _filter(depth, sigma, gate, mix, out):
         for x in range(width):
             limit = gate * sigma[y, x]
             out[y, x] = _mixed_with_alike(depth, 0, height, width, y, x, limit, mix)
+
+
+@loop(error_model='numpy', fastmath=FAST)
+def _filter_by_median(depth, sigma, reach, gate, mix, out):
+    height, width = out.shape
+    sorted_ = np.empty((2 * reach + 1) ** 2, np.float32)
+    for y in range(height):
+        for x in range(width):
+            count = 0
+            for yy in range(max(y - reach, 0), min(y + reach + 1, height)):
+                for xx in range(max(x - reach, 0), min(x + reach + 1, width)):
+                    difference = depth[yy, xx] - depth[y, x]
+                    if abs(difference) <= gate * sigma[y, x]:  # never true of NaN
+                        place = count
+                        while place > 0 and sorted_[place - 1] > difference:
+                            sorted_[place] = sorted_[place - 1]
+                            place -= 1
+                        sorted_[place] = difference
+                        count += 1
+            middle = (sorted_[(count - 1) // 2] + sorted_[count // 2]) / np.float32(2.0)
+            out[y, x] = depth[y, x] + mix * middle if count > 0 else depth[y, x]
 
 
 @inlined

@@ -248,3 +248,15 @@ class Saturation(Effect):
         full = np.maximum(fill - 0.9, 0)
         taps -= self._wells * np.where(full > 0, full - 0.1 * np.tanh(full / 0.1), 0)
         frame.invalid |= (fill >= 1).any(axis=(0, 1))
+        if self.optics.internals.bleed_px:
+            whole = fill.max(axis=(0, 1))
+            frame.invalid |= whole + _spilled(whole, self.optics.internals.bleed_px) >= 1
+
+
+def _spilled(fill: np.ndarray, reach: float) -> np.ndarray:
+    # (H, W) charge, in full wells, that wells get from those of their columns that overflow.
+    rows = np.arange(len(fill))
+    share = np.exp(-np.abs(rows[:, None] - rows) / reach)
+    np.fill_diagonal(share, 0.0)
+    spilled: np.ndarray = share @ np.maximum(fill - 1, 0)
+    return spilled

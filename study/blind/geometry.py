@@ -28,7 +28,7 @@ class PoseError(Effect):
 
 
 class IntrinsicsError(Effect):
-    """Focal length, centre and radial distortion differ from those that the user knows."""
+    """Focal lengths, centre and distortion differ from those that the user knows."""
 
     name = 'intrinsics_error'
 
@@ -38,14 +38,16 @@ class IntrinsicsError(Effect):
         camera = self.optics.intrinsics
         pixels = self.strength * 1.5 * camera.width / 224
         angle = rng.uniform(0, 2 * math.pi)
+        inside = self.optics.internals
+        aspect, across = (self.strength * one for one in (inside.aspect, inside.tangential))
         self._rays = pixel_rays(
             replace(
                 camera,
                 fx=camera.fx * (1 + focal),
-                fy=camera.fy * (1 + focal),
+                fy=camera.fy * (1 + focal + aspect),
                 cx=camera.cx + pixels * math.cos(angle),
                 cy=camera.cy + pixels * math.sin(angle),
-                distortion=(k1, 0.0, 0.0, 0.0, 0.0),
+                distortion=(k1, 0.0, across, -across / 2, 0.0),
             )
         )
         self.parameters = {'focal': focal, 'centre_px': pixels, 'k1': k1}

@@ -21,8 +21,9 @@ class Internals:
     * `scatter`: scatter function of `stray_light`: ``tail`` (a power law), ``gauss`` or ``even``
       (the same over the whole image)
     * `scatter_px`: its width, pixels of an image that is 224 wide
-    * `window`: weights of `spatial_filter`: ``alike`` (bilateral, 5 x 5), ``box`` or ``gauss``
-    * `window_px`: width of the box or of the Gaussian's support, pixels; odd
+    * `window`: weights of `spatial_filter`: ``alike`` (bilateral, 5 x 5), ``box`` or ``gauss``, or
+      a ``median`` of depths
+    * `window_px`: width of box, median or the Gaussian's support, pixels; odd
     * `memory`: `temporal_filter`: ``first`` order, ``second`` order, or ``mean`` of the last
       frames
     * `memory_frames`: how many frames the mean has
@@ -30,6 +31,10 @@ class Internals:
     * `knee`: charge at which the lag of `amplitude_bias` is halved, 1/m^2
     * `latency_s`: age of the image in `time_offset` at strength 1, seconds
     * `lost`: fraction of the pixels that `random_dropout` loses at strength 1
+    * `bleed_px`: charge that overflows a full well of `saturation` falls by a factor of e in so
+      many pixels of its column; 0: it stays there
+    * `aspect`: fraction by which `intrinsics_error` makes fy longer than fx, at strength 1
+    * `tangential`: its tangential distortion, at strength 1
     """
 
     mhz: float = 0.0
@@ -47,6 +52,9 @@ class Internals:
     knee: float = 0.15
     latency_s: float = 0.05
     lost: float = 0.1
+    bleed_px: float = 0.0
+    aspect: float = 0.0
+    tangential: float = 0.0
 
 
 # Effects, and what differs inside: cameras whose causes keep their names. Each is one campaign.

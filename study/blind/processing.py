@@ -162,6 +162,8 @@ class SpatialFilter(Effect):
         unit = frame.phasors / np.maximum(size, np.float32(1e-20))
         parts = np.concatenate([unit.real, unit.imag])
         inside = self.optics.internals
+        if inside.window == 'median':
+            return
         if inside.window != 'alike':
             # A fraction of the light, so that strength 0 changes nothing.
             mixed = unit + min(self.strength, 1.0) * (
@@ -178,6 +180,18 @@ class SpatialFilter(Effect):
         )
         mean = out[: len(unit)] + 1j * out[len(unit) :]
         frame.phasors = mean * (size / np.maximum(np.abs(mean), np.float32(1e-20)))
+
+    def report(self, frame: Frame) -> None:
+        """Take the median of the depths around; what is invalid counts as the pixel itself."""
+        inside = self.optics.internals
+        if inside.window != 'median':
+            return
+        here = frame.depth
+        wide = np.pad(here, inside.window_px // 2, constant_values=np.nan)
+        around = np.lib.stride_tricks.sliding_window_view(wide, (inside.window_px,) * 2)
+        around = np.where(np.isnan(around), here[..., None, None], around)
+        change = np.median(around, axis=(2, 3)) - here
+        frame.depth = (here + min(self.strength, 1.0) * change).astype(np.float32)
 
 
 def _windowed(unit: np.ndarray, shape: str, width: int) -> np.ndarray:

@@ -81,18 +81,20 @@ def pixel_rays(intrinsics: Intrinsics, shift: tuple[float, float] = (0.0, 0.0)) 
     """
     Return x/z and y/z of every pixel, (H * W, 2) float64.
 
-    Radial distortion moves a point outwards by ``1 + k1 r^2``. `shift` moves all pixels by a
-    fraction of a pixel.
+    Radial distortion moves a point outwards by ``1 + k1 r^2``, tangential distortion sideways by
+    p1 and p2 of OpenCV. `shift` moves all pixels by a fraction of a pixel.
     """
     v, u = np.mgrid[: intrinsics.height, : intrinsics.width].astype(np.float64)
     x = (u + shift[0] - intrinsics.cx) / intrinsics.fx
     y = (v + shift[1] - intrinsics.cy) / intrinsics.fy
-    k1 = intrinsics.distortion[0]
+    k1, _, p1, p2, *_ = intrinsics.distortion
     undistorted = np.stack([x.ravel(), y.ravel()], axis=-1)
-    if k1:
+    if k1 or p1 or p2:
         seen = undistorted.copy()
         for _ in range(12):
-            undistorted = seen / (1 + k1 * (undistorted**2).sum(-1, keepdims=True))
+            aside = 2 * undistorted * (undistorted @ (p2, p1))[:, None]
+            square = (undistorted**2).sum(-1, keepdims=True)
+            undistorted = (seen - aside - square * (p2, p1)) / (1 + k1 * square)
     return undistorted
 
 

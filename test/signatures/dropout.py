@@ -5,7 +5,7 @@ import math
 from boards import board
 import numpy as np
 
-from signatures.tools import close, pair, RAY_X, RAY_Y, signature, U, wall
+from signatures.tools import close, pair, RAY_X, RAY_Y, SHAPE, signature, U, wall
 
 
 def logistic(logit, strength):
@@ -95,6 +95,16 @@ def saturation():
     # The gray image is white there.
     gone = np.isnan(frame.depth) & np.isfinite(base.depth)
     assert (frame.amplitude[gone] >= base.amplitude[gone]).all()
+    # A spot's light bleeds along its columns, and falls by e in so many pixels.
+    light, reach = np.full(SHAPE, 0.1), 8.0
+    light[80, 60:160] = 1.0
+    spot = {'usecase': 'Mode_9_30fps', 'gloss': 0.0, 'half': 0.4, 'slope': 4.0}
+    frame, _ = pair('saturation', wall(1.0), np.arange(40), light, bleed=reach, **spot)
+    for away in (0, 4, 8):
+        bright = np.log(np.maximum(np.exp(-away / reach), 0.1) * math.cos(0.1) / 0.4)
+        lost = np.isnan(frame.depth[:, [80 - away, 80 + away], 80:145]).mean()
+        close(lost, logistic(4.0 * bright, 1.0), rel=0.1)
+    assert np.isnan(frame.depth[:, 80, :40]).mean() < 0.05
 
 
 @signature

@@ -89,14 +89,15 @@ def intrinsics_error():
         'p1': 0.002,
         'p2': -0.001,
         'k3': 0.003,
+        'aspect': -0.006,
     }
     for strength in (1.0, 3.0):
-        focal, cx, cy, k1, k2, p1, p2, k3 = (strength * value for value in given.values())
+        focal, cx, cy, k1, k2, p1, p2, k3, aspect = (strength * value for value in given.values())
         # The ray whose distorted image is the pixel, by Newton's method with numeric slopes.
         target = np.stack(
             [
                 (U - K[0, 2] - cx) / (K[0, 0] * (1 + focal)),
-                (V - K[1, 2] - cy) / (K[1, 1] * (1 + focal)),
+                (V - K[1, 2] - cy) / (K[1, 1] * (1 + focal + aspect)),
             ]
         )
 

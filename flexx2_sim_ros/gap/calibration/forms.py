@@ -42,6 +42,7 @@ class Forms:
     amplitude: tuple[float, float, int] = constant(
         (-7.0, 3.0, 51), 'ln 1/m^2', 'edges of bins of amplitude', DEFINITION
     )
+    bleeds: tuple[float, ...] = constant((1.0, 3.0, 10.0), 'px', 'reaches of bleeding light')
     fewest: int = constant(3, 'recordings', 'with fewer nothing can be left out')
     surer: float = constant(
         1.0, 'standard errors', 'by which a more flexible form must be better, left out'

@@ -338,7 +338,7 @@ def _dropout(name: str, looked: Sequence[Looked]) -> FormProposal:
     varies = variation(
         tables[0].at(dropout.middles(kind.over)), dropout.together(counts).seen[kind.over]
     )
-    together, *without = (_strong(**{kind.field: table}) for table in tables)
+    together, *without = (_strong(**dict(kind.fixed), **{kind.field: table}) for table in tables)
     label = f'monotone table over {kind.over}'
     return FormProposal(name, label, together, tuple(without), varies)
 

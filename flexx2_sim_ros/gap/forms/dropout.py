@@ -4,9 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexx2_sim_ros.effects.grazing_dropout import log_slant
+from flexx2_sim_ros.effects.saturation import bled
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
+from flexx2_sim_ros.gap.forms.bias_fit import is_surely_less
 from flexx2_sim_ros.gap.forms.samples import images_at, light_of, surface_of
 from flexx2_sim_ros.physics.geometry import ray_length
 import numpy as np
@@ -17,26 +19,32 @@ class DropoutTable:
     """
     One kind of table that a dropout may have, in a field of the effect.
 
-    It is over ``incidence``, ``slant`` or ``light``; `rises`: the probability rises with that.
+    It is over ``incidence``, ``slant`` or ``light``, or over light that bleeds; `rises`: the
+    probability rises with that. `fixed` are other parameters of the effect.
     """
 
     field: str
     over: str
     rises: bool
+    fixed: tuple[tuple[str, float], ...] = ()
 
 
+_BLED = {f'light that bleeds {reach:g} px': reach for reach in FORMS.bleeds}
 KINDS = {
     'grazing_dropout': (
         DropoutTable('curve', 'incidence', True),
         DropoutTable('slant', 'slant', True),
     ),
     'low_signal_dropout': (DropoutTable('curve', 'light', False),),
-    'saturation': (DropoutTable('curve', 'light', True),),
+    'saturation': (
+        DropoutTable('curve', 'light', True),
+        *(DropoutTable('curve', over, True, (('bleed', reach),)) for over, reach in _BLED.items()),
+    ),
 }
 _EDGES = {
     'incidence': np.linspace(*FORMS.incidence),
     'slant': np.linspace(*FORMS.slant),
-    'light': np.linspace(*FORMS.amplitude),
+    **dict.fromkeys(('light', *_BLED), np.linspace(*FORMS.amplitude)),
 }
 
 
@@ -45,7 +53,7 @@ class Counts:
     """
     Pixels of a recording's surfaces (`seen`), and how many of them are invalid (`lost`).
 
-    Both are (B,) over ``incidence``, ``slant`` and ``light``.
+    Both are (B,) over what the tables of `KINDS` are over.
     """
 
     seen: dict[str, np.ndarray]
@@ -59,14 +67,12 @@ class Counts:
 
 def middles(over: str) -> np.ndarray:
     """Return the middles of the bins of a covariate."""
-    edges = _EDGES[over]
-    return (edges[1:] + edges[:-1]) / 2
+    return (_EDGES[over][1:] + _EDGES[over][:-1]) / 2
 
 
 def counts_of(scene: PlacedScene) -> Counts:
     """Count the pixels of a recording."""
-    seen = {over: np.zeros(len(edges) - 1) for over, edges in _EDGES.items()}
-    lost = {over: np.zeros(len(edges) - 1) for over, edges in _EDGES.items()}
+    seen, lost = ({over: np.zeros(len(e) - 1) for over, e in _EDGES.items()} for _ in range(2))
     moving = scene.moving
     for t in range(len(scene.placed.clean) if moving else 1):
         inside = scene.covariates[t if moving else 0].inside
@@ -85,10 +91,12 @@ def _covariates(scene: PlacedScene, t: int) -> dict[str, np.ndarray]:
     recording = scene.recording
     clean, light = images_at(scene.placed, t)
     cosine = surface_of(recording, clean).cos_incidence
+    amplitude = light_of(recording, clean, light)
     return {
         'incidence': np.degrees(np.arccos(np.clip(cosine, 0, 1))),
         'slant': log_slant(cosine, clean * ray_length(recording.K, clean.shape)),
-        'light': light_of(recording, clean, light),
+        'light': amplitude,
+        **{over: bled(amplitude, reach) for over, reach in _BLED.items()},
     }
 
 
@@ -120,18 +128,19 @@ def table_of(kind: DropoutTable, counts: Sequence[Counts]) -> Curve:
 
 
 def best_kind(effect: str, counts: Sequence[Counts]) -> DropoutTable:
-    """Return the kind of table that tells most of the invalid pixels of left-out recordings."""
+    """Return the kind that tells most of left-out recordings; light that bleeds: surely more."""
 
-    def surprise(kind: DropoutTable) -> float:
-        # Negative log-likelihood a pixel, mean over recordings.
-        total = 0.0
+    def surprise(kind: DropoutTable) -> np.ndarray:
+        # Negative log-likelihood a pixel, (R,).
+        out = []
         for i, one in enumerate(counts):
-            rest = [*counts[:i], *counts[i + 1 :]]
-            p = np.clip(
-                table_of(kind, rest).at(middles(kind.over)), FORMS.unlikely, 1 - FORMS.unlikely
-            )
+            table = table_of(kind, [*counts[:i], *counts[i + 1 :]])
+            p = np.clip(table.at(middles(kind.over)), FORMS.unlikely, 1 - FORMS.unlikely)
             seen, lost = one.seen[kind.over], one.lost[kind.over]
-            total -= float((lost * np.log(p) + (seen - lost) * np.log(1 - p)).sum() / seen.sum())
-        return total
+            out.append(-(lost * np.log(p) + (seen - lost) * np.log(1 - p)).sum() / seen.sum())
+        return np.array(out)
 
-    return min(KINDS[effect], key=surprise)
+    every = [(surprise(kind), kind) for kind in KINDS[effect]]
+    groups = ([one for one in every if bool(one[1].fixed) == bleeds] for bleeds in (False, True))
+    simple, *more = (min(group, key=lambda one: one[0].sum()) for group in groups if group)
+    return more[0][1] if more and is_surely_less(more[0][0], simple[0]) else simple[1]

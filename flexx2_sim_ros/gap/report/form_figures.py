@@ -112,7 +112,7 @@ def _typical_dropout(
     effect: str, field: str, looked: Sequence[Looked]
 ) -> tuple[np.ndarray, np.ndarray]:
     # Fraction of invalid pixels in the simulation with the diagnosed effects.
-    (over,) = (kind.over for kind in dropout.KINDS[effect] if kind.field == field)
+    over = next(kind.over for kind in dropout.KINDS[effect] if kind.field == field)
     fractions = dropout.together([one.typical_counts for one in looked]).fractions(over)
     known = np.isfinite(fractions)
     return dropout.middles(over)[known], fractions[known]
