@@ -31,7 +31,7 @@ def accepted(gate, stamps):
 
 
 @pytest.mark.parametrize('jitter', [0.0, 0.1], ids=['rounded', 'jitter'])
-@pytest.mark.parametrize('input_hz', [7, 29.97, 30, 60, 60.02, 75, 100, 120, 240, 1000])
+@pytest.mark.parametrize('input_hz', [7, 29.97, 60, 60.02, 75, 240, 1000])
 @pytest.mark.parametrize('rate', RATES)
 def test_rate_is_exact_in_the_long_run(rate, input_hz, jitter):
     """Assert the lower of both rates to 0.5 %, and no frame far from its due time."""
