@@ -88,7 +88,6 @@ def test_cut_off_anywhere(kind, whole, tmp_path):
             size - 37,
             size - 8,
             size - 1,
-            *np.random.default_rng(1).integers(0, size, 12).tolist(),
             *np.linspace(0, size - 1, 4 * COUNT).astype(int).tolist(),
         }
     )
