@@ -18,26 +18,10 @@ from flexx2_sim_ros.gap.report.words import headline
 import pytest
 
 KEYS = [
-    'schema',
-    'verdict',
-    'effects',
-    'alternatives',
-    'refused',
-    'not_decidable',
-    'disagree',
-    'unexplained',
-    'where',
-    'gap',
-    'calibration',
-    'age',
-    'evidence',
-    'recordings',
-    'settings',
-    'not_considered',
-    'seconds',
-    'peak_mb',
-    'version',
-]
+    'schema', 'verdict', 'effects', 'alternatives', 'refused', 'not_decidable', 'disagree',
+    'unexplained', 'where', 'gap', 'calibration', 'age', 'evidence', 'recordings', 'settings',
+    'not_considered', 'seconds', 'peak_mb', 'version',
+]  # fmt: skip
 
 
 def keys(value):
