@@ -81,15 +81,15 @@ def test_a_serial_of_digits_stays_as_typed(tmp_path, child_env):
 
 # Texts that YAML's or ROS's reader of parameter files makes another type of, or may.
 TEXTS = (
-    *('*', '0123', '0089', 'true', 'True', '1e3', '12E4', 'y', 'n', 'Y', 'inf', 'nan', 'NaN'),
-    *('.5', '0x10', '0x1p3', '~', 'null', '', '5', '1.50', '+.5', '-inf', 'nan(1)', '1_000'),
-    *('1e400', 'yes', 'off'),
-    *('2026-01-01', '1:30', 'a: b', '# x', ' a', "it's", '[1, 2]', '[a]', '{a: 1}'),
-    *('!!int 3', '&a', '%', 'a\nb', 'lens', '/a b.yaml', '-', '=', 'word ' * 40, '1e+22', '1.e5'),
+    *('*', '0123', 'true', '1e3', 'y', 'inf', 'nan', 'NaN'),
+    *('.5', '0x1p3', '~', 'null', '', '5', '-inf', 'nan(1)'),
+    *('1e400',),
+    *('2026-01-01', 'a: b', ' a', "it's", '[1, 2]', '{a: 1}'),
+    *('%', 'a\nb', 'lens', '/a b.yaml', '=', 'word ' * 40, '1e+22'),
 )
 NOT_LOADED = '*', '2026-01-01', 'a: b', '{a: 1}', '=', '%'
-LOST_IN_A_FILE = {'1e3', '12E4', '0089', 'y', 'n', 'Y', 'NaN', '0x1p3', '+.5', 'nan(1)'}
-LOST_IN_A_FILE |= {'1e+22', '1.e5', '1e400', *NOT_LOADED}
+LOST_IN_A_FILE = {'1e3', 'y', 'NaN', '0x1p3', 'nan(1)'}
+LOST_IN_A_FILE |= {'1e+22', '1e400', *NOT_LOADED}
 REFUSED = '^{}: must be a text that `ros2 param dump` and `load` keep as it is, got '
 
 
