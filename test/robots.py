@@ -25,21 +25,9 @@ __all__ = [
     'CameraInfo',
     'Clock',
     'Image',
-    'JOINTS',
-    'JointState',
-    'Odometry',
-    'RATE',
-    'RobotUnderTest',
-    'Twist',
-    'exact',
-    'joints',
-    'odometry',
-    'place',
     'robot_messages',
-    'robot_node',
     'tf_frames',
-    'twist',
-]
+]  # the others are used here
 
 # The scene with the least to draw, and rays: fast, and free of OpenGL.
 USUAL = {'scene': 'corner', 'renderer': 'ray'}

@@ -25,36 +25,7 @@ from ros_images import array_of, image_message, info_message, nanoseconds
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 
-__all__ = [
-    'BOARDS',
-    'CLOUD',
-    'CameraInfo',
-    'Clock',
-    'DEPTH',
-    'DiagnosticStatus',
-    'FLEXX2',
-    'GRAY',
-    'INFO',
-    'INPUT_HZ',
-    'Image',
-    'Listener',
-    'NOISE',
-    'Parameter',
-    'PointField',
-    'SECOND',
-    'START',
-    'Stream',
-    'array_of',
-    'boards',
-    'image_message',
-    'info_message',
-    'input_stamps',
-    'library',
-    'nanoseconds',
-    'plane',
-    'same',
-    'stream',
-]
+__all__ = ['Clock', 'DiagnosticStatus', 'PointField', 'nanoseconds']
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -115,7 +115,7 @@ def test_recordings_survive_a_bag_to_the_last_bit(kind, target, tmp_path):
     assert direct.usecase == through.usecase
 
 
-@pytest.mark.parametrize('name', ['#1', 'a?b', 'w%41', '%', 'a b', 'w\xe4nd 雪'])
+@pytest.mark.parametrize('name', ['%', '#1 a?b w%41 w\xe4nd 雪'])
 @pytest.mark.parametrize('storage', STORAGES)
 def test_a_bag_lies_where_it_was_asked_for(storage, name, tmp_path):
     folder = tmp_path / name

@@ -88,7 +88,6 @@ def test_cut_off_anywhere(kind, whole, tmp_path):
             size - 37,
             size - 8,
             size - 1,
-            *np.random.default_rng(1).integers(0, size, 12).tolist(),
             *np.linspace(0, size - 1, 4 * COUNT).astype(int).tolist(),
         }
     )
@@ -108,22 +107,6 @@ def test_cut_off_anywhere(kind, whole, tmp_path):
         assert len(set(counts)) == COUNT + 1
     else:
         assert counts[-1] >= COUNT - 3
-
-
-@pytest.mark.parametrize('kind', ['mcap', 'zstd', 'sqlite3'])
-def test_damaged_anywhere(kind, whole, tmp_path):
-    data = whole[kind].read_bytes()
-    path = tmp_path / f'damaged{whole[kind].suffix}'
-    rng = np.random.default_rng(2)
-    for _ in range(40):
-        broken = bytearray(data)
-        start = int(rng.integers(0, len(data) - 64))
-        # The first and last kilobytes hold the structure: a third of the damage goes there.
-        start = (start, start % 4096, len(data) - 64 - start % 4096)[int(rng.integers(3))]
-        broken[start : start + 64] = rng.bytes(64)
-        path.write_bytes(broken)
-        recording = attempt(path)
-        assert recording is None or recording.depth.shape[1:] == (86, 112)
 
 
 @pytest.mark.parametrize('storage', STORAGES)

@@ -20,32 +20,12 @@ from study.blind.rooms import KINDS
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = {
-    'offset',
-    'wiggling',
-    'warm_up_drift',
-    'amplitude_bias',
-    'fixed_pattern',
-    'flying_pixels',
-    'multipath',
-    'stray_light',
-    'range_wrap',
-    'low_signal_dropout',
-    'random_dropout',
-    'grazing_dropout',
-    'saturation',
-    'temporal_filter',
-    'spatial_filter',
-    'depth_scale',
-    'excess_noise',
-    'ambient_light',
-    'heavy_tails',
-    'lateral_noise',
-    'quantisation',
-    'motion_artefact',
-    'time_offset',
-    'pose_error',
-    'intrinsics_error',
-}
+    'offset', 'wiggling', 'warm_up_drift', 'amplitude_bias', 'fixed_pattern', 'flying_pixels',
+    'multipath', 'stray_light', 'range_wrap', 'low_signal_dropout', 'random_dropout',
+    'grazing_dropout', 'saturation', 'temporal_filter', 'spatial_filter', 'depth_scale',
+    'excess_noise', 'ambient_light', 'heavy_tails', 'lateral_noise', 'quantisation',
+    'motion_artefact', 'time_offset', 'pose_error', 'intrinsics_error',
+}  # fmt: skip
 
 
 @pytest.mark.parametrize('usecase', MODES)

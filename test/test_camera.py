@@ -34,7 +34,7 @@ def scene():
 
 
 @pytest.mark.parametrize('turn', ['yaw', 'pitch'])
-@pytest.mark.parametrize('angle', [0, 20, 45, 60, 75])
+@pytest.mark.parametrize('angle', [0, 45, 75])
 @pytest.mark.parametrize('usecase', MEASURED)
 def test_slanted_planes_get_axial_noise_and_nothing_else(usecase, angle, turn):
     target = board(1.0, angle, turn=turn)
@@ -55,8 +55,14 @@ def test_slanted_planes_get_axial_noise_and_nothing_else(usecase, angle, turn):
 V, U = np.mgrid[:172, :224]
 
 
-@pytest.mark.parametrize('usecase', MEASURED)
-@pytest.mark.parametrize('edge', [0, 20, 45, 70, 90, -45, 'board', 'disc', 'strip'])
+@pytest.mark.parametrize(
+    ('usecase', 'edge'),
+    [
+        *(('Mode_9_30fps', edge) for edge in (0, 20, 45, 90, -45, 'board', 'disc', 'strip')),
+        ('Mode_5_30fps', 'disc'),
+        ('Mode_5_60fps', 'disc'),
+    ],
+)
 def test_edge_pixels_show_one_of_the_two_surfaces(usecase, edge):
     front = board(1.0, 30).depth
     angle = math.radians(edge) if isinstance(edge, int) else 0
@@ -195,24 +201,7 @@ def test_sigma_stays_constant_near_90_degrees():
 
 
 @pytest.mark.parametrize(
-    'nothing',
-    [
-        math.nan,
-        math.inf,
-        -math.inf,
-        0.0,
-        -0.0,
-        -1.0,
-        1e-45,
-        1e-38,
-        1e-9,
-        1e10,
-        1e20,
-        1e30,
-        float(np.finfo(np.float32).max),
-        1e39,
-        1e300,
-    ],
+    'nothing', [math.nan, math.inf, -math.inf, 0.0, -1.0, 1e-45, 1e-9, 1e10, 3.4e38, 1e39, 1e300]
 )
 def test_depth_that_is_not_a_distance_is_invalid(nothing):
     clean = np.full(SHAPE, 1.0)
@@ -307,71 +296,20 @@ def matrix_with(row, column, value):
 GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.ones(SHAPE)}
 
 
+BAD = {
+    'clean_depth': [3.0, np.ones((0, 5)), np.ones(SHAPE, complex), None, np.ones(SHAPE, bool)],
+    'reflectivity': [0.5, np.ones((3, 3)), np.ones(SHAPE, complex)],
+    'K': [np.eye(2), K.ravel(), None, K.astype(complex), np.zeros((3, 3)), K * 2, K.T],
+    'stamp': [math.nan, 1e12, 2**70, None, 'now', True, 1j],
+    'leading': [np.ones((2, *SHAPE))],
+}
+BAD['clean_depth'] += [np.ones(SHAPE, object), [[1.0, 2.0], [3.0]]]
+CHANGES = (0, 0, -210), (1, 1, 0), (0, 0, math.nan), (1, 2, -math.inf), (0, 1, 0.1), (2, 2, 0)
+BAD['K'] += [matrix_with(*change) for change in (*CHANGES, (0, 0, 1e-60), (1, 2, 1e60))]
+
+
 @pytest.mark.parametrize(
-    ('field', 'value'),
-    [
-        *(
-            ('clean_depth', bad)
-            for bad in (
-                3.0,
-                [1.0, 2.0],
-                np.ones((0, 5)),
-                np.ones((5, 0)),
-                np.ones(SHAPE, complex),
-                'near',
-                None,
-                np.ones(SHAPE, bool),
-                np.ones(SHAPE, object),
-                np.full(SHAPE, '1'),
-                [[1.0, 2.0], [3.0]],
-            )
-        ),
-        *(
-            ('reflectivity', bad)
-            for bad in (0.5, np.ones((3, 3)), np.ones(SHAPE, complex), 'white')
-        ),
-        *(
-            ('K', bad)
-            for bad in (
-                np.eye(2),
-                np.eye(4),
-                K.ravel(),
-                K[:2],
-                0,
-                None,
-                'K',
-                K.astype(complex),
-                K.astype(str),
-                np.zeros((3, 3)),
-                K * 2,
-                K.T,
-                *(
-                    matrix_with(*change)
-                    for change in (
-                        (0, 0, 0),
-                        (1, 1, 0),
-                        (0, 0, -210),
-                        (0, 0, math.nan),
-                        (1, 1, math.inf),
-                        (0, 2, math.nan),
-                        (1, 2, -math.inf),
-                        (0, 1, 0.1),
-                        (0, 1, math.nan),
-                        (2, 2, 0),
-                        (2, 2, math.nan),
-                        (0, 0, 1e-60),
-                        (0, 0, 1e60),
-                        (1, 2, 1e60),
-                    )
-                ),
-            )
-        ),
-        *(
-            ('stamp', bad)
-            for bad in (math.nan, math.inf, 1e12, 2**70, None, 'now', True, 1j, np.array(['1']))
-        ),
-        ('leading', np.ones((2, *SHAPE))),
-    ],
+    ('field', 'value'), [(field, value) for field, values in BAD.items() for value in values]
 )
 def test_what_cannot_be_used_is_named(field, value):
     given = {**GOOD, field: value}
@@ -386,12 +324,8 @@ def test_what_cannot_be_used_is_named(field, value):
     [
         ('usecase', 'Mode_7'),
         ('seed', 'one'),
-        ('seed', None),
         ('seed', 1.5),
-        ('seed', math.nan),
         ('seed', 2**63),
-        ('seed', -(2**63) - 1),
-        ('name', None),
         ('name', 5),
         ('effects', ['blur']),
     ],

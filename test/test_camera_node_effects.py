@@ -112,21 +112,6 @@ def test_a_file_at_the_start_and_numbers_beside_it(tmp_path):
             assert not conf[:, :40][lost].any()
 
 
-def test_fitted_effects_come_and_go_with_their_file(tmp_path):
-    path = tmp_path / 'gap.yaml'
-    path.write_text(
-        'schema: 1\neffects:\n  offset: {bias: 0.01}\n  residual_patch: {bias_0: 0.05}\n'
-    )
-    with stream(DEPTH) as seen:
-        for step, name in enumerate(('', str(path), '')):
-            assert seen.set(effects=name).successful
-            stamp = START + step * PERIOD
-            assert seen.show(scene(), stamp)
-            assert same(seen.depths()[-1], capture(twin(seen, name or ()), scene(), stamp).depth)
-            names = [effect.name for effect in seen.camera._camera.effects]
-            assert names == (['offset', 'residual_patch'] if name else [])
-
-
 def test_parameters_are_described():
     with stream() as seen:
         items = {

@@ -30,36 +30,6 @@ from streams import (
 pytestmark = pytest.mark.usefixtures('ros')
 
 
-def test_pixels_without_a_return_are_invalid():
-    nothing = [0.0, -0.0, np.nan, np.inf, -np.inf, -1.5, 1e-30, 3e38]
-    scene = np.repeat(np.array([1.5, *nothing[:-1]], np.float32), 28)[None].repeat(172, axis=0)
-    scene[100:, 28:] = nothing[-1]
-    with stream(DEPTH) as seen:
-        seen.show(scene, START)
-        depth = seen.depths()[0]
-        # The lateral noise moves the valid board's edge by some pixels.
-        assert np.isfinite(depth[:90, :16]).all()
-        assert np.isnan(depth[:, 40:]).all()
-
-
-@pytest.mark.parametrize(
-    'layout',
-    [{'encoding': '64FC1', 'big_endian': True, 'padding': 5}, {'encoding': '16UC1', 'padding': 1}],
-    ids=str,
-)
-def test_another_layout_gives_the_same_frame(layout):
-    """Assert the input's encoding, byte order and padding do not show; see `test_decoding.py`."""
-    scene = np.rint(1000 * plane(pixel_rays(FLEXX2))).astype(np.float32) / np.float32(1000)
-    scene[:, 150:] = 0.0
-    with stream(DEPTH) as seen:
-        assert seen.show(scene, START, **layout)
-        # A millimetre's float32 depends on how it is computed, in the last bit.
-        tolerance = 1e-5 if layout.get('encoding') == '16UC1' else 0.0
-        np.testing.assert_allclose(
-            seen.depths()[0], library(seen, scene, START).depth, rtol=0, atol=tolerance
-        )
-
-
 def undistorted(camera):
     """Return the rays of a plumb_bob camera's pixels, by the textbook's iteration."""
     v, u = np.mgrid[: camera.height, : camera.width]

@@ -170,35 +170,6 @@ def test_a_clock_that_steps_back_does_not_hold_frames_back():
         assert (late.dropped, late.waiting) == (1, 2)
 
 
-@pytest.mark.parametrize('first', [5 * SECOND, 10**6 * SECOND])
-def test_an_image_while_the_clock_was_far_ahead_costs_no_other(first):
-    late = {**LATE, 'effect.time_offset.delay': 0.1}
-    with stream(INFO, use_sim_time=True, **late) as seen:
-        clocks = seen.node.create_publisher(Clock, '/clock', 10)
-        seen.spin_until(clocks.get_subscription_count, 'clock of the node')
-        heard = hear_with_times(seen)
-
-        def set_clock(now):
-            clocks.publish(Clock(clock=time_message(now)))
-            seen.spin_until(lambda: seen.camera.get_clock().now().nanoseconds == now, 'clock')
-
-        set_clock(10**6 * SECOND)
-        feed(seen, boards(), first)
-        while ('inputs received', '0') in [
-            (pair.key, pair.value) for pair in seen.next_diagnostics().values
-        ]:
-            pass
-        stamps = list(range(6 * SECOND, 9 * SECOND, 100 * MS))
-        for stamp in stamps:
-            set_clock(stamp)
-            feed(seen, boards(), stamp)
-        set_clock(10 * SECOND)
-        seen.spin_until(
-            lambda: [nanoseconds(message) for message, _ in heard][-len(stamps) :] == stamps,
-            'all later images',
-        )
-
-
 def test_a_time_before_zero_is_ignored():
     with stream(DEPTH, use_sim_time=True) as seen:
         clocks = seen.node.create_publisher(Clock, '/clock', 10)

@@ -136,25 +136,6 @@ def test_latched_camera_info_sent_before_the_node_starts(publish):
         fed.close()
 
 
-def test_depth_in_millimetres_is_reported_within_a_second(fed, publish):
-    """Assert the first report names the likely reason, and that nobody has to listen for it."""
-    fed.ignore(f'{fed.name}/{DEPTH}')
-    del fed._missed[DEPTH]
-    publish(space(fed), '--value', '1500', '--count', '300')
-    fed.spin_until(lambda: fed.published, 'first frame')
-    fed.next_diagnostics()
-    report = fed.next_diagnostics()
-    assert report.level == DiagnosticStatus.WARN
-    for part in (
-        '0.1 to',
-        'values of about 1500',
-        'looks like millimetres',
-        '32FC1 must be metres (REP 118)',
-    ):
-        assert part in report.message
-    fed.spin_until(lambda: fed.logged('clean/depth_image', 'looks like millimetres'))
-
-
 def feed(seen, value, start, count=12):
     """Show a wall at the mode's rate."""
     image = np.full((172, 224), value, np.float32)
@@ -165,7 +146,11 @@ def feed(seen, value, start, count=12):
 def test_missing_input_is_reported_until_it_arrives_again():
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         feed(seen, 1500.0, START)
-        assert 'looks like millimetres' in seen.next_diagnostics().message
+        report = seen.next_diagnostics()
+        assert report.level == DiagnosticStatus.WARN
+        assert 'values of about 1500' in report.message
+        assert 'looks like millimetres' in report.message
+        assert '32FC1 must be metres (REP 118)' in report.message
         feed(seen, np.inf, START + 2 * SECOND)
         report = seen.next_diagnostics()
         assert report.level == DiagnosticStatus.OK
@@ -178,8 +163,8 @@ def test_missing_input_is_reported_until_it_arrives_again():
             assert len(seen.logged(part)) == 1
 
 
-@pytest.mark.parametrize('jump', [1000 * SECOND, 3 * SECOND, -1000 * SECOND], ids=str)
-def test_the_rates_recover_at_once_after_a_jump_of_the_clock(jump):
+def test_the_rates_recover_at_once_after_a_jump_of_the_clock():
+    jump = 1000 * SECOND
     with stream(DEPTH, usecase='Mode_5_60fps') as seen:
         feed(seen, 1.5, START, 130)
         before = seen.published

@@ -1,11 +1,8 @@
 """Cameras on topics of any name: recognised by what they publish, in bags and while recording."""
 
-import signal
-
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, recording_cameras
-from flexx2_sim_ros.recording.bag_files import Bag
 from made_bags import (
     camera_entries,
     depths,
@@ -20,9 +17,6 @@ from made_bags import (
 )
 import numpy as np
 import pytest
-from recorders import finish, flexx2
-import streams
-from streams import CameraInfo, Image, image_message, info_message
 
 CLOUDLESS = depths(3, 5, 4, seed=1)
 
@@ -80,6 +74,8 @@ def test_two_remapped_cameras_and_one_of_usual_names(tmp_path):
 def test_a_topic_selects_the_camera_of_a_bag_that_becomes_a_bag(tmp_path):
     entries = renamed(CLOUDLESS) + renamed(CLOUDLESS + 1, '/front_left/filtered')
     bag, out = write(tmp_path / 'bag', entries), tmp_path / 'out'
+    with pytest.raises(InputError, match='/front_left/flexx2.*/front_left/filtered.*--camera'):
+        load_recording(bag)
     assert main(['convert', str(bag), str(out), '--camera', '/front_left/filtered']) == 0
     assert recording_cameras(out) == ['front_left/filtered']
     assert same(load_recording(out).depth, CLOUDLESS + 1)
@@ -102,14 +98,6 @@ def test_images_that_are_not_clear_are_named_beside_a_camera(tmp_path, capsys):
     assert '/front_left/flexx2, /front_left/filtered: not read' in said
 
 
-def test_two_candidates_for_depth_need_a_choice(tmp_path):
-    entries = renamed(CLOUDLESS) + renamed(CLOUDLESS + 1, '/front_left/filtered')
-    bag = write(tmp_path / 'bag', entries)
-    with pytest.raises(InputError, match='/front_left/flexx2.*/front_left/filtered.*--camera'):
-        load_recording(bag)
-    assert same(load_recording(bag, '/front_left/filtered').depth, CLOUDLESS + 1)
-
-
 def test_an_image_without_a_camera_info_is_no_camera(tmp_path):
     entries = [entry for entry in renamed(CLOUDLESS) if entry[0].endswith('flexx2')]
     entries.append(info('/front_left/calibration', 1, (50, 40)))
@@ -117,35 +105,3 @@ def test_an_image_without_a_camera_info_is_no_camera(tmp_path):
     assert recording_cameras(bag) == []
     with pytest.raises(InputError, match='no camera'):
         load_recording(bag)
-
-
-@pytest.mark.usefixtures('ros')
-def test_a_remapped_camera_is_recorded(child_env, tmp_path):
-    bag = tmp_path / 'bag'
-    listener = streams.Listener()
-    node = listener.node
-    depth = node.create_publisher(Image, '/renamed/flexx2', 100)
-    infos = node.create_publisher(CameraInfo, '/renamed/calibration', 100)
-    frame = np.full((172, 224), 1.5, np.float32)
-    stamp = 0
-
-    def publish():
-        nonlocal stamp
-        stamp += SECOND // 30
-        depth.publish(image_message(frame + stamp / SECOND, stamp))
-        infos.publish(info_message(streams.FLEXX2, stamp))
-        return bag.exists() and len(list(Bag(bag).messages({'/renamed/flexx2'}))) > 5
-
-    def recorded():
-        try:
-            return publish()
-        except InputError:  # Nothing is in the bag yet.
-            return False
-
-    with flexx2(child_env, 'record', bag, '--cameras', 'renamed') as process:
-        listener.spin_until(recorded, 'a camera that is recognised')
-        finish(process, signal.SIGINT)
-    listener.close()
-    recording = load_recording(bag)
-    assert recording.camera == 'renamed/flexx2'
-    np.testing.assert_allclose(recording.depth[:, 0, 0], 1.5 + recording.stamp, rtol=1e-6)

@@ -145,20 +145,7 @@ def test_a_lens_that_distorts_changes_no_result(tmp_path, camera):
         assert true * 0.94 < sigma < np.sqrt(true**2 + 2 / 12) * 1.06
 
 
-RANGES = (
-    (0.1, 0.5),
-    (1.0, 10.0),
-    (0.05, 0.2),
-    (0.02, 0.15),
-    (0.25, 0.3),
-    (0.5, 0.52),
-    (0.6, 2.4),  # The farthest limits of the Flexx2, another nearest one.
-    (1.0, 7.0),
-    (1.0, 1.2),
-    (9.0, 12.0),
-    (0.3, 25.0),
-    (0.001, 1000.0),
-)
+RANGES = ((0.1, 0.5), (0.02, 0.15), (0.25, 0.3), (1.0, 7.0), (9.0, 12.0), (0.001, 1000.0))
 
 
 @pytest.mark.parametrize('limits', RANGES)
@@ -248,8 +235,7 @@ def test_bad_arguments_are_named(arguments, named, tmp_path, monkeypatch, capsys
     assert not list(tmp_path.glob('**/*.npz'))
 
 
-@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
-def test_the_real_drivers_bags_give_its_noise(tmp_path, storage):
+def test_the_real_drivers_bags_give_its_noise(tmp_path):
     """
     Assert distance, incidence and sigma_z from the driver's topics, through its lens.
 
@@ -263,11 +249,7 @@ def test_the_real_drivers_bags_give_its_noise(tmp_path, storage):
         clean = distance / (1 - np.tan(np.radians(angle)) * x)
         depth = clean + sigma * generator.standard_normal((12, *clean.shape))
         depth[generator.random(depth.shape) < 0.01] = 0.0  # no light came back
-        driver_bag(
-            tmp_path / f'Mode_5_45fps_{distance:.2f}m_{angle}deg',
-            depth.astype(np.float32),
-            storage,
-        )
+        driver_bag(tmp_path / f'Mode_5_45fps_{distance:.2f}m_{angle}deg', depth.astype(np.float32))
     result = characterize(tmp_path)
     assert not result.left_out
     profile = to_profile(result).profile

@@ -10,12 +10,8 @@ import numpy as np
 import pytest
 
 ANGLES = (0.0, 30.0, 60.0)
-DISTANCES = {
-    'Mode_5_30fps': (0.5, 1.0, 1.5, 2.0),
-    'Mode_5_60fps': (0.5, 1.0, 1.5, 2.0),
-    'Mode_9_30fps': (0.75, 1.5, 3.0, 4.5),
-}
-FRAMES = {'Mode_5_30fps': 60, 'Mode_5_60fps': 60, 'Mode_9_30fps': 300}
+DISTANCES = {'Mode_5_30fps': (0.5, 1.0, 1.5, 2.0), 'Mode_9_30fps': (0.75, 1.5, 3.0, 4.5)}
+FRAMES = {'Mode_5_30fps': 60, 'Mode_9_30fps': 300}
 
 
 def measured(folder, profile, usecase, distances, frames):
@@ -69,14 +65,13 @@ def test_the_papers_coefficients_come_back(usecase, tmp_path):
     assert abs(np.mean([kl.debiased for kl in lateral])) < 0.003
 
 
-@pytest.mark.parametrize('seed', [1, 2])
-def test_another_cameras_coefficients_come_back(seed, tmp_path):
+def test_another_cameras_coefficients_come_back(tmp_path):
     """
     Assert the same of coefficients drawn at random; and that the profile runs as that camera.
 
     False failures: as above.
     """
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(1)
     distances = DISTANCES['Mode_9_30fps']
     while True:
         true = NoiseModel(

@@ -73,11 +73,7 @@ def test_masked_pixels_are_neither_invalid_nor_noise(tmp_path, kind):
 
 @pytest.mark.parametrize(
     ('spellings', 'name'),
-    [
-        (['mode_9_30fps'], 'Mode_9_30fps'),
-        (['MODE_9_30FPS', 'Mode_9_30fps'], 'Mode_9_30fps'),
-        (['TOF', 'tof', 'ToF'], 'tof'),
-    ],
+    [(['MODE_9_30FPS', 'Mode_9_30fps'], 'Mode_9_30fps'), (['TOF', 'tof', 'ToF'], 'tof')],
 )
 def test_a_mode_is_the_same_in_upper_and_lower_case(tmp_path, spellings, name):
     for number, (distance, angle) in enumerate(PLACES):

@@ -24,32 +24,12 @@ WHITE = flexx2().sensor.full_scale_amplitude
 NAMES = list(registry())
 PERIOD = 33_333_333
 ORDER = [
-    'pose_error',
-    'intrinsics_error',
-    'time_offset',
-    'flying_pixels',
-    'multipath',
-    'stray_light',
-    'motion_artefact',
-    'wiggling',
-    'fixed_pattern',
-    'amplitude_bias',
-    'offset',
-    'warm_up_drift',
-    'depth_scale',
-    'excess_noise',
-    'ambient_light',
-    'heavy_tails',
-    'lateral_noise',
-    'range_wrap',
-    'spatial_filter',
-    'temporal_filter',
-    'quantisation',
-    'low_signal_dropout',
-    'grazing_dropout',
-    'saturation',
-    'random_dropout',
-]
+    'pose_error', 'intrinsics_error', 'time_offset', 'flying_pixels', 'multipath', 'stray_light',
+    'motion_artefact', 'wiggling', 'fixed_pattern', 'amplitude_bias', 'offset', 'warm_up_drift',
+    'depth_scale', 'excess_noise', 'ambient_light', 'heavy_tails', 'lateral_noise', 'range_wrap',
+    'spatial_filter', 'temporal_filter', 'quantisation', 'low_signal_dropout', 'grazing_dropout',
+    'saturation', 'random_dropout',
+]  # fmt: skip
 
 
 # (a) It changes what its parameters say; see `signatures`.
@@ -283,7 +263,7 @@ def test_the_registry():
 
 
 @pytest.mark.parametrize('usecase', ['Mode_5_60fps', 'Mode_9_30fps'])
-@pytest.mark.parametrize('strength', [0.01, 1.0, 4.0])
+@pytest.mark.parametrize('strength', [0.01, 4.0])
 def test_all_effects_together_accept_any_scene(usecase, strength):
     mode = flexx2().mode(usecase)
     camera = Camera(usecase, effects={name: {'strength': strength} for name in NAMES}, seed=1)

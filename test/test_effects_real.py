@@ -18,7 +18,6 @@ from signatures import QUIET
 DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
 KINECT, AZURE = DATA / 'kinect2_chessboard.npz', DATA / 'azurekinect_charuco_blackwall.npz'
 needs_kinect = pytest.mark.skipif(not KINECT.is_file(), reason=f'{KINECT} is not there')
-needs_azure = pytest.mark.skipif(not AZURE.is_file(), reason=f'{AZURE} is not there')
 FOCAL, CENTRE = 365.5, (255.5, 211.5)  # pixels, nominal
 FULL = 65_500.0  # The infrared image is cut off here,
 BRIGHTEST = 4e5  # and this is beyond what it would show without.
@@ -290,31 +289,3 @@ def test_low_signal_dropout_of_a_kinect(half):
     assert measured[0] > 0.25 > 0.05 > measured[-3:].max()
     assert unexplained < 0.06
     assert unexplained < 0.4 * rms(measured)
-
-
-@needs_azure
-@pytest.mark.parametrize('half', [0, 1])
-def test_low_signal_dropout_of_an_azure_kinect(half):
-    """Assert every second tile of 32 x 32 pixels predicts the others: within 0.05."""
-    with np.load(AZURE, allow_pickle=False) as data:
-        depth, infrared = data['depth_mm'], data['ir16'].astype(float)
-    v, u = np.mgrid[:512, :512]
-    tiles = np.broadcast_to((u // 32 + v // 32) % 2, depth.shape)
-    use = infrared > 0
-    brightness, lost = np.log(np.maximum(infrared, 1)), depth == 0
-    fit, other = use & (tiles == half), use & (tiles != half)
-    middle, slope = fit_logistic(brightness[fit], lost[fit].astype(float))
-    frame = seen(
-        'low_signal_dropout',
-        np.exp(brightness[other]) / BRIGHTEST,
-        slope=-slope,
-        half=np.exp(middle) / BRIGHTEST,
-    )
-    edges = np.log([10, 20, 30, 40, 60, 80, 110, 150, 200, 300, 1000])
-    measured, predicted = (
-        shares(brightness[other], one, edges) for one in (lost[other], np.isnan(frame))
-    )
-    unexplained = rms(predicted - measured)
-    print(f'low signal: {rms(measured):.2f} lost, {unexplained:.3f} unexplained')
-    assert measured[0] > 0.95 > 0.02 > measured[-1]
-    assert unexplained < 0.05

@@ -11,7 +11,6 @@ from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.features.simulation import with_uptime
 from flexx2_sim_ros.profiles.modes import flexx2
-from flexx2_sim_ros.recording.convert import convert
 from made_bags import camera_entries, depths, SECOND, usecase, write
 import numpy as np
 import pytest
@@ -114,18 +113,6 @@ def test_an_unwritable_output_is_refused_before_the_work(tmp_path, capsys):
         assert main(['gap', 'diagnose', str(tmp_path / 'campaign'), '--out', str(out)]) == 2
         assert '--out' in capsys.readouterr().err
     assert not list((tmp_path / 'taken' / 'effects.yaml').iterdir())
-
-
-def test_bags_and_arrays_give_the_same_result(tmp_path):
-    arrays, bags = tmp_path / 'arrays', tmp_path / 'bags'
-    write_campaign(arrays, seed=3, effects={'excess_noise': {'factor': 1.5}}, recordings=3, **TINY)
-    bags.mkdir()
-    for path in arrays.glob('*.npz'):
-        convert(path, bags / path.stem, storage='sqlite3')
-    one, other = (diagnose(folder, **NOISE_ALONE) for folder in (arrays, bags))
-    assert [row['name'] for row in one['effects']] == ['excess_noise']
-    for key in ('verdict', 'effects', 'where'):
-        assert one[key] == other[key]
 
 
 def test_a_bag_whose_mode_changes_is_left_out(tmp_path):

@@ -187,20 +187,6 @@ CURVES = {
 }
 
 
-def test_effects_given_with_curves_leave_the_rest(tmp_path):
-    """Assert that a bias and the camera's own noise are found on top of given curves."""
-    size = {'recordings': 5, 'frames': 8, 'scale': 0.35, 'moving': 0}
-    camera = {**CURVES, 'amplitude_bias': {}}
-    write_campaign(tmp_path / 'campaign', seed=45, effects=camera, **size)
-    kept = 'amplitude_bias', 'wiggling', 'pose_error'
-    table = diagnose(tmp_path / 'campaign', known=CURVES, without=all_but(*kept, *CURVES))
-    assert table['verdict'] == 'identified'
-    assert [row['name'] for row in table['effects']] == ['amplitude_bias']
-    # As `write_campaign` drew it.
-    drawn = 1 + 0.05 * np.random.default_rng([45, 1]).standard_normal()
-    assert table['gap']['noise_factor'] == pytest.approx(drawn, abs=0.02)
-
-
 def test_a_number_acts_on_top_of_a_given_curve():
     clean, K = np.full((40, 50), 1.5, np.float32), np.array([[50, 0, 25], [0, 50, 20], [0, 0, 1]])
 

@@ -1,7 +1,5 @@
 """The documented road with a camera that is no Flexx2 and whose modulation nobody knows."""
 
-import json
-
 from bench.wall_campaigns import wall
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import registry
@@ -11,7 +9,6 @@ from flexx2_sim_ros.profiles.files import load_profile
 import numpy as np
 from programs import call_flexx2
 import pytest
-import yaml
 
 SIZE = 48, 64
 K = np.array([[70.0, 0.0, 31.5], [0.0, 70.0, 23.5], [0.0, 0.0, 1.0]])
@@ -37,12 +34,6 @@ def profile(tmp_path_factory):
     return folder / 'result' / 'profile.yaml'
 
 
-@pytest.fixture(scope='module')
-def campaign(profile, tmp_path_factory):
-    """Simulate six walls with that profile and an offset of 1 cm."""
-    return write_campaign(profile, tmp_path_factory.mktemp('campaign'), 0.01)
-
-
 def write_campaign(profile, folder, bias):
     """Simulate six walls with an offset of `bias` metres."""
     effects = folder / 'offset.yaml'
@@ -56,26 +47,6 @@ def write_campaign(profile, folder, bias):
         words = f'{scene}.npz {folder}/recordings/wall{i}.npz --frames 10 --effects {effects}'
         call_flexx2(f'simulate {words} --profile {profile}')
     return folder / 'recordings'
-
-
-def test_a_camera_of_unknown_modulation_is_recorded_and_diagnosed(
-    profile, campaign, tmp_path, capsys
-):
-    (mode,) = yaml.safe_load(profile.read_text())['modes'].values()
-    assert mode['modulation_hz'] is None
-    out = tmp_path / 'out'
-    call_flexx2(f'gap diagnose {campaign} --profile {profile} --out {out} --jobs 1')
-    said = ' '.join(capsys.readouterr().err.split())
-    assert 'needs the modulation frequencies, which the profile does not give' in said
-    table = json.loads((out / 'diagnosis.json').read_text())
-    assert {row['name'] for row in table['not_considered']} == PHASE
-    assert all('modulation frequencies' in row['reason'] for row in table['not_considered'])
-    assert 'modulation frequencies' in (out / 'report.html').read_text()
-    assert table['verdict'] == 'identified'
-    (effect,) = table['effects']
-    assert effect['name'] == 'offset'
-    assert effect['parameters']['bias'] == pytest.approx(0.01, rel=0.1)
-    assert table['gap']['shrink'] > 0.9
 
 
 def test_only_effects_on_phases_need_the_modulation(profile):

@@ -30,8 +30,10 @@ def accepted(gate, stamps):
     return [stamp for stamp in stamps if gate.accept(stamp)]
 
 
-@pytest.mark.parametrize('jitter', [0.0, 0.1], ids=['rounded', 'jitter'])
-@pytest.mark.parametrize('input_hz', [7, 29.97, 30, 60, 60.02, 75, 100, 120, 240, 1000])
+@pytest.mark.parametrize(
+    ('input_hz', 'jitter'),
+    [*((hz, 0.0) for hz in (7, 29.97, 60, 60.02, 75, 240, 1000)), (29.97, 0.1), (75, 0.1)],
+)
 @pytest.mark.parametrize('rate', RATES)
 def test_rate_is_exact_in_the_long_run(rate, input_hz, jitter):
     """Assert the lower of both rates to 0.5 %, and no frame far from its due time."""

@@ -174,8 +174,7 @@ def test_what_lerobot_has_written_is_read(kind, camera, step, tmp_path):
         np.testing.assert_allclose(found.stamp, np.arange(4) / RATE, atol=1e-7)
 
 
-@pytest.mark.parametrize('written', [v2, v3])
-@pytest.mark.parametrize('form', ['PNG', 'TIFF'])
+@pytest.mark.parametrize(('written', 'form'), [(v2, 'TIFF'), (v3, 'PNG')])
 def test_an_episode_of_images_becomes_a_recording(written, form, tmp_path):
     columns = [pictures(counts(episode), form) for episode in range(3)]
     root = written(tmp_path / 'set', image(depth_unit='mm'), *columns)

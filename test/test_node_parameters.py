@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
-from robots import robot_node
 from streams import DEPTH, Parameter, stream
 
 pytestmark = pytest.mark.usefixtures('ros')
@@ -124,8 +123,6 @@ def setups(tmp_path):
             {'offset': {'bias': 0.02}, 'saturation': None, 'residual_patch': {'bias_0': 0.03}}
         ),
     )
-    yield {}
-    yield {'effects': 'typical'}
     yield {'effects': 'typical', 'effect.multipath.strength': 0.0, USECASE: 'Mode_5_45fps'}
     yield {'effect.offset.strength': 2.0, 'effect.multipath.gain': 3.0, AUTO: False, EXPOSURE: 90}
     yield {
@@ -203,8 +200,8 @@ def test_no_file_stops_a_running_node(seen, tmp_path):
         assert seen.get('effects') == ''
 
 
-@pytest.mark.parametrize('kind', [10, 255])
-def test_an_unknown_parameter_type_is_refused(seen, kind):
+def test_an_unknown_parameter_type_is_refused(seen):
+    kind = 255
     bad = ParameterMessage(name='frame_id')
     bad.value.type = kind
     good = messages_of({'invalid_value': 'zero'})
@@ -219,27 +216,6 @@ def test_an_unknown_parameter_type_is_refused(seen, kind):
     assert not result.successful
     assert seen.get('invalid_value') == 'zero'
     assert seen.set(invalid_value='nan').successful
-
-
-def test_the_robot_node_survives_a_bad_request():
-    with robot_node() as robot:
-        robot.spin_until(robot.clients.services_are_ready, 'services')
-        client = robot.node.create_client(
-            SetParameters, f'{robot.space}/go1_cameras/set_parameters'
-        )
-        robot.spin_until(client.service_is_ready, 'service')
-        bad = ParameterMessage(name='max_speed')
-        bad.value.type = 10
-        answer = robot.wait(
-            client.call_async(
-                SetParameters.Request(
-                    parameters=[bad, *messages_of({'max_speed': 0.5, 'max_sped': 0.5})]
-                )
-            )
-        )
-        assert [result.successful for result in answer.results] == [False, True, False]
-        assert 'did you mean max_speed?' in answer.results[2].reason
-        assert robot.change(max_speed=0.4).successful
 
 
 def test_odd_requests_are_answered(seen):

@@ -21,15 +21,18 @@ pytestmark = pytest.mark.usefixtures('ros')
 _numbers = itertools.count()
 
 
-@pytest.mark.parametrize('name', ['effects', 'process', 'profile'])
-def test_no_file_gives_a_traceback_at_the_start(name, tmp_path, child_env):
+def test_no_file_gives_a_traceback_at_the_start(tmp_path, child_env):
     path = tmp_path / 'deep.yaml'
     path.write_text('[' * 3000)
-    done = run_node('flexx2_camera', '-p', f'{name}:={path}', env=child_env, timeout=60)
+    done = run_node('flexx2_camera', '-p', f'process:={path}', env=child_env, timeout=60)
     assert done.returncode == 1
-    assert done.stderr.startswith(f'error: {name}: ')
+    assert done.stderr.startswith('error: process: ')
     assert done.stderr.count('\n') == 1
-    for text in hostile_texts(tmp_path / 'more' if (tmp_path / 'more').mkdir() is None else path):
+
+
+@pytest.mark.parametrize('name', ['effects', 'process', 'profile'])
+def test_no_file_stops_a_start_without_its_name(name, tmp_path):
+    for text in hostile_texts(tmp_path):
         if name == 'effects' and text == 'a\x1b[31mb':
             continue
         with pytest.raises(ValueError, match=f'^{name}: '):
@@ -81,15 +84,14 @@ def test_a_serial_of_digits_stays_as_typed(tmp_path, child_env):
 
 # Texts that YAML's or ROS's reader of parameter files makes another type of, or may.
 TEXTS = (
-    *('*', '0123', '0089', 'true', 'True', '1e3', '12E4', 'y', 'n', 'Y', 'inf', 'nan', 'NaN'),
-    *('.5', '0x10', '0x1p3', '~', 'null', '', '5', '1.50', '+.5', '-inf', 'nan(1)', '1_000'),
-    *('1e400', 'yes', 'off'),
-    *('2026-01-01', '1:30', 'a: b', '# x', ' a', "it's", '[1, 2]', '[a]', '{a: 1}'),
-    *('!!int 3', '&a', '%', 'a\nb', 'lens', '/a b.yaml', '-', '=', 'word ' * 40, '1e+22', '1.e5'),
+    *('*', '0123', 'true', '1e3', 'y', 'inf', 'nan', 'NaN'),
+    *('.5', '0x1p3', '~', 'null', '', '5', '-inf', 'nan(1)', '1e400'),
+    *('2026-01-01', 'a: b', ' a', "it's", '[1, 2]', '{a: 1}'),
+    *('%', 'a\nb', 'lens', '/a b.yaml', '=', 'word ' * 40, '1e+22'),
 )
 NOT_LOADED = '*', '2026-01-01', 'a: b', '{a: 1}', '=', '%'
-LOST_IN_A_FILE = {'1e3', '12E4', '0089', 'y', 'n', 'Y', 'NaN', '0x1p3', '+.5', 'nan(1)'}
-LOST_IN_A_FILE |= {'1e+22', '1.e5', '1e400', *NOT_LOADED}
+LOST_IN_A_FILE = {'1e3', 'y', 'NaN', '0x1p3', 'nan(1)'}
+LOST_IN_A_FILE |= {'1e+22', '1e400', *NOT_LOADED}
 REFUSED = '^{}: must be a text that `ros2 param dump` and `load` keep as it is, got '
 
 

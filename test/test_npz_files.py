@@ -66,30 +66,19 @@ def looping(path):
 DEPTH = SMALL['depth']
 BAD = {
     'lzma': lambda path: damaged(path, zipfile.ZIP_LZMA),
-    'bzip2': lambda path: damaged(path, zipfile.ZIP_BZIP2),
     'deflate': lambda path: damaged(path, zipfile.ZIP_DEFLATED),
-    'stored': lambda path: damaged(path, zipfile.ZIP_STORED),
     'code point': lambda path: pack(
         path, usecase=member(np.array([0x110000, 65], np.uint32), '()', '<U2')
     ),
-    'surrogate': lambda path: pack(
-        path, usecase=member(np.array([0xD800], np.uint32), '()', '<U1')
-    ),
     'huge shape': lambda path: pack(path, depth=member(DEPTH, '(18446744073709551616, 1)')),
     'large shape': lambda path: pack(path, depth=member(DEPTH, '(100000000, 64, 64)')),
-    'bool shape': lambda path: pack(path, depth=member(DEPTH, '(True, 43, 56)')),
-    'negative': lambda path: pack(path, depth=member(DEPTH, '(-4, -6, 8)')),
-    'no shape': lambda path: pack(path, depth=member(DEPTH, "'abc'")),
-    'float shape': lambda path: pack(path, depth=member(DEPTH, '(4.0, 6, 8)')),
     'objects': lambda path: pack(path, depth=member(DEPTH, descr='|O')),
-    'odd dtype': lambda path: pack(path, depth=member(DEPTH, descr='{}')),
     'deep header': lambda path: pack(path, depth=member(DEPTH, '(' * 3000 + ')' * 3000)),
     'empty text': lambda path: pack(
         path, usecase=member(np.zeros(0), '(9223372036854775807,)', '<U0')
     ),
     'no magic': lambda path: pack(path, depth=b'nothing'),
     'no archive': lambda path: path.write_bytes(b'PK\x03\x04 no archive'),
-    'dangling': lambda path: path.symlink_to('nowhere.npz'),
     'loop': looping,
     'a folder': lambda path: path.mkdir(),
     'a pipe': lambda path: os.mkfifo(path),

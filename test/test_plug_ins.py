@@ -309,14 +309,6 @@ def test_no_module_but_its_own_names_an_effect():
             assert texts & set(loadable()) <= {path.stem, own.get(path.name)}, place
 
 
-def test_effects_import_nothing_above_them():
-    below = {'atomic', 'config_file', 'effects', 'errors', 'formulas', 'paths', 'physics'}
-    below |= {'entry_points', 'limits', 'npz_arrays', 'profiles'}
-    for path in sorted((ROOT / 'flexx2_sim_ros' / 'effects').glob('*.py')):
-        rooms = set(re.findall(r'(?:from|import) flexx2_sim_ros\.(\w+)', path.read_text()))
-        assert rooms <= below, path.name
-
-
 def test_counts_in_the_documents():
     count = len(registry())
     said = []

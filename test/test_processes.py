@@ -7,7 +7,7 @@ import subprocess
 from bench.torture_kill import handles_signals
 from flexx2_sim_ros.camera import Camera
 import numpy as np
-from programs import node_words, PATIENCE, until
+from programs import node_words, PATIENCE, run_python, until
 import pytest
 from streams import (
     array_of,
@@ -90,6 +90,28 @@ def test_a_signal_while_starting_ends_the_process(start, executable, number):
     until(lambda: handles_signals(node.process.pid, [signal.SIGTERM]))
     node.assert_ends_quietly(number)
     assert node.output == ''
+
+
+# Stands in for a signal that comes between the handlers of ROS and the first callback.
+TOLD_AT_ONCE = """
+import os, signal, sys, time
+from flexx2_sim_ros.nodes import runtime
+import rclpy
+from rclpy.node import Node
+spin_all = runtime._spin_all
+def told_to_stop(*given):
+    os.kill(os.getpid(), signal.SIGINT)
+    while rclpy.ok():
+        time.sleep(0.01)
+    spin_all(*given)
+runtime._spin_all = told_to_stop
+sys.exit(runtime.run_node(lambda: Node('told_at_once')))
+"""
+
+
+def test_a_signal_before_the_first_callback_ends_the_process_quietly(child_env):
+    done = run_python('-c', TOLD_AT_ONCE, env=child_env)
+    assert (done.returncode, done.stdout, done.stderr) == (0, '', '')
 
 
 def test_the_camera_node(start):

@@ -349,16 +349,6 @@ def test_the_folder_of_a_calibration_is_named_as_such(tmp_path):
         randomise(folder)
 
 
-def test_a_correction_that_is_taken_as_given_is_written(tmp_path):
-    folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
-    path = folder / 'diagnosis.json'
-    known = {'residual_patch': {'bias_0': 0.02}}
-    path.write_text(json.dumps(json.loads(path.read_text()) | {'settings': {'known': known}}))
-    randomise(folder, tmp_path / 'r.yaml')
-    (drawn,) = load_randomisation(tmp_path / 'r.yaml').draw(1, 1)
-    assert {*parse_effects(known)} <= {*drawn}
-
-
 def test_each_environment_draws_a_camera_at_reset(tmp_path):
     one = load_randomisation(write(tmp_path / 'r.yaml', DRAWN))
     cameras = BatchCamera(6, 'Mode_9_30fps', seed=5, K=K, device='cpu')

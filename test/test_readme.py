@@ -84,8 +84,10 @@ COMMANDS = dict.fromkeys(
 )
 
 
-def write_files_of_other_cameras(folder):
+@pytest.fixture(scope='module')
+def other_cameras(tmp_path_factory):
     """Write what the page about recordings converts, by its names."""
+    folder = tmp_path_factory.mktemp('other_cameras')
     ros1_bag(folder / 'pico_flexx.bag', pico_flexx())
     write(folder / 'realsense_bag', realsense())
     ros1_bag(folder / 'azure_kinect.bag', azure_kinect())
@@ -99,6 +101,7 @@ def write_files_of_other_cameras(folder):
         packed.extractall(folder, filter='data')
     (folder / 'image').rename(folder / 'lerobot_set')
     np.savez(folder / 'sdk.npz', depth_mm=counts(), ir16=counts() // 2)
+    return folder
 
 
 def python(module):
@@ -106,7 +109,7 @@ def python(module):
 
 
 @pytest.mark.parametrize('command', [c for c in COMMANDS if c not in ELSEWHERE])
-def test_command(command, tmp_path):
+def test_command(command, other_cameras, tmp_path):
     words = shlex.split(command)
     if words[0] == 'make':
         # The target's own recipe is what is run below, as `flexx2 demo`.
@@ -126,7 +129,8 @@ def test_command(command, tmp_path):
         np.savez(tmp_path / 'scene.npz', clean_depth=scene, K=camera)
         (tmp_path / 'config').symlink_to(ROOT / 'config')
         if words[1] == 'convert':
-            write_files_of_other_cameras(tmp_path)
+            for path in other_cameras.iterdir():
+                (tmp_path / path.name).symlink_to(path)
         if words[1] == 'demo':  # It starts ROS, which has been started here.
             done = run_flexx2(*words[1:], cwd=tmp_path)
             assert done.returncode == 0, done.stderr

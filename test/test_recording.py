@@ -1,12 +1,9 @@
 """Recordings: whole or not at all, and never unpickled."""
 
 import io
-import zipfile
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, load_scene, RecordingWriter
-from hypothesis import given, settings
-from hypothesis import strategies as st
 import numpy as np
 import pytest
 
@@ -128,16 +125,11 @@ def test_an_unwritable_path_is_refused(tmp_path):
             {'clean_depth': np.ones((1, 2, 3, 4))},
             ['clean_depth', '(1, 2, 3, 4)', 'must have shape'],
         ),
-        ({'clean_depth': np.ones((0, 4))}, ['clean_depth', '(0, 4)', 'not empty']),
         ({'clean_depth': np.ones((0, 4, 4))}, ['clean_depth', '(0, 4, 4)', 'not empty']),
         ({'clean_depth': CLEAN.astype(str)}, ['clean_depth', '<U', 'numbers']),
-        ({'clean_depth': CLEAN.astype(complex)}, ['clean_depth', 'complex128', 'numbers']),
-        ({'clean_depth': CLEAN > 1}, ['clean_depth', 'bool', 'numbers']),
         ({'clean_depth': np.array([[None]])}, ['pickled']),
         ({'note': np.array({'a': 1})}, ['pickled']),
         ({'K': K[:2]}, ['K', '(2, 3)', '(3, 3)']),
-        ({'K': K.ravel()}, ['K', '(9,)', '(3, 3)']),
-        ({'K': np.full((3, 3), 'x')}, ['K', '<U1', 'numbers']),
         ({'reflectivity': np.ones((6, 5))}, ['reflectivity', '(6, 5)', '(5, 6)']),
         ({'reflectivity': np.ones((5, 6), bool)}, ['reflectivity', 'bool', 'numbers']),
         ({'stamp': np.ones((2, 2))}, ['stamp', '(2, 2)', '(T,)']),
@@ -163,37 +155,6 @@ def test_a_file_that_is_not_an_archive_is_refused(tmp_path):
             load_scene(path)
 
 
-def test_a_member_that_is_not_an_array_is_refused(tmp_path):
-    for name, content in (
-        ('clean_depth.npy', b''),
-        ('K.npy', b'not an array'),
-        ('notes.txt', b'hello'),
-    ):
-        path = saved(tmp_path)
-        cut = tmp_path / 'cut.npz'
-        with zipfile.ZipFile(path) as old, zipfile.ZipFile(cut, 'w') as new:
-            for member in old.namelist():
-                if member != name:
-                    new.writestr(member, old.read(member))
-            new.writestr(name, content)
-        with pytest.raises(
-            InputError, match=f'{cut}: .*{name.removesuffix(".npy")}: must be an array'
-        ):
-            load_scene(cut)
-
-
-def test_an_array_too_large_for_memory(tmp_path):
-    header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        header, {'descr': '<f8', 'fortran_order': False, 'shape': (1 << 24, 1 << 24)}
-    )
-    path = saved(tmp_path, clean_depth=None)
-    with zipfile.ZipFile(path, 'a') as archive:
-        archive.writestr('clean_depth.npy', header.getvalue() + b'\0' * 64)
-    with pytest.raises(InputError, match=str(path)):
-        load_scene(path)
-
-
 ARCHIVES = []
 for compressed in (np.savez, np.savez_compressed):
     buffer = io.BytesIO()
@@ -210,25 +171,6 @@ def test_cut_off_at_every_byte(tmp_path, archive):
             load_scene(path)
     path.write_bytes(archive)
     np.testing.assert_array_equal(load_scene(path).clean_depth, CLEAN)
-
-
-@settings(max_examples=400)
-@given(st.sampled_from(ARCHIVES), st.data())
-def test_damaged_bytes(tmp_path_factory, archive, data):
-    """Assert damage is found or does no harm: an InputError, or arrays of the right shape."""
-    damaged = bytearray(archive)
-    for place in data.draw(st.lists(st.integers(0, len(archive) - 1), min_size=1, max_size=3)):
-        damaged[place] = data.draw(st.integers(0, 255))
-    path = tmp_path_factory.getbasetemp() / 'damaged.npz'
-    path.write_bytes(damaged)
-    try:
-        scene = load_scene(path)
-    except InputError as error:
-        text = str(error)
-        assert str(path) in text
-    else:
-        assert scene.clean_depth.ndim in (2, 3)
-        assert scene.K.shape == (3, 3)
 
 
 @pytest.mark.parametrize('kind', ['u2', '>i4'])

@@ -65,15 +65,18 @@ class Simulator(Listener):
         self.camera.destroy_node()
 
 
-@pytest.fixture(params=[list(TOPICS), list(TOPICS)[:2]], ids=['all', 'without reflectivity'])
+@pytest.fixture
 def simulator(request):
-    made = Simulator(request.param)
+    made = Simulator(getattr(request, 'param', list(TOPICS)))
     try:
         yield made
     finally:
         made.close()
 
 
+@pytest.mark.parametrize(
+    'simulator', [list(TOPICS), list(TOPICS)[:2]], ids=['all', 'no reflectivity'], indirect=True
+)
 def test_a_recording_has_the_ground_truth_and_no_second_camera(simulator, child_env, tmp_path):
     bag = tmp_path / 'bag'
     with flexx2(child_env, 'record', bag, '--seconds', 1) as process:

@@ -308,7 +308,7 @@ def test_walls_and_drops_stop_it(scene, most):
         assert world.pose.position[0] < before
 
 
-@pytest.mark.parametrize('rate', [60, 7, 5, 3, 1, 0.4])
+@pytest.mark.parametrize('rate', [60, 5, 1, 0.4])
 def test_walls_stop_it_however_long_a_step_is(rate):
     world = World('corner')
     for _ in range(round(6 * rate)):

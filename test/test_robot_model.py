@@ -242,14 +242,6 @@ def test_a_bad_model_file_is_named(tmp_path, parameter, case):
     assert said in message
 
 
-def test_a_robot_without_trunk_is_refused(tmp_path):
-    path = written(tmp_path / 'r.xml', TINY_ROBOT.replace('trunk', 'torso'))
-    with pytest.raises(
-        InputError, match="robot_model: .*must have a body named 'trunk', got torso"
-    ):
-        build_model(robot_model=path, intrinsics=K)
-
-
 def test_parts_that_do_not_fit_are_refused():
     twice = [CameraMount('front', (0.3, 0, 0), (0, 0, 0))] * 2
     with pytest.raises(InputError, match='do not fit together.*front'):

@@ -27,11 +27,10 @@ from streams import array_of, nanoseconds
 pytestmark = pytest.mark.usefixtures('ros')
 
 
-@pytest.mark.parametrize('robot', ['go1', 'go2'])
-def test_another_simulator_moves_the_robot(robot):
+def test_another_simulator_moves_the_robot():
     stamp = 1_700_000_000 * 10**9 + 123_456_789
     angles = np.tile([0.1, 1.0, -1.7], 4)
-    with robot_node(robot=robot, motion='external') as seen:
+    with robot_node(robot='go2', motion='external') as seen:
         poses, states = seen.to('odom', Odometry), seen.to('joint_states', JointState)
         images = seen.hear('front_left/clean/depth_image', Image)
         infos = seen.hear('front_left/clean/camera_info', CameraInfo)

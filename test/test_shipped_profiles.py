@@ -182,28 +182,12 @@ def test_an_offset_is_not_taken_for_a_pose_error(name, tmp_path):
     assert effect['parameters']['bias'] == pytest.approx(0.006, rel=0.1)
 
 
-@pytest.mark.parametrize('name', [*OTHERS, 'flexx2_exposure'])
-def test_the_node_runs_it(ros, name):
-    from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
-    from rclpy.parameter import Parameter
-
-    camera = find_profile(name)
-    node = Flexx2Camera(parameter_overrides=[Parameter('profile', value=name)])
-    try:
-        assert node.get_parameter('model').value == camera.model
-        assert list(node.get_parameter('available_usecases').value) == camera.names
-        assert node.settings.intrinsics == camera.intrinsics
-    finally:
-        node.destroy_node()
-
-
-@pytest.mark.parametrize('name', [*OTHERS, 'flexx2_exposure'])
-def test_a_robots_cameras_are_rendered_with_its_intrinsics(ros, name):
+def test_a_robots_cameras_are_rendered_with_its_intrinsics(ros):
     from flexx2_sim_ros.nodes.robot_node import RobotCameras
     from rclpy.parameter import Parameter
 
-    camera = find_profile(name).intrinsics
-    node = RobotCameras(parameter_overrides=[Parameter('profile', value=name)])
+    camera = find_profile('kinect_v2').intrinsics
+    node = RobotCameras(parameter_overrides=[Parameter('profile', value='kinect_v2')])
     try:
         rendered = node._intrinsics
         assert (rendered.fx, rendered.fy) == (camera.fx, camera.fy)

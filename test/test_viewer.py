@@ -211,6 +211,13 @@ def test_an_error_in_a_callback_does_not_end_the_page(ros):
         node.destroy_node()
 
 
+def test_wrong_messages_of_pages_are_one_log_line(watched):
+    for _ in range(15):
+        watched.viewer.complain('page at 127.0.0.1: wrong')
+    watched.user.spin_until(lambda: any('wrong' in entry.msg for entry in watched.user.log))
+    assert sum('wrong' in entry.msg for entry in watched.user.log) == 1
+
+
 def test_a_browser_that_falls_silent_stops_the_robot(ros):
     user, viewer = Listener(), Viewer(['none'], '/view_silent/cmd_vel')
     user.add(viewer)

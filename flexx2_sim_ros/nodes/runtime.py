@@ -28,7 +28,7 @@ def run_node(make_node: Callable[..., Any], several: bool = False) -> int:
     node; one that cannot start does not stop the others.
     """
     import rclpy
-    from rclpy.executors import ExternalShutdownException
+    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
     from rclpy.signals import install_signal_handlers, SignalHandlerOptions
 
     nodes: list[Any] = []
@@ -41,13 +41,15 @@ def run_node(make_node: Callable[..., Any], several: bool = False) -> int:
         status = _make(make_node, rclpy.utilities.remove_ros_args()[1:] if several else [], nodes)
         if not nodes:
             return status
+        # Before a signal can end the context: one that is made after it prints a traceback.
+        pairs = [(SingleThreadedExecutor(), node) for node in nodes]
         for number in SIGNALS:
             signal.signal(number, lambda number, _frame: told.append(number))
         # From here on a signal ends spin(), so that the node can leave the ROS graph. A signal
         # that came between these lines is in `told`.
         install_signal_handlers(SignalHandlerOptions.ALL)
         if not told:
-            _spin_all(nodes)
+            _spin_all(pairs)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except Exception as error:
@@ -103,16 +105,14 @@ def _remap(space: str, made: set[str]) -> list[str]:
     return ['--ros-args', '-r', f'__ns:={whole}']
 
 
-def _spin_all(nodes: list[Any]) -> None:
-    """Run each node's callbacks in a thread: busy cores have more time for two than for one."""
+def _spin_all(pairs: list[tuple[Any, Any]]) -> None:
+    """Run each executor's node in a thread: busy cores have more time for two than for one."""
     import rclpy
-    from rclpy.executors import SingleThreadedExecutor
 
     def alongside(executor: Any, node: Any) -> None:
         with suppress(Exception):  # It was told to stop.
             _spin(executor, node)
 
-    pairs = [(SingleThreadedExecutor(), node) for node in nodes]
     for executor, node in pairs:
         executor.add_node(node)
     others = [Thread(target=alongside, args=pair) for pair in pairs[1:]]
