@@ -6,6 +6,7 @@ import math
 
 from flexx2_sim_ros.gap.calibration.data import BINNING
 from flexx2_sim_ros.gap.data.axes import AXES, Axes, ENDLESS, TILE_COLUMNS, TILE_ROWS
+from flexx2_sim_ros.gap.data.frames import surface_of
 from flexx2_sim_ros.gap.data.pixel_kernels import (
     concavity,
     EDGE_REACH,
@@ -20,7 +21,7 @@ from flexx2_sim_ros.gap.data.unknown import away, judged
 from flexx2_sim_ros.physics.axial import sigma_image
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.geometry import ray_length
-from flexx2_sim_ros.physics.surface import analyse, Surface
+from flexx2_sim_ros.physics.surface import Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode
 from flexx2_sim_ros.profiles.sensor import Sensor
@@ -97,7 +98,7 @@ def look_at(
     """
     height, width = clean.shape
     lens = Intrinsics.from_matrix(K, width, height)
-    surface = analyse(np.ascontiguousarray(clean), lens, mode.sensor)
+    surface = surface_of(clean, K, mode.sensor)
     compared = _compared(lens, mode.sensor, border, known)
     edge, inside = _edges_and_surfaces(surface, compared, known)
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -241,9 +242,7 @@ def sort_everywhere(
     none, and (H, W) incidence in degrees.
     """
     height, width = clean.shape
-    surface = analyse(
-        np.ascontiguousarray(clean), Intrinsics.from_matrix(K, width, height), sensor
-    )
+    surface = surface_of(clean, K, sensor)
     bins = np.full((len(ENDLESS), height, width), -1, np.int16)
     incidence = np.degrees(surface.incidence)
     edge, near = np.full((height, width), -1, np.int16), np.zeros((height, width), np.bool_)

@@ -12,6 +12,7 @@ from flexx2_sim_ros.effects.between import between
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.data.axes import Axes, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
+from flexx2_sim_ros.gap.data.frames import at_frame, seen_at
 from flexx2_sim_ros.gap.data.jump_shift import jumps_of
 from flexx2_sim_ros.gap.data.pose import (
     base_camera,
@@ -60,6 +61,11 @@ class RecordingData:
     truth: Truth = Truth()
     plane_shifts: np.ndarray | None = None
     given: tuple[Effect, ...] = ()
+
+    @property
+    def still(self) -> bool:
+        """Return whether one clean image is that of all frames."""
+        return self.clean.ndim == 2
 
     @property
     def axes(self) -> Axes:
@@ -150,7 +156,7 @@ def register(
         and the part of it that remains under a prior three times as stiff.
 
     """
-    still = recording.clean.ndim == 2
+    still = recording.still
     chosen = [0] if still else _chosen(recording)
     spread = spread_of(recording.truth, prior)
     whiten = np.linalg.pinv(spread)
@@ -232,14 +238,14 @@ def _differences(
     frames, others = [], []
     for i, t in enumerate(chosen):
         image = clean if still else clean[i]
-        mask = known if known is None or known.ndim == 2 else known[i]
+        mask = at_frame(known, i)
         scene = look_at(
             image, None, 0.0, None, recording.K, recording.mode, recording.axes, known=mask
         )
         sigma = scene.sigma
         if accuracy is not None:
-            sigma = np.hypot(sigma, accuracy[i] if accuracy.ndim == 3 else accuracy)
-        real = _mean_depth(recording.depth) if still else recording.depth[t]
+            sigma = np.hypot(sigma, at_frame(accuracy, i))
+        real, _ = seen_at(recording.depth, t, still)
         with np.errstate(invalid='ignore'):
             error = real - image - np.nan_to_num(biases.given[i] - biases.plain[i])
             limit = REGISTRATION.outlier_sigmas * sigma + REGISTRATION.outlier
@@ -259,13 +265,6 @@ def _differences(
         )
         others.append(other)
     return frames, np.array(others)
-
-
-def _mean_depth(depth: np.ndarray) -> np.ndarray:
-    # (H, W) mean of (T, H, W) frames, NaN where most of them have no depth.
-    valid = np.isfinite(depth).sum(axis=0)
-    mean = np.nansum(depth, axis=0) / np.maximum(valid, 1)
-    return np.where(valid > 0.5 * len(depth), mean, np.nan)
 
 
 def frames_between(recording: RecordingData, chosen: Sequence[int], lateness: float) -> np.ndarray:

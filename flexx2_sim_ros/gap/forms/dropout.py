@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from flexx2_sim_ros.effects.grazing_dropout import log_slant
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
-from flexx2_sim_ros.gap.forms.samples import images_at, light_of, surface_of
-from flexx2_sim_ros.physics.geometry import ray_length
+from flexx2_sim_ros.gap.forms.samples import covariates_at
 import numpy as np
 
 
@@ -72,24 +70,12 @@ def counts_of(scene: PlacedScene) -> Counts:
         inside = scene.covariates[t if moving else 0].inside
         depth = scene.recording.depth[t : t + 1] if moving else scene.recording.depth
         gone = np.isnan(depth[:, inside]).sum(axis=0)
-        for over, value in _covariates(scene, t).items():
+        for over, value in covariates_at(scene, t).items():
             bins = len(_EDGES[over]) - 1
             place = np.clip(np.digitize(value[inside], _EDGES[over]) - 1, 0, bins - 1)
             seen[over] += len(depth) * np.bincount(place, minlength=bins)
             lost[over] += np.bincount(place, gone, minlength=bins)
     return Counts(seen, lost)
-
-
-def _covariates(scene: PlacedScene, t: int) -> dict[str, np.ndarray]:
-    # (H, W) each, as the effects have them.
-    recording = scene.recording
-    clean, light = images_at(scene.placed, t)
-    cosine = surface_of(recording, clean).cos_incidence
-    return {
-        'incidence': np.degrees(np.arccos(np.clip(cosine, 0, 1))),
-        'slant': log_slant(cosine, clean * ray_length(recording.K, clean.shape)),
-        'light': light_of(recording, clean, light),
-    }
 
 
 def together(counts: Sequence[Counts]) -> Counts:
