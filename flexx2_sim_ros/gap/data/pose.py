@@ -7,6 +7,7 @@ import math
 from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects.pose_error import PoseError
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
+from flexx2_sim_ros.gap.data.frames import at_frame
 from flexx2_sim_ros.gap.data.prior import free_planes
 from flexx2_sim_ros.gap.data.unknown import margin
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory, SPEED_OF_LIGHT
@@ -38,25 +39,17 @@ def moved(
         return clean, reflectivity
     effect = PoseError(1.0, *(float(v) for v in np.clip(pose, -LIMITS, LIMITS)))
     depths = clean if clean.ndim == 3 else clean[None]
-    albedos = (
-        [np.ones((1, 1), np.float32)] * len(depths)
-        if reflectivity is None
-        else reflectivity
-        if reflectivity.ndim == 3
-        else [reflectivity] * len(depths)
-    )
+    albedo = np.ones((1, 1), np.float32) if reflectivity is None else reflectivity
     lens = Intrinsics.from_matrix(K, clean.shape[-1], clean.shape[-2])
     out, rho = np.empty_like(depths), []
-    for t, (depth, albedo) in enumerate(zip(depths, albedos, strict=True)):
-        state = FrameState(
-            mode, lens, 0, np.zeros(2, np.uint32), Memory(), np.ascontiguousarray(depth), albedo
-        )
+    for t, depth in enumerate(np.ascontiguousarray(depths)):
+        shade = at_frame(albedo, t)
+        state = FrameState(mode, lens, 0, np.zeros(2, np.uint32), Memory(), depth, shade)
         effect.apply(state)
         out[t] = state.depth
         rho.append(state.reflectivity)
-    if reflectivity is None:
-        return (out if clean.ndim == 3 else out[0]), None
-    return (out, np.stack(rho)) if clean.ndim == 3 else (out[0], np.asarray(rho[0]))
+    shades = None if reflectivity is None else np.stack(rho)
+    return (out, shades) if clean.ndim == 3 else (out[0], at_frame(shades, 0))
 
 
 def unknown_border(pose: np.ndarray, clean: np.ndarray, K: np.ndarray) -> int:  # noqa: N803

@@ -190,7 +190,7 @@ def _look_out(possible: Possible, known: DiagnosedRecordings) -> _Row | str:
     told = replace(told, columns=columns, known=possible.known)
     pair = []
     for seed in (told.seed, told.seed + 1):
-        one = summarise(found, replace(told, seed=seed))
+        one = summarise((found, None), replace(told, seed=seed))
         if isinstance(one, str):
             return one
         pair.append(one)

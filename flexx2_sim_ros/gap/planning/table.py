@@ -200,7 +200,7 @@ def _simulate(
             progress('simulating', 0.25 * half)
             simulations = Simulations(request.profile, columns, request.seed + half, prior)
             job = bind(summarise, simulations=simulations)
-            outcomes.append(mapped(job, found, lambda: None))
+            outcomes.append(mapped(job, [(one, None) for one in found], lambda: None))
     # Too little of a scene may be within the mode's range.
     evidence = [
         replace(one, columns=np.concatenate([one.columns, other.columns]))
