@@ -23,7 +23,7 @@ from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 from flexx2_sim_ros.gap.forms.bias_fit import own_motion
 from flexx2_sim_ros.gap.forms.binned import Binned, KINDS, lost_in, NOISE, noise_in
 from flexx2_sim_ros.gap.forms.geometry import slopes_of
-from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
+from flexx2_sim_ros.gap.forms.pattern import pixel_errors
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_alike, shift_of, shifters
 from flexx2_sim_ros.gap.forms.scale import columns_of, ScaleColumns
 from flexx2_sim_ros.jobs import bind, Map
@@ -141,7 +141,7 @@ def look_again(
 
 def look_at_pixels(
     job: tuple[Looked, Settings], profile: Profile | None, known: Table, **_: Any
-) -> PixelErrors:
+) -> np.ndarray:
     """Return the errors of a recording's pixels that given settings of effects do not explain."""
     scene, _motion, own = _settled(*job, profile, known)
     return pixel_errors(scene, own)

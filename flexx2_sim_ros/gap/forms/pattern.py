@@ -1,7 +1,6 @@
 """The map of a fixed pattern: the mean error of each pixel over all recordings."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
@@ -11,23 +10,14 @@ import numpy as np
 _SEED = 0  # the same for all, so that maps without one recording have what is unknown in common
 
 
-@dataclass(frozen=True)
-class PixelErrors:
+def pixel_errors(scene: PlacedScene, effects: dict[str, dict[str, float]]) -> np.ndarray:
     """
-    Errors of each pixel in one recording, (H, W) float64.
+    Return the errors of a recording's pixels that other effects do not explain, (2, H, W).
 
-    `sums` are of errors in metres times weights, `weights` in 1/m^2.
+    First sums of errors in metres times weights, then weights in 1/m^2.
     """
-
-    sums: np.ndarray
-    weights: np.ndarray
-
-
-def pixel_errors(scene: PlacedScene, effects: dict[str, dict[str, float]]) -> PixelErrors:
-    """Return the errors of a recording's pixels that other effects do not explain."""
     shifts = shift_of(scene, effects)
-    shape = shifts.shape[1:]
-    sums, weights = np.zeros(shape), np.zeros(shape)
+    sums, weights = out = np.zeros((2, *shifts.shape[1:]))
     for shift, t in zip(shifts, frames_of(scene.recording), strict=True):
         cover = scene.covariates[int(t) if len(scene.covariates) > 1 else 0]
         error, count = mean_error(scene, int(t))
@@ -37,18 +27,18 @@ def pixel_errors(scene: PlacedScene, effects: dict[str, dict[str, float]]) -> Pi
         weight = np.where(good, 1 / (cover.sigma**2 / count + FORMS.grain**2), 0.0)
         sums += weight * np.where(good, error, 0.0)
         weights += weight
-    return PixelErrors(sums, weights)
+    return out
 
 
-def map_of(errors: Sequence[PixelErrors]) -> np.ndarray:
+def map_of(errors: Sequence[np.ndarray]) -> np.ndarray:
     """
-    Return a map, (H, W) metres, as recordings have it in common, drawn at random.
+    Return a map, (H, W) metres, as recordings have it in common, from their `pixel_errors`.
 
-    It is one of those that agree with the recordings, two or more. Their mean would be too smooth:
-    a pixel of which nothing is known has a fixed error as well. It is 0 if nothing is in common.
+    It is drawn at random of those that agree with the recordings, two or more. Their mean would be
+    too smooth: a pixel of which nothing is known has a fixed error as well. It is 0 if nothing is
+    in common.
     """
-    sums = np.array([one.sums for one in errors])
-    weights = np.array([one.weights for one in errors])
+    sums, weights = np.array(errors).swapaxes(0, 1)
     # Products of two recordings' errors have the map's variance as their mean, whatever the
     # noise is.
     products = sums.sum(axis=0) ** 2 - (sums**2).sum(axis=0)
