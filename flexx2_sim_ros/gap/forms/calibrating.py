@@ -10,7 +10,7 @@ from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.forms.bias import BIASES, covariate_of, Form, forms_of
 from flexx2_sim_ros.gap.forms.bias_fit import BiasFit, FittedForms
-from flexx2_sim_ros.gap.forms.binned import best_kind, KINDS, NOISE, pooled
+from flexx2_sim_ros.gap.forms.binned import best_kind, KINDS, map_of, NOISE, pooled
 from flexx2_sim_ros.gap.forms.geometry import (
     is_fitted_with_poses,
     is_settled,
@@ -27,7 +27,6 @@ from flexx2_sim_ros.gap.forms.looked import (
     Settings,
     Simulator,
 )
-from flexx2_sim_ros.gap.forms.pattern import map_of
 from flexx2_sim_ros.gap.forms.proposals import (
     calibratable,
     FormProposal,

@@ -21,9 +21,8 @@ from flexx2_sim_ros.gap.features.physical import (
 )
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 from flexx2_sim_ros.gap.forms.bias_fit import own_motion
-from flexx2_sim_ros.gap.forms.binned import Binned, KINDS, lost_in, NOISE, noise_in
+from flexx2_sim_ros.gap.forms.binned import Binned, KINDS, lost_in, NOISE, noise_in, pixel_errors
 from flexx2_sim_ros.gap.forms.geometry import slopes_of
-from flexx2_sim_ros.gap.forms.pattern import pixel_errors
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_alike, shift_of, shifters
 from flexx2_sim_ros.gap.forms.scale import columns_of, ScaleColumns
 from flexx2_sim_ros.jobs import bind, Map
