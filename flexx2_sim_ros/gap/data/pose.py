@@ -103,6 +103,8 @@ def fit_plane_motion(
     """
     Fit a small motion of camera and planes to errors on surfaces, with an M-estimator.
 
+    Return (n,) the motion, at most three standard deviations; (m,) the amount of each of `others`;
+    and (n,) the whole motion, with that of earlier rounds, under a prior three times as stiff.
     What surfaces leave open, such as a motion along surfaces that face the camera, the places of
     depth jumps decide.
 
@@ -113,13 +115,6 @@ def fit_plane_motion(
     * `shifts`: (n - 6, H, W), as from `planes.plane_shifts`.
     * `before`: (n,) the motion that earlier rounds found.
     * `waves`: periods along the ray of biases that the recordings have besides, metres.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (n,) motion, at most three standard deviations; (m,) amount of each of ``others``; (n,) the
-        whole motion, with that of earlier rounds, under a prior three times as stiff.
-
     """
     number = len(spread)
     fourths = [round(SPEED_OF_LIGHT / (8 * f), 4) for f in profile.modulation_hz]

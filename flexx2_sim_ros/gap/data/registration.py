@@ -141,6 +141,9 @@ def register(
     """
     Find the small motion of the camera, and of planes, that best explains a recording.
 
+    Return (6 + 3 P,) the motion: metres and degrees of the camera, metres and radians of the P
+    planes; and the part of it that remains under a prior three times as stiff.
+
     * `prior`: (6,) standard deviations of a pose whose covariance the recording does not give,
       metres and degrees.
     * `waves`: periods along the ray of biases that the recordings have, metres: a pose error is
@@ -148,13 +151,6 @@ def register(
     * `latency`: age of the images of a moving scene at their stamps to start from, seconds.
     * `stretch`: fraction by which the recordings' depths are too long, about; a pose is not to
       take it up.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (6 + 3 P,) motion: metres and degrees of the camera, metres and radians of the P planes;
-        and the part of it that remains under a prior three times as stiff.
-
     """
     still = recording.still
     chosen = [0] if still else _chosen(recording)
