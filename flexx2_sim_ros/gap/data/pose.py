@@ -76,15 +76,18 @@ class Differences:
 
     * `error`: (H, W) measured minus clean depth, metres, NaN for pixels that are not used.
     * `clean`, `sigma`: (H, W) the clean depth and the standard deviation of errors, metres.
+    * `others`: (m, H, W) metres: change of depth by effects at typical size. They are nuisance
+      parameters, so that an effect is not mistaken for a motion.
     * `jump_slopes`: (6, N) pixels by which jumps are displaced; see `jump_shift.Jumps`.
     * `jump_shifts`: (N,) pixels by which the frame shows them displaced, NaN where it cannot be
       said.
-    * `jump_others`: (m, N) pixels by which effects displace them, 0 where it cannot be said.
+    * `jump_others`: (m, N) pixels by which these effects displace them, 0 where it cannot be said.
     """
 
     error: np.ndarray
     clean: np.ndarray
     sigma: np.ndarray
+    others: np.ndarray
     jump_slopes: np.ndarray
     jump_shifts: np.ndarray
     jump_others: np.ndarray
@@ -92,7 +95,6 @@ class Differences:
 
 def fit_plane_motion(
     frames: Sequence[Differences],
-    others: np.ndarray,
     K: np.ndarray,  # noqa: N803
     spread: np.ndarray,
     shifts: np.ndarray,
@@ -103,13 +105,11 @@ def fit_plane_motion(
     """
     Fit a small motion of camera and planes to errors on surfaces, with an M-estimator.
 
-    Return (n,) the motion, at most three standard deviations; (m,) the amount of each of `others`;
-    and (n,) the whole motion, with that of earlier rounds, under a prior three times as stiff.
-    What surfaces leave open, such as a motion along surfaces that face the camera, the places of
-    depth jumps decide.
+    Return (n,) the motion, at most three standard deviations; (m,) the amount of each of their
+    `others`; and (n,) the whole motion, with that of earlier rounds, under a prior three times as
+    stiff. What surfaces leave open, such as a motion along surfaces that face the camera, the
+    places of depth jumps decide.
 
-    * `others`: (N, m, H, W) metres: change of depth by effects at typical size, in each of N
-      frames. They are nuisance parameters, so that an effect is not mistaken for a motion.
     * `spread`: (n, n), as from `prior.factor`, of the motion: six of the camera, metres and
       degrees, and three for each plane.
     * `shifts`: (n - 6, H, W), as from `planes.plane_shifts`.
@@ -120,11 +120,11 @@ def fit_plane_motion(
     fourths = [round(SPEED_OF_LIGHT / (8 * f), 4) for f in profile.modulation_hz]
     periods = [*fourths, *waves]
     sizes = np.array([*REGISTRATION.smooth, *[REGISTRATION.harmonic] * (2 * len(periods))])
-    A, b = _weighted_design(frames, others, K, shifts, profile, periods)  # noqa: N806
+    A, b = _weighted_design(frames, K, shifts, profile, periods)  # noqa: N806
     if not len(b):
-        return np.zeros(number), np.zeros(others.shape[1]), before
+        return np.zeros(number), np.zeros(len(frames[0].others)), before
     rest = number + len(sizes)
-    amounts = np.full(others.shape[1], REGISTRATION.amounts)
+    amounts = np.full(len(frames[0].others), REGISTRATION.amounts)
     usual = np.concatenate([sizes, amounts, [REGISTRATION.jump_growth]])
     if free_planes(spread @ spread.T):  # They take all that they can.
         usual[:-1] = 0
@@ -147,7 +147,6 @@ def fit_plane_motion(
 
 def _weighted_design(
     frames: Sequence[Differences],
-    others: np.ndarray,
     K: np.ndarray,  # noqa: N803
     shifts: np.ndarray,
     profile: Profile,
@@ -157,7 +156,7 @@ def _weighted_design(
     # and all jumps. The last column is a growth of all surfaces that are in front.
     designs: list[np.ndarray] = []
     values: list[np.ndarray] = []
-    for one, other in zip(frames, others, strict=True):
+    for one in frames:
         error, noise = one.error[::2, ::2], one.sigma[::2, ::2]
         good = np.isfinite(error)
         biases = _others(one.clean, K, periods)
@@ -167,7 +166,7 @@ def _weighted_design(
                     pose_columns(one.clean, K, profile.sensor),
                     shifts[:, ::2, ::2],
                     biases,
-                    other[:, ::2, ::2],
+                    one.others[:, ::2, ::2],
                     np.zeros((1, *error.shape)),
                 ]
             )

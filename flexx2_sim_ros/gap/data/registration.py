@@ -179,7 +179,7 @@ def register(
             biases = _typical_biases(recording, clean, reflectivity, chosen, stretch)
         late = None if still else images_by_latency(recording, chosen, lateness)
         step, amounts, sure = fit_plane_motion(
-            *_differences(recording, shown, clean, chosen, motion, biases, late, stretch),
+            _differences(recording, shown, clean, chosen, motion, biases, late, stretch),
             recording.K,
             spread,
             shifts,
@@ -222,16 +222,16 @@ def _differences(
     biases: _Biases,
     late: tuple[np.ndarray, np.ndarray] | None,
     stretch: float,
-) -> tuple[list[Differences], np.ndarray]:
-    # Each frame with where it differs from its clean depth, and (N, m, H, W) metres by which
-    # depth changes with each bias and latency. What the given effects change is subtracted.
+) -> list[Differences]:
+    # Each frame with where it differs from its clean depth, and with what each bias and latency
+    # changes. What the given effects change is subtracted.
     still = clean.ndim == 2
     known, accuracy = (
         one if one is None or one.ndim < 3 else one[list(chosen)]
         for one in (recording.truth.known, recording.truth.clean_sigma)
     )
     known = _known_from(known, shown, recording, motion[:POSE])
-    frames, others = [], []
+    frames = []
     for i, t in enumerate(chosen):
         image = clean if still else clean[i]
         mask = at_frame(known, i)
@@ -256,11 +256,10 @@ def _differences(
         jumps = jumps_of(image, sigma, scene.compared, recording.K, recording.mode.sensor)
         shifts = np.nan_to_num([jumps.shift(one) - jumps.shift(plain) for plain, one in changes])
         by_given = jumps.shift(biases.given[i]) - jumps.shift(biases.plain[i])
-        frames.append(
-            Differences(error, image, sigma, jumps.slopes, jumps.shift(real) - by_given, shifts)
-        )
-        others.append(other)
-    return frames, np.array(others)
+        moved_by = jumps.shift(real) - by_given
+        others = np.array(other)
+        frames.append(Differences(error, image, sigma, others, jumps.slopes, moved_by, shifts))
+    return frames
 
 
 def frames_between(recording: RecordingData, chosen: Sequence[int], lateness: float) -> np.ndarray:
