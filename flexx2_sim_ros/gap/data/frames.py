@@ -40,8 +40,8 @@ def looked_at(count: int, still: bool) -> list[int]:
     return sorted({round(x) for x in np.linspace(first, count - 1, REGISTRATION.frames)})
 
 
-def at_frame(images: Any, t: int) -> Any:
-    """Return the image of a frame, from one for each or one for all of them; None if none."""
+def at_frame(images: Any, t: Any) -> Any:
+    """Return the image of a frame, or those of several, where each has its own, else `images`."""
     return images if images is None or images.ndim < 3 else images[t]
 
 
@@ -67,10 +67,7 @@ def surface_of(clean: np.ndarray, K: np.ndarray, sensor: Sensor) -> Surface:  # 
 
 def of_frames(truth: Truth, chosen: np.ndarray) -> Truth:
     """Return the truth of chosen frames; a mask without unknown pixels is dropped."""
-    known, sigma = (
-        one if one is None or one.ndim < 3 else one[chosen]
-        for one in (truth.known, truth.clean_sigma)
-    )
+    known, sigma = (at_frame(one, chosen) for one in (truth.known, truth.clean_sigma))
     return replace(truth, known=None if known is None or known.all() else known, clean_sigma=sigma)
 
 

@@ -168,9 +168,7 @@ def register(
         )
         clean, reflectivity = moved(
             shown,
-            recording.reflectivity
-            if still or recording.reflectivity is None or recording.reflectivity.ndim == 2
-            else recording.reflectivity[chosen],
+            at_frame(recording.reflectivity, chosen),
             recording.K,
             recording.mode,
             motion[:POSE],
@@ -227,8 +225,7 @@ def _differences(
     # changes. What the given effects change is subtracted.
     still = clean.ndim == 2
     known, accuracy = (
-        one if one is None or one.ndim < 3 else one[list(chosen)]
-        for one in (recording.truth.known, recording.truth.clean_sigma)
+        at_frame(one, list(chosen)) for one in (recording.truth.known, recording.truth.clean_sigma)
     )
     known = _known_from(known, shown, recording, motion[:POSE])
     frames = []

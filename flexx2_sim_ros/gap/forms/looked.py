@@ -8,6 +8,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found, read
+from flexx2_sim_ros.gap.data.frames import at_frame, of_frames
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.prior import spread_of
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
@@ -206,19 +207,15 @@ def confirm_settled(
 def _first_frames(recording: RecordingData, count: int | None) -> RecordingData:
     if count is None or len(recording.depth) <= count:
         return recording
-
-    def some(image: Any) -> Any:
-        return image[:count] if image is not None and image.ndim == 3 else image
-
-    known, sigma = some(recording.truth.known), some(recording.truth.clean_sigma)
+    first = np.arange(count)
     return replace(
         recording,
         depth=recording.depth[:count],
-        clean=some(recording.clean),
-        reflectivity=some(recording.reflectivity),
+        clean=at_frame(recording.clean, first),
+        reflectivity=at_frame(recording.reflectivity, first),
         stamp=recording.stamp[:count],
         fresh=recording.fresh[:count],
-        truth=replace(recording.truth, known=known, clean_sigma=sigma),
+        truth=of_frames(recording.truth, first),
     )
 
 

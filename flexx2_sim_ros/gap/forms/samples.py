@@ -82,10 +82,7 @@ def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
     # What motion changes depends on the frames before, not only on those that are looked at.
     history = scene.moving and any(one.needs_motion or _lags(one) for one in every)
     seen = np.arange(frames[-1] + 1) if history else frames
-    clean = placed.clean[seen] if scene.moving else placed.clean
-    light = placed.reflectivity
-    if light is not None and light.ndim == 3:
-        light = light[seen]
+    clean, light = (at_frame(one, seen) for one in (placed.clean, placed.reflectivity))
     camera = base_camera(recording.mode, recording.profile, 0, recording.name)
     common = CommonRandomNumbers(camera, clean, recording.K, recording.stamp[seen], light)
     change = common.depth(every) - common.depth(())
