@@ -37,7 +37,6 @@ class Samples:
     * `length`: (N,) length of each pixel's ray, as a multiple of its depth.
     * `distance`: (N,) metres along the ray.
     * `light`: (N,) natural logarithm of the amplitude in 1/m^2.
-    * `incidence`: (N,) degrees.
     * `uptime`: (N,) seconds since power-on; NaN if the recording does not say.
     * `place`: (N,) index into the flat (F, H, W) images of `shift_of`.
     * `slopes`: by effect on geometry: (K, N) metres for a change of each of its parameters by half
@@ -52,7 +51,6 @@ class Samples:
     length: np.ndarray
     distance: np.ndarray
     light: np.ndarray
-    incidence: np.ndarray
     uptime: np.ndarray
     place: np.ndarray
     slopes: dict[str, np.ndarray] = field(default_factory=dict)
@@ -137,8 +135,7 @@ def _frame(scene: PlacedScene, index: int, t: int) -> dict[str, np.ndarray]:
     if recording.plane_shifts is not None:
         own = np.concatenate([own, recording.plane_shifts[:, ::2, ::2]])
     own = own[:, :: some // 2, :: some // 2]
-    covariates = covariates_at(scene, t)
-    light = covariates['light']
+    light = covariates_at(scene, t)['light']
     with np.errstate(invalid='ignore'):
         good = (cover.inside & np.isfinite(error) & (np.abs(error) < limit))[::some, ::some]
     good &= np.isfinite(own).all(axis=0) & np.isfinite(light[::some, ::some])
@@ -150,7 +147,6 @@ def _frame(scene: PlacedScene, index: int, t: int) -> dict[str, np.ndarray]:
         'length': cover.ray,
         'distance': clean * cover.ray,
         'light': light,
-        'incidence': covariates['incidence'],
         'uptime': np.full(clean.shape, uptime),
     }
     place = np.arange(clean.size).reshape(clean.shape)[::some, ::some][good]
