@@ -49,6 +49,7 @@ class Outcome:
     * `noise`: (SIZE,) float32 difference that noise alone makes between a recording and the mean
       of the simulations with the effects, estimated from the difference of two of these.
     * `counts`: (BINS,) float32 pixels looked at.
+    * `maps`: (h, w) images for the report: mean error in sigma of real, before and after.
     * `groups`: what differs in small groups of pixels.
     * `grain`: (h, w) float16 static pattern simulated with the effects, in sigma.
     * `frame`: a frame to show, if one was asked for.
@@ -60,6 +61,7 @@ class Outcome:
     seen: np.ndarray
     noise: np.ndarray
     counts: np.ndarray
+    maps: dict[str, np.ndarray]
     groups: PixelGroups
     grain: np.ndarray
     frame: SingleFrame | None
@@ -122,6 +124,10 @@ def confirm(
         np.array([own, *(np.mean(some, axis=0) for some in found)], np.float32),
         noise.astype(np.float32),
         real.seen.sums.bins[:, EXPECT].astype(np.float32),
+        {
+            name: _map(one.seen.sums)
+            for name, one in (('real', real), ('before', before[0]), ('after', after[0]))
+        },
         grouped.groups(
             real.groups,
             [one.groups for one in before],
@@ -212,3 +218,15 @@ def _physical(real: Seen, before: Sequence[Seen], after: Sequence[Seen]) -> dict
 def _gap(real: Seen, before: Sequence[Seen], after: Sequence[Seen]) -> float:
     gap = np.mean([distance(distances(real.everywhere, one.everywhere)) for one in before])
     return float(gap) - distance(distances(after[1].everywhere, after[0].everywhere))
+
+
+def _map(sums: Sums) -> np.ndarray:
+    # Mean error in sigma, at most 56 pixels wide.
+    with np.errstate(invalid='ignore', divide='ignore'):
+        step = max(sums.mean.shape[2] // 56, 1)
+        height, width = (n // step * step for n in sums.mean.shape[1:])
+        parts = [
+            a[:height, :width].reshape(height // step, step, width // step, step).sum((1, 3))
+            for a in (sums.mean[0], sums.sigma)
+        ]
+        return (parts[0] / parts[1]).astype(np.float16)

@@ -1,14 +1,14 @@
-"""Figures of a report: curves along covariates."""
+"""Figures of a report: maps of the image, and curves along covariates."""
 
 from collections.abc import Sequence
 
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.calibration.features import FEATURES
-from flexx2_sim_ros.gap.data.axes import AXES, Axes, Axis
+from flexx2_sim_ros.gap.data.axes import AXES, Axes, Axis, TILE_COLUMNS, TILE_ROWS
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.features.features import LAYOUT, likeness
 from flexx2_sim_ros.gap.report.text import spaced
-from flexx2_sim_ros.html_drawing import curves
+from flexx2_sim_ros.html_drawing import curves, picture
 import numpy as np
 
 # Label of each channel, and the factor to its unit.
@@ -42,9 +42,72 @@ _TITLES = {
 }
 _CHARTS, _OF_ONE_CHANNEL = 4, 2
 _FEWEST = 500  # least number of pixels for a point of a curve
+_LIMIT = 15  # end of the colour scale of a map, in units of the tolerance
 # The 16 edge bins (direction, side, distance) without their direction: four bins.
 _FROM_EDGE = {-2.0: 1, -1.0: 0, 1.0: 2, 2.0: 3}
 _FIRST = {(f.channel, f.axis): i for i, f in reversed(list(enumerate(LAYOUT)))}
+
+
+def maps(confirmed: Sequence[Outcome], explained: bool) -> html.Html:
+    """
+    Return maps of the mean depth error, and of the channel that differs most otherwise, as HTML.
+
+    If the diagnosis has effects (`explained`), images with them are drawn, too.
+    """
+    pairs = [(1, 'before', 'real minus simulated')]
+    if explained:
+        pairs.append((2, 'after', 'real minus simulated, with the effects'))
+    size = confirmed[0].maps['real'].shape
+    stacks = {
+        name: np.array(
+            [
+                one.maps[name].astype(np.float32)
+                for one in confirmed
+                if one.maps[name].shape == size
+            ]
+        )
+        for name in ('real', 'before', 'after')
+    }
+    figures = []
+    for _, name, text in pairs:
+        difference = stacks['real'] - stacks[name]
+        good = np.isfinite(difference)
+        mean = np.where(good, difference, 0).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
+        mean[~good.any(axis=0)] = np.nan
+        figures.append(_map(mean, 1.5, f'{text}: mean depth error', 'sigma_z'))
+    channel, size_there = max(
+        (
+            (name, _importance(_lines(confirmed, name, AXES['region']), name))
+            for name in _LABELS
+            if name != 'bias'
+        ),
+        key=lambda item: item[1],
+    )
+    if size_there > 1:
+        axis, lines = AXES['region'], np.empty(0)
+        if (channel, 'tile') in _FIRST:
+            lines = _lines(confirmed, channel, AXES['tile'])
+        # Tiles of small images have too few pixels.
+        if np.isfinite(lines).any():
+            axis = AXES['tile']
+        else:
+            lines = _lines(confirmed, channel, axis)
+        label, factor = _LABELS[channel]
+        limit = _LIMIT * FEATURES.tolerances[channel] * factor
+        for i, _, text in pairs:
+            rows, columns = (TILE_ROWS, TILE_COLUMNS) if axis.name == 'tile' else (3, 4)
+            image = (lines[0] - lines[i]).reshape(rows, columns)
+            image = image.repeat(44 // rows, axis=0).repeat(56 // columns, axis=1)
+            figures.append(
+                _map(image, limit, f'{text}: {label.partition(",")[0]}', label.partition(', ')[2])
+            )
+    return html.join(html.heading('On the image'), html.beside(*figures))
+
+
+def _map(image: np.ndarray, limit: float, text: str, unit: str) -> html.Html:
+    ends = f'blue {-limit:.2g} to red {limit:+.2g} {unit}'.strip()
+    caption = f'{text}, {ends}; white: no difference, gray: not seen'
+    return html.figure(picture(image, limit), caption, text, 420)
 
 
 def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> html.Html:
@@ -107,7 +170,8 @@ def _lines(confirmed: Sequence[Outcome], channel: str, axis: Axis) -> np.ndarray
             one.reshape(3, 4, 4).sum(axis=1)[:, list(_FROM_EDGE.values())]
             for one in (total, summed)
         )
-    lines = np.where(total >= _FEWEST, _LABELS[channel][1] * summed / np.maximum(total, 1), np.nan)
+    fewest = 1 if axis.name == 'tile' else _FEWEST
+    lines = np.where(total >= fewest, _LABELS[channel][1] * summed / np.maximum(total, 1), np.nan)
     return likeness(lines) if channel == 'lag' else lines
 
 

@@ -15,7 +15,7 @@ from flexx2_sim_ros.gap.report.attribution import (
     poses_hide,
     shown_by_one,
 )
-from flexx2_sim_ros.gap.report.charts import charts
+from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.form_figures import figures
 from flexx2_sim_ros.gap.report.frames import frames, FRAMES_STYLE
@@ -77,6 +77,7 @@ def page(
         section(table['cost']) if 'cost' in table else '',
         _where(table),
         frames(table, confirmed, model.evidence[0].axes),
+        maps(confirmed, explained),
         charts(confirmed, explained, model.evidence[0].axes),
         _considered(table, decision),
         _recordings(table),
