@@ -248,14 +248,14 @@ def test_a_recording_without_valid_pixels_stays_where_it_was_registered():
     """Assert it of pose and forms: what the others say is not changed."""
     nothing = np.zeros(0)
     dark = Samples(
-        np.ones(6), nothing, nothing, np.zeros((6, 0)), np.eye(6), *[nothing] * 5,
+        np.ones(6), nothing, nothing, np.zeros((6, 0)), np.eye(6), *[nothing] * 4,
         np.zeros(0, int),
     )  # fmt: skip
     assert own_motion(dark, nothing, np.full(6, 0.5)) == pytest.approx(np.full(6, 0.5))
     ramp = np.linspace(1.0, 3.0, 50)
     bright = Samples(
         np.zeros(6), np.full(50, 0.01), np.full(50, 1e-3), np.zeros((6, 50)), np.eye(6),
-        np.ones(50), ramp, -ramp, ramp, ramp, np.arange(50),
+        np.ones(50), ramp, -ramp, ramp, np.arange(50),
     )  # fmt: skip
     form = forms_of('offset', flexx2().mode('Mode_9_30fps'))[0][0]
     fitted = BiasFit([bright, dark, bright]).fit([form])

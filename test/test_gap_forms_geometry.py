@@ -67,7 +67,7 @@ def make_samples(rng, moved, prior):
     spread = np.diag([prior, 0.0, 0.0, 0.0, 0.0, 0.0])
     return Samples(
         np.zeros(6), moved + 0.02 * slopes['intrinsics_error'][0] + noise,
-        np.full(COUNT, 1e-3), own, spread, length, 2 + x, x, x, x, np.arange(COUNT), slopes,
+        np.full(COUNT, 1e-3), own, spread, length, 2 + x, x, x, np.arange(COUNT), slopes,
     )  # fmt: skip
 
 

@@ -31,7 +31,6 @@ def make_samples(rng, scale, moving):
         2 + x,
         x,
         x,
-        x,
         np.arange(COUNT),
     )
 

@@ -10,14 +10,12 @@ HAND = card(0.6, -0.1, 0.08, 0.5, (0.5, 0.0, 0.0))
 SCENES = {
     scene.name: scene
     for scene in (
-        PlannedScene('wall', 'a wall at 2 m', (wall(2.0),)),
-        PlannedScene('tilted', 'a wall at 3 m, tilted', (wall(3.0, tilt=40.0),)),
-        PlannedScene(
-            'corner', 'a corner, 1.5 m away', (wall(1.5, tilt=45.0), wall(1.5, tilt=-45.0))
-        ),
-        PlannedScene('box', 'a box, 0.3 m before a wall', (wall(1.3), card(1.0, -0.4, 0.4, 0.6))),
-        PlannedScene('hand', 'a hand that moves sideways', (wall(1.5), HAND)),
-        PlannedScene('panning', 'a box', (wall(1.5), card(0.8, 0.0, 0.15, 0.6)), turn_rate=40.0),
+        PlannedScene('wall', (wall(2.0),)),
+        PlannedScene('tilted', (wall(3.0, tilt=40.0),)),
+        PlannedScene('corner', (wall(1.5, tilt=45.0), wall(1.5, tilt=-45.0))),
+        PlannedScene('box', (wall(1.3), card(1.0, -0.4, 0.4, 0.6))),
+        PlannedScene('hand', (wall(1.5), HAND)),
+        PlannedScene('panning', (wall(1.5), card(0.8, 0.0, 0.15, 0.6)), turn_rate=40.0),
     )
 }
 

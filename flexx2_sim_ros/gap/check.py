@@ -14,8 +14,9 @@ from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import given_effects, in_one_table, Table
-from flexx2_sim_ros.gap.features.before_after import before_after
-from flexx2_sim_ros.gap.features.physical import UNITS
+from flexx2_sim_ros.gap.features.confirm import simulated as simulations
+from flexx2_sim_ros.gap.features.physical import distances, histogram, UNITS
+from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene
 from flexx2_sim_ros.gap.given_effects import fit_without_and_with, FittedRecordings
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
@@ -215,5 +216,21 @@ def _physical(
     seed: int,
     known: Table,
 ) -> dict[str, list[float]]:
-    found, without, with_effects = job
-    return before_after(read(found, profile, known), (without, with_effects), effects, seed)
+    # Each of `UNITS` of a recording: before, after, and the difference of two simulations with the
+    # effects. Motions are fitted without and with the effects: neither simulation is compared at
+    # the pose that suits the other one. All simulations have common random numbers.
+    found, *motions = job
+    recording = read(found, profile, known)
+    gaps = []
+    for motion, table in zip(motions, ({}, effects), strict=True):
+        scene = PlacedScene.at(recording, motion)
+        real, *simulated = (
+            histogram(depth, scene.covariates, scene.sums(depth), at_edges=counts_edges(effects))
+            for depth in (recording.depth, *simulations(scene, table, seed))
+        )
+        gaps.append([distances(real, one) for one in simulated])
+    null = distances(simulated[1], simulated[0])
+    return {
+        unit: [*(float(np.mean([one[unit] for one in some])) for some in gaps), null[unit]]
+        for unit in UNITS
+    }

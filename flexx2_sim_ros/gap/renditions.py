@@ -9,6 +9,7 @@ from flexx2_sim_ros.consumers.ground import best_centre, find_ground, mounted
 from flexx2_sim_ros.consumers.running import ConsumerViews
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.data.campaign import Found, read
+from flexx2_sim_ros.gap.data.frames import at_frame
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 from flexx2_sim_ros.gap.forms.looked import registered, Settings
@@ -118,8 +119,7 @@ def _poses(
     height, width = clean.shape[-2:]
     lens = Intrinsics.from_matrix(scene.recording.K, width, height, distortion)
     for frames in chosen:
-        image = clean if clean.ndim == 2 else clean[frames[0]]
-        known = mask if mask is None or mask.ndim == 2 else mask[frames[0]]
+        image, known = at_frame(clean, frames[0]), at_frame(mask, frames[0])
         known = np.ones(image.shape, bool) if known is None else known.copy()
         edge = scene.placed.border
         if edge:  # The given pose did not show it.

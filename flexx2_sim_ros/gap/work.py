@@ -123,11 +123,9 @@ def search_inside(
     return search(some, found[0].mode) if some else {}
 
 
-def summarise(
-    found: Found, simulations: Simulations, motion: np.ndarray | None = None
-) -> Evidence | str:
+def summarise(job: tuple[Found, np.ndarray | None], simulations: Simulations) -> Evidence | str:
     """Return the summary of a recording, at a motion if one is given, or why there is none."""
-    one = simulations
+    (found, motion), one = job, simulations
     try:
         recording = read(found, one.profile, one.known)
     except InputError as error:
@@ -136,11 +134,6 @@ def summarise(
         return gather(recording, one.columns, one.seed, np.array(one.prior), one.inside, motion)
     except InputError as error:
         return f'{found.path}: {error}'
-
-
-def summarise_at(job: tuple[Found, np.ndarray | None], simulations: Simulations) -> Evidence | str:
-    """Return `summarise` of a recording and a motion."""
-    return summarise(job[0], simulations, job[1])
 
 
 def summarise_all(
@@ -161,7 +154,7 @@ def summarise_all(
     left out. Raises `InputError` when no recording can be used.
     """
     jobs = list(zip(found, motions or repeat(None), strict=False))
-    outcomes = mapped(bind(summarise_at, simulations=simulations), jobs, step)
+    outcomes = mapped(bind(summarise, simulations=simulations), jobs, step)
     used, evidence, unusable = [], [], []
     for file, one in zip(found, outcomes, strict=True):
         if isinstance(one, Evidence):

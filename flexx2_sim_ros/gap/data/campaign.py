@@ -171,18 +171,23 @@ def read(found: Found, profile: Profile | None, known: Table | None = None) -> R
         if len(inside):
             parts.append((part, inside))
         start += len(part.stamp)
+    key = 'amplitude' if parts[0][0].reflectivity is None else 'reflectivity'
+    measured, given, light = (_stack(one, parts) for one in ('depth', 'clean_depth', key))
+    assert measured is not None
+    assert given is not None
     truth = of_frames(read_truth(path, reader.arrays, reader.shape), chosen)
     notes: list[str] = []
-    depth, clean = _depths(found, parts, truth.known, notes)
+    depth, clean = _depths(found, measured, given, truth.known, notes)
     if clean.ndim == 3:
-        there = _there('clean_depth', parts)
+        there = _there(given, len(chosen))
         first = first_known(clean, known_in(there, clean, truth).known)
         if (clean == first).all(where=np.isfinite(clean)):
             clean, truth = first, still(truth, there)
         else:
-            light = 'amplitude' if parts[0][0].reflectivity is None else 'reflectivity'
-            truth = known_in(there & _there(light, parts), clean, truth)
-    reflectivity = _reflectivity(found, reader.K, parts, clean, notes)
+            truth = known_in(there & _there(light, len(chosen)), clean, truth)
+    if light is not None and clean.ndim == 2 < light.ndim:
+        light = light[_there(light, len(chosen))]
+    reflectivity = _reflectivity(found, reader.K, key, light, clean, notes)
     clean, reflectivity = _filled(found, clean, reflectivity, truth.known)
     uptime = _uptime(reader, chosen)
     return RecordingData(
@@ -203,27 +208,20 @@ def read(found: Found, profile: Profile | None, known: Table | None = None) -> R
     )
 
 
-def _there(key: str, parts: list[tuple[Recording, np.ndarray]]) -> np.ndarray:
+def _there(images: np.ndarray | None, count: int) -> np.ndarray:
     # (T,) Which frames have an image of their own, if any has. A bag lacks those of some: they are
     # NaN or, as whole numbers, 0.
-    images = _stack(key, parts)
     if images is None or images.ndim == 2:
-        return np.ones(sum(len(chosen) for _, chosen in parts), bool)
+        return np.ones(count, bool)
     there = np.array([np.nan_to_num(image).any() for image in images])
     return there if there.any() else ~there
 
 
 def _depths(
-    found: Found,
-    parts: list[tuple[Recording, np.ndarray]],
-    known: np.ndarray | None,
-    notes: list[str],
+    found: Found, depth: np.ndarray, clean: np.ndarray, known: np.ndarray | None, notes: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     # Measured and clean depth in metres, NaN where a pixel has no distance or is unknown.
     path, mode = found.path, found.mode
-    depth = np.concatenate([part.depth[i] for part, i in parts])
-    clean = _stack('clean_depth', parts)
-    assert clean is not None
     shape = depth.shape[1:]
     if clean.shape[-2:] != shape:
         raise InputError(
@@ -261,33 +259,25 @@ def _depths(
 def _reflectivity(
     found: Found,
     K: np.ndarray,  # noqa: N803
-    parts: list[tuple[Recording, np.ndarray]],
+    key: str,
+    light: np.ndarray | None,
     clean: np.ndarray,
     notes: list[str],
 ) -> np.ndarray | None:
     # The given reflectivity, otherwise the one that the amplitude implies; 0 where unknown.
     path, shape = found.path, clean.shape[-2:]
-
-    def images(key: str) -> np.ndarray | None:
-        stack = _stack(key, parts)
-        if stack is None or stack.ndim == 2 or clean.ndim == 3:
-            return stack
-        return stack[_there(key, parts)]
-
-    reflectivity = images('reflectivity')
-    if reflectivity is not None:
-        brightest = float(np.nanmax(reflectivity, initial=0))
+    if light is None:
+        return None
+    if key == 'amplitude':
+        scale = found.full_scale
+        reflectivity = reflectivity_from(light, clean, K, found.mode, scale, path, notes)
+        if reflectivity is None:
+            return None
+    else:
+        brightest = float(np.nanmax(light, initial=0))
         if brightest > READING.brightest:
             raise InputError(f'{path}: reflectivity: must be 0 to 1, got up to {brightest:g}')
-        reflectivity = np.clip(reflectivity, 0, 1)
-    else:
-        amplitude = images('amplitude')
-        if amplitude is not None:
-            reflectivity = reflectivity_from(
-                amplitude, clean, K, found.mode, found.full_scale, path, notes
-            )
-    if reflectivity is None:
-        return None
+        reflectivity = np.clip(light, 0, 1)
     if reflectivity.shape[-2:] != shape:
         raise InputError(
             f'{path}: reflectivity: must have the size of depth, {shape}, got '

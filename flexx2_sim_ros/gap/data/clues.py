@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.calibration.search import SEARCH
 from flexx2_sim_ros.gap.data.covariates import log_amplitude, look_at, PixelCovariates
+from flexx2_sim_ros.gap.data.frames import at_frame, looked_at, seen_at, surface_of
 from flexx2_sim_ros.gap.data.pose import pose_columns
 from flexx2_sim_ros.gap.data.registration import change_by_latency, frames_between, RecordingData
-from flexx2_sim_ros.physics.surface import analyse
-from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 import numpy as np
 
 LINE = 7  # column of `Clues.own` in proportion to depth
@@ -64,12 +63,11 @@ def latencies() -> np.ndarray:
 
 def clues_of(recording: RecordingData) -> Clues:
     """Return what a recording shows of the inside of its camera."""
-    frames = _frames(recording)
+    frames = looked_at(len(recording.depth), recording.still)
     covers = [_cover(recording, t) for t in frames]
-    errors = [_error(recording, t) for t in frames]
     samples = [
-        _samples(recording, t, error, cover, SEARCH.samples // len(frames))
-        for t, error, cover in zip(frames, errors, covers, strict=True)
+        _samples(recording, t, cover, SEARCH.samples // len(frames))
+        for t, cover in zip(frames, covers, strict=True)
     ]
     error, sigma, own, length, distance = (
         np.concatenate(part) for part in zip(*samples, strict=True)
@@ -90,43 +88,18 @@ def clues_of(recording: RecordingData) -> Clues:
     )
 
 
-def _frames(recording: RecordingData) -> list[int]:
-    if recording.clean.ndim == 2:
-        return [0]
-    count = len(recording.depth)
-    first = min(REGISTRATION.lead, count - 1)
-    return sorted({round(x) for x in np.linspace(first, count - 1, REGISTRATION.frames)})
-
-
-def _image(images: np.ndarray | None, t: int) -> np.ndarray | None:
-    return images if images is None or images.ndim == 2 else images[t]
-
-
-def _clean(recording: RecordingData, t: int) -> np.ndarray:
-    return recording.clean if recording.clean.ndim == 2 else np.asarray(recording.clean[t])
-
-
 def _cover(recording: RecordingData, t: int) -> PixelCovariates:
-    known = _image(recording.truth.known, t)
-    clean, axes = _clean(recording, t), recording.axes
+    known = at_frame(recording.truth.known, t)
+    clean, axes = at_frame(recording.clean, t), recording.axes
     return look_at(clean, None, 0.0, None, recording.K, recording.mode, axes, known=known)
 
 
-def _error(recording: RecordingData, t: int) -> np.ndarray:
-    # (H, W) metres; of a still scene the mean over the frames, where most of them are valid.
-    clean = _clean(recording, t)
-    if recording.clean.ndim == 3:
-        return np.asarray(recording.depth[t] - clean)
-    valid = np.isfinite(recording.depth).sum(axis=0)
-    mean = np.nansum(recording.depth, axis=0) / np.maximum(valid, 1)
-    return np.asarray(np.where(valid > 0.5 * len(recording.depth), mean, np.nan) - clean)
-
-
 def _samples(
-    recording: RecordingData, t: int, error: np.ndarray, cover: PixelCovariates, most: int
+    recording: RecordingData, t: int, cover: PixelCovariates, most: int
 ) -> tuple[np.ndarray, ...]:
     # The first five fields of `Clues` of one frame.
-    clean = _clean(recording, t)
+    clean = at_frame(recording.clean, t)
+    error = seen_at(recording.depth, t, recording.still)[0] - clean
     limit = REGISTRATION.outlier_sigmas * cover.sigma + SEARCH.largest_error
     with np.errstate(invalid='ignore', divide='ignore'):
         ratio = (error / clean)[cover.inside]
@@ -134,7 +107,7 @@ def _samples(
         good = cover.inside & (np.abs(error - stretch * clean) < limit)
     moves = pose_columns(clean, recording.K, recording.mode.sensor)
     late = np.zeros_like(clean)
-    if recording.clean.ndim == 3:
+    if not recording.still:
         late = change_by_latency(recording, [t], 0.0)[0]
     whole = np.stack([1 / cover.ray, clean, late])[:, ::2, ::2]
     own = np.concatenate([moves, whole])
@@ -154,12 +127,11 @@ def _light(
     edges = light_edges(), np.array(SEARCH.incidences)
     out = np.zeros((2, *(len(one) - 1 for one in edges)))
     for t, cover in zip(frames, covers, strict=True):
-        clean = _clean(recording, t)
-        lens = Intrinsics.from_matrix(recording.K, clean.shape[1], clean.shape[0])
-        surface = analyse(np.ascontiguousarray(clean), lens, recording.mode.sensor)
+        clean = at_frame(recording.clean, t)
+        surface = surface_of(clean, recording.K, recording.mode.sensor)
         with np.errstate(divide='ignore', invalid='ignore'):
-            light = log_amplitude(surface, clean, _image(recording.reflectivity, t))
-        depth = recording.depth if recording.clean.ndim == 2 else recording.depth[t : t + 1]
+            light = log_amplitude(surface, clean, at_frame(recording.reflectivity, t))
+        depth = recording.depth if recording.still else recording.depth[t : t + 1]
         lost = np.isnan(depth).mean(axis=0)
         use = cover.inside & np.isfinite(light)
         light = np.clip(light[use], edges[0][0], edges[0][-1] - 1e-6)
@@ -172,11 +144,11 @@ def _folds(
     recording: RecordingData, frames: list[int], covers: list[PixelCovariates]
 ) -> tuple[np.ndarray, int, int]:
     # `folds`, `beyond` and `looked`. Means over frames would mix whole and folded distances.
-    still = recording.clean.ndim == 2
+    still = recording.still
     some = range(min(SEARCH.fold_frames, len(recording.depth))) if still else frames
     parts, beyond, looked = [], 0, 0
     for i, t in enumerate(some):
-        clean, cover = _clean(recording, t), covers[0 if still else i]
+        clean, cover = at_frame(recording.clean, t), covers[0 if still else i]
         with np.errstate(invalid='ignore'):
             far = cover.compared & (clean > recording.mode.range_max)
             gone = (clean - recording.depth[t]) * cover.ray
@@ -195,7 +167,7 @@ def _late(
     recording: RecordingData, frames: list[int], covers: list[PixelCovariates]
 ) -> np.ndarray:
     # Loss at each latency over that of the same frames at their stamps, small motions fitted.
-    if recording.clean.ndim == 2:
+    if recording.still:
         return np.zeros(0)
     first, last = int(recording.stamp[0]), int(recording.stamp[-1])
     columns = [
@@ -235,7 +207,7 @@ def _late(
 def _lag(recording: RecordingData, cover: PixelCovariates) -> float:
     # A recursive filter with weight w is late by w / (1 - w) frames. Two frames on, depths differ
     # by the factor 1 + w more in variance than from frame to frame.
-    if recording.clean.ndim == 3 or len(recording.depth) < 3:
+    if not recording.still or len(recording.depth) < 3:
         return np.nan
     depth = recording.depth[:, cover.inside]
     near, far = (np.abs(depth[step:] - depth[:-step]) for step in (1, 2))

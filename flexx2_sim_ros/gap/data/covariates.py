@@ -1,11 +1,13 @@
 """The covariates of each pixel of a clean frame, sorted into bins."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 import math
 
 from flexx2_sim_ros.gap.calibration.data import BINNING
 from flexx2_sim_ros.gap.data.axes import AXES, Axes, ENDLESS, TILE_COLUMNS, TILE_ROWS
+from flexx2_sim_ros.gap.data.frames import surface_of
 from flexx2_sim_ros.gap.data.pixel_kernels import (
     concavity,
     EDGE_REACH,
@@ -20,7 +22,7 @@ from flexx2_sim_ros.gap.data.unknown import away, judged
 from flexx2_sim_ros.physics.axial import sigma_image
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.geometry import ray_length
-from flexx2_sim_ros.physics.surface import analyse, Surface
+from flexx2_sim_ros.physics.surface import Surface
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Mode
 from flexx2_sim_ros.profiles.sensor import Sensor
@@ -42,9 +44,8 @@ class PixelCovariates:
     * `inside`: (H, W) bool, surfaces away from jumps and sharp bends.
     * `ray`: (H, W) float32, distance along the pixel's ray as a multiple of its depth.
     * `compared`: (H, W) bool, pixels that are compared: ground truth is known at and around them.
-    * `at_jump`: (H, W) bool, compared pixels up to 3 px from a jump.
-    * `ends`: (2, H, W) float32 metres, how near and how far the surfaces around these pixels are;
-      NaN elsewhere.
+    * `ends`: (2, H, W) float32 metres, how near and how far the surfaces around compared pixels
+      up to 3 px from a jump are; NaN elsewhere.
     """
 
     runs: np.ndarray
@@ -55,7 +56,6 @@ class PixelCovariates:
     inside: np.ndarray
     ray: np.ndarray
     compared: np.ndarray
-    at_jump: np.ndarray
     ends: np.ndarray
 
     def places(self, name: str) -> np.ndarray:
@@ -97,7 +97,7 @@ def look_at(
     """
     height, width = clean.shape
     lens = Intrinsics.from_matrix(K, width, height)
-    surface = analyse(np.ascontiguousarray(clean), lens, mode.sensor)
+    surface = surface_of(clean, K, mode.sensor)
     compared = _compared(lens, mode.sensor, border, known)
     edge, inside = _edges_and_surfaces(surface, compared, known)
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -105,8 +105,12 @@ def look_at(
         nearest, farthest = mode.range_min + BINNING.limit, mode.range_max - BINNING.limit
         seen = compared & (clean >= nearest) & (clean <= farthest)
         inside &= seen
-        bins = _Bins(axes, (height, width))
-        _sort_surfaces(bins, surface, clean, reflectivity, inside)
+        bins = _Bins(axes, AXES, (height, width))
+        bins.put_surfaces(surface, clean, reflectivity, inside)
+        fine = axes['fine_distance'].edges
+        bins.put('fine_distance', clean, inside & (clean < fine[-1] + fine[0]))
+        bend = concavity(surface.inverse_depth, max(width // BINNING.bend_step, 2))
+        bins.put('concavity', bend, inside & np.isfinite(bend))
         at_jump = seen & (edge >= 0)
         bins.put_classes('edge', edge, at_jump)
         if before is not None and interval > 0:
@@ -127,7 +131,6 @@ def look_at(
         inside,
         _rays(*(float(v) for v in K[:2].ravel()), height, width),
         compared,
-        at_jump,
         surfaces_at(compared_depth, at_jump),
     )
 
@@ -144,26 +147,34 @@ def trusted_sigma(mode: Mode) -> float:
 
 
 class _Bins:
-    # (A, H, W) int16 bins of a frame's pixels along all axes, -1 for none.
-    def __init__(self, axes: Axes, size: tuple[int, int]) -> None:
+    # (A, H, W) int16 bins of a frame's pixels along some axes, -1 for none.
+    def __init__(self, axes: Axes, names: Iterable[str], size: tuple[int, ...]) -> None:
         self._axes = axes
-        self._index = {name: i for i, name in enumerate(AXES)}
-        self.values = np.full((len(AXES), *size), -1, np.int16)
-
-    def edges(self, name: str) -> tuple[float, ...]:
-        return self._axes[name].edges
+        self._index = {name: i for i, name in enumerate(names)}
+        self.values = np.full((len(self._index), *size), -1, np.int16)
 
     def put(self, name: str, covariate: np.ndarray, where: np.ndarray) -> None:
         axis, out = self._axes[name], self.values[self._index[name]]
         put_in_bins(covariate, where, np.array(axis.edges), axis.start, out)
 
-    def put_classes(self, name: str, classes: np.ndarray, where: np.ndarray) -> None:
+    def put_classes(self, name: str, classes: np.ndarray | int, where: np.ndarray) -> None:
         out = self.values[self._index[name]]
         np.copyto(out, self._axes[name].start + classes, where=where)
 
-    def put_places(self, where: np.ndarray) -> None:
-        for name, places in _places(*self.values.shape[1:]).items():
-            np.copyto(self.values[self._index[name]], places, where=where)
+    def put_surfaces(
+        self,
+        surface: Surface,
+        clean: np.ndarray,
+        reflectivity: np.ndarray | None,
+        where: np.ndarray,
+    ) -> None:
+        # What each pixel has by itself.
+        for name, places in _places(*clean.shape).items():
+            if name in self._index:
+                np.copyto(self.values[self._index[name]], places, where=where)
+        self.put('distance', clean, where)
+        self.put('incidence', np.degrees(surface.incidence), where)
+        self.put('log_amplitude', log_amplitude(surface, clean, reflectivity), where)
 
 
 def _compared(
@@ -192,23 +203,6 @@ def _edges_and_surfaces(
         # A jump beside unknown pixels may be an artefact of the filled values.
         edge[~away(known, EDGE_REACH + 1)] = -1
     return edge, ~near
-
-
-def _sort_surfaces(
-    bins: _Bins,
-    surface: Surface,
-    clean: np.ndarray,
-    reflectivity: np.ndarray | None,
-    inside: np.ndarray,
-) -> None:
-    fine = bins.edges('fine_distance')
-    bins.put('distance', clean, inside)
-    bins.put('fine_distance', clean, inside & (clean < fine[-1] + fine[0]))
-    bins.put('incidence', np.degrees(surface.incidence), inside)
-    bins.put_places(inside)
-    bins.put('log_amplitude', log_amplitude(surface, clean, reflectivity), inside)
-    bend = concavity(surface.inverse_depth, max(clean.shape[1] // BINNING.bend_step, 2))
-    bins.put('concavity', bend, inside & np.isfinite(bend))
 
 
 def log_amplitude(
@@ -240,36 +234,18 @@ def sort_everywhere(
     that stands still; `reflectivity` (H, W) in 0..1 or None. Return (A, H, W) int16 bins, -1 for
     none, and (H, W) incidence in degrees.
     """
-    height, width = clean.shape
-    surface = analyse(
-        np.ascontiguousarray(clean), Intrinsics.from_matrix(K, width, height), sensor
-    )
-    bins = np.full((len(ENDLESS), height, width), -1, np.int16)
-    incidence = np.degrees(surface.incidence)
-    edge, near = np.full((height, width), -1, np.int16), np.zeros((height, width), np.bool_)
+    surface = surface_of(clean, K, sensor)
+    edge, near = np.full(clean.shape, -1, np.int16), np.zeros(clean.shape, np.bool_)
     mark_edges(surface.inverse_depth, surface.row_jumps, surface.column_jumps, edge, near)
+    bins = _Bins(axes, ENDLESS, clean.shape)
     with np.errstate(invalid='ignore', divide='ignore'):
         seen = np.isfinite(clean) & (clean > 0)
-        values = {
-            'distance': clean,
-            'fine_distance': clean,
-            'incidence': incidence,
-            'log_amplitude': log_amplitude(surface, clean, reflectivity),
-        }
-    places = _places(height, width)
-    for out, name in zip(bins, ENDLESS, strict=True):
-        axis = axes[name]
-        if name == 'edge':
-            np.copyto(out, axis.start, where=seen & (edge >= 0))
-        elif name == 'speed':
-            if speed is not None:
-                moves = seen & np.isfinite(speed)
-                put_in_bins(speed, moves, np.array(axis.edges), axis.start, out)
-        elif name in places:
-            np.copyto(out, places[name], where=seen)
-        else:
-            put_in_bins(values[name], seen, np.array(axis.edges), axis.start, out)
-    return bins, incidence
+        bins.put_surfaces(surface, clean, reflectivity, seen)
+    bins.put('fine_distance', clean, seen)
+    bins.put_classes('edge', 0, seen & (edge >= 0))
+    if speed is not None:
+        bins.put('speed', speed, seen & np.isfinite(speed))
+    return bins.values, np.degrees(surface.incidence)
 
 
 @lru_cache(maxsize=4)

@@ -1,8 +1,12 @@
 """The frames of a recording: which are compared, what is known of them, how late they arrive."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
-from flexx2_sim_ros.gap.calibration.data import READING
+from flexx2_sim_ros.gap.calibration.data import READING, REGISTRATION
+from flexx2_sim_ros.physics.surface import analyse, Surface
+from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.profiles.sensor import Sensor
 from flexx2_sim_ros.recording.reader import RecordingReader
 from flexx2_sim_ros.recording.truth import Truth
 import numpy as np
@@ -28,12 +32,42 @@ def choose_frames(count: int, height: int, width: int) -> tuple[np.ndarray, np.n
     return chosen, fresh
 
 
+def looked_at(count: int, still: bool) -> list[int]:
+    """Return which of so many frames errors are looked at in: one if the scene stands still."""
+    if still:
+        return [0]
+    first = min(REGISTRATION.lead, count - 1)
+    return sorted({round(x) for x in np.linspace(first, count - 1, REGISTRATION.frames)})
+
+
+def at_frame(images: Any, t: Any) -> Any:
+    """Return the image of a frame, or those of several, where each has its own, else `images`."""
+    return images if images is None or images.ndim < 3 else images[t]
+
+
+def seen_at(depth: np.ndarray, t: int, still: bool) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return what (T, H, W) depth shows of a frame, or the mean over all frames of a still scene.
+
+    It is (H, W) metres, NaN where fewer than half of the frames are valid; beside it (H, W) how
+    many are, at least one.
+    """
+    if not still:
+        return depth[t], np.ones(depth.shape[1:])
+    valid = np.isfinite(depth).sum(axis=0)
+    count = np.maximum(valid, 1)
+    return np.where(valid > 0.5 * len(depth), np.nansum(depth, axis=0) / count, np.nan), count
+
+
+def surface_of(clean: np.ndarray, K: np.ndarray, sensor: Sensor) -> Surface:  # noqa: N803
+    """Return jumps and incidence of a clean image, (H, W) metres."""
+    lens = Intrinsics.from_matrix(K, clean.shape[1], clean.shape[0])
+    return analyse(np.ascontiguousarray(clean), lens, sensor)
+
+
 def of_frames(truth: Truth, chosen: np.ndarray) -> Truth:
     """Return the truth of chosen frames; a mask without unknown pixels is dropped."""
-    known, sigma = (
-        one if one is None or one.ndim < 3 else one[chosen]
-        for one in (truth.known, truth.clean_sigma)
-    )
+    known, sigma = (at_frame(one, chosen) for one in (truth.known, truth.clean_sigma))
     return replace(truth, known=None if known is None or known.all() else known, clean_sigma=sigma)
 
 

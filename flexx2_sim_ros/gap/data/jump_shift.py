@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import math
 
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
-from flexx2_sim_ros.physics.surface import analyse
-from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.gap.data.frames import surface_of
 from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
 
@@ -63,12 +62,10 @@ def jumps_of(
     matrix. A jump is larger than several times `sigma`, (H, W) metres, the standard deviation of a
     depth.
     """
-    height, width = clean.shape
-    lens = Intrinsics.from_matrix(K, width, height)
-    surface = analyse(np.ascontiguousarray(clean), lens, sensor)
+    surface = surface_of(clean, K, sensor)
     usable = np.where(compared & (clean > 0), clean, np.float32(np.nan))
     index = np.arange(clean.size).reshape(clean.shape)
-    reach = max(width // REGISTRATION.jump_reach, 2)
+    reach = max(clean.shape[1] // REGISTRATION.jump_reach, 2)
     parts = []
     for jumps, turn in ((surface.row_jumps, False), (surface.column_jumps, True)):
         depth, noise, breaks, flat = (

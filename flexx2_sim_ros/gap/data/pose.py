@@ -7,6 +7,7 @@ import math
 from flexx2_sim_ros.camera import Camera, Intrinsics, Mode, Profile
 from flexx2_sim_ros.effects.pose_error import PoseError
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
+from flexx2_sim_ros.gap.data.frames import at_frame
 from flexx2_sim_ros.gap.data.prior import free_planes
 from flexx2_sim_ros.gap.data.unknown import margin
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory, SPEED_OF_LIGHT
@@ -38,25 +39,17 @@ def moved(
         return clean, reflectivity
     effect = PoseError(1.0, *(float(v) for v in np.clip(pose, -LIMITS, LIMITS)))
     depths = clean if clean.ndim == 3 else clean[None]
-    albedos = (
-        [np.ones((1, 1), np.float32)] * len(depths)
-        if reflectivity is None
-        else reflectivity
-        if reflectivity.ndim == 3
-        else [reflectivity] * len(depths)
-    )
+    albedo = np.ones((1, 1), np.float32) if reflectivity is None else reflectivity
     lens = Intrinsics.from_matrix(K, clean.shape[-1], clean.shape[-2])
     out, rho = np.empty_like(depths), []
-    for t, (depth, albedo) in enumerate(zip(depths, albedos, strict=True)):
-        state = FrameState(
-            mode, lens, 0, np.zeros(2, np.uint32), Memory(), np.ascontiguousarray(depth), albedo
-        )
+    for t, depth in enumerate(np.ascontiguousarray(depths)):
+        shade = at_frame(albedo, t)
+        state = FrameState(mode, lens, 0, np.zeros(2, np.uint32), Memory(), depth, shade)
         effect.apply(state)
         out[t] = state.depth
         rho.append(state.reflectivity)
-    if reflectivity is None:
-        return (out if clean.ndim == 3 else out[0]), None
-    return (out, np.stack(rho)) if clean.ndim == 3 else (out[0], np.asarray(rho[0]))
+    shades = None if reflectivity is None else np.stack(rho)
+    return (out, shades) if clean.ndim == 3 else (out[0], at_frame(shades, 0))
 
 
 def unknown_border(pose: np.ndarray, clean: np.ndarray, K: np.ndarray) -> int:  # noqa: N803
@@ -83,15 +76,18 @@ class Differences:
 
     * `error`: (H, W) measured minus clean depth, metres, NaN for pixels that are not used.
     * `clean`, `sigma`: (H, W) the clean depth and the standard deviation of errors, metres.
+    * `others`: (m, H, W) metres: change of depth by effects at typical size. They are nuisance
+      parameters, so that an effect is not mistaken for a motion.
     * `jump_slopes`: (6, N) pixels by which jumps are displaced; see `jump_shift.Jumps`.
     * `jump_shifts`: (N,) pixels by which the frame shows them displaced, NaN where it cannot be
       said.
-    * `jump_others`: (m, N) pixels by which effects displace them, 0 where it cannot be said.
+    * `jump_others`: (m, N) pixels by which these effects displace them, 0 where it cannot be said.
     """
 
     error: np.ndarray
     clean: np.ndarray
     sigma: np.ndarray
+    others: np.ndarray
     jump_slopes: np.ndarray
     jump_shifts: np.ndarray
     jump_others: np.ndarray
@@ -99,7 +95,6 @@ class Differences:
 
 def fit_plane_motion(
     frames: Sequence[Differences],
-    others: np.ndarray,
     K: np.ndarray,  # noqa: N803
     spread: np.ndarray,
     shifts: np.ndarray,
@@ -110,33 +105,26 @@ def fit_plane_motion(
     """
     Fit a small motion of camera and planes to errors on surfaces, with an M-estimator.
 
-    What surfaces leave open, such as a motion along surfaces that face the camera, the places of
-    depth jumps decide.
+    Return (n,) the motion, at most three standard deviations; (m,) the amount of each of their
+    `others`; and (n,) the whole motion, with that of earlier rounds, under a prior three times as
+    stiff. What surfaces leave open, such as a motion along surfaces that face the camera, the
+    places of depth jumps decide.
 
-    * `others`: (N, m, H, W) metres: change of depth by effects at typical size, in each of N
-      frames. They are nuisance parameters, so that an effect is not mistaken for a motion.
     * `spread`: (n, n), as from `prior.factor`, of the motion: six of the camera, metres and
       degrees, and three for each plane.
     * `shifts`: (n - 6, H, W), as from `planes.plane_shifts`.
     * `before`: (n,) the motion that earlier rounds found.
     * `waves`: periods along the ray of biases that the recordings have besides, metres.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (n,) motion, at most three standard deviations; (m,) amount of each of ``others``; (n,) the
-        whole motion, with that of earlier rounds, under a prior three times as stiff.
-
     """
     number = len(spread)
     fourths = [round(SPEED_OF_LIGHT / (8 * f), 4) for f in profile.modulation_hz]
     periods = [*fourths, *waves]
     sizes = np.array([*REGISTRATION.smooth, *[REGISTRATION.harmonic] * (2 * len(periods))])
-    A, b = _weighted_design(frames, others, K, shifts, profile, periods)  # noqa: N806
+    A, b = _weighted_design(frames, K, shifts, profile, periods)  # noqa: N806
     if not len(b):
-        return np.zeros(number), np.zeros(others.shape[1]), before
+        return np.zeros(number), np.zeros(len(frames[0].others)), before
     rest = number + len(sizes)
-    amounts = np.full(others.shape[1], REGISTRATION.amounts)
+    amounts = np.full(len(frames[0].others), REGISTRATION.amounts)
     usual = np.concatenate([sizes, amounts, [REGISTRATION.jump_growth]])
     if free_planes(spread @ spread.T):  # They take all that they can.
         usual[:-1] = 0
@@ -159,7 +147,6 @@ def fit_plane_motion(
 
 def _weighted_design(
     frames: Sequence[Differences],
-    others: np.ndarray,
     K: np.ndarray,  # noqa: N803
     shifts: np.ndarray,
     profile: Profile,
@@ -169,7 +156,7 @@ def _weighted_design(
     # and all jumps. The last column is a growth of all surfaces that are in front.
     designs: list[np.ndarray] = []
     values: list[np.ndarray] = []
-    for one, other in zip(frames, others, strict=True):
+    for one in frames:
         error, noise = one.error[::2, ::2], one.sigma[::2, ::2]
         good = np.isfinite(error)
         biases = _others(one.clean, K, periods)
@@ -179,7 +166,7 @@ def _weighted_design(
                     pose_columns(one.clean, K, profile.sensor),
                     shifts[:, ::2, ::2],
                     biases,
-                    other[:, ::2, ::2],
+                    one.others[:, ::2, ::2],
                     np.zeros((1, *error.shape)),
                 ]
             )

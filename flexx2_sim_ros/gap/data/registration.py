@@ -12,6 +12,7 @@ from flexx2_sim_ros.effects.between import between
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.data.axes import Axes, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
+from flexx2_sim_ros.gap.data.frames import at_frame, seen_at
 from flexx2_sim_ros.gap.data.jump_shift import jumps_of
 from flexx2_sim_ros.gap.data.pose import (
     base_camera,
@@ -60,6 +61,11 @@ class RecordingData:
     truth: Truth = Truth()
     plane_shifts: np.ndarray | None = None
     given: tuple[Effect, ...] = ()
+
+    @property
+    def still(self) -> bool:
+        """Return whether one clean image is that of all frames."""
+        return self.clean.ndim == 2
 
     @property
     def axes(self) -> Axes:
@@ -135,6 +141,9 @@ def register(
     """
     Find the small motion of the camera, and of planes, that best explains a recording.
 
+    Return (6 + 3 P,) the motion: metres and degrees of the camera, metres and radians of the P
+    planes; and the part of it that remains under a prior three times as stiff.
+
     * `prior`: (6,) standard deviations of a pose whose covariance the recording does not give,
       metres and degrees.
     * `waves`: periods along the ray of biases that the recordings have, metres: a pose error is
@@ -142,15 +151,8 @@ def register(
     * `latency`: age of the images of a moving scene at their stamps to start from, seconds.
     * `stretch`: fraction by which the recordings' depths are too long, about; a pose is not to
       take it up.
-
-    Returns
-    -------
-    tuple of numpy.ndarray
-        (6 + 3 P,) motion: metres and degrees of the camera, metres and radians of the P planes;
-        and the part of it that remains under a prior three times as stiff.
-
     """
-    still = recording.clean.ndim == 2
+    still = recording.still
     chosen = [0] if still else _chosen(recording)
     spread = spread_of(recording.truth, prior)
     whiten = np.linalg.pinv(spread)
@@ -166,9 +168,7 @@ def register(
         )
         clean, reflectivity = moved(
             shown,
-            recording.reflectivity
-            if still or recording.reflectivity is None or recording.reflectivity.ndim == 2
-            else recording.reflectivity[chosen],
+            at_frame(recording.reflectivity, chosen),
             recording.K,
             recording.mode,
             motion[:POSE],
@@ -177,7 +177,7 @@ def register(
             biases = _typical_biases(recording, clean, reflectivity, chosen, stretch)
         late = None if still else images_by_latency(recording, chosen, lateness)
         step, amounts, sure = fit_plane_motion(
-            *_differences(recording, shown, clean, chosen, motion, biases, late, stretch),
+            _differences(recording, shown, clean, chosen, motion, biases, late, stretch),
             recording.K,
             spread,
             shifts,
@@ -220,26 +220,25 @@ def _differences(
     biases: _Biases,
     late: tuple[np.ndarray, np.ndarray] | None,
     stretch: float,
-) -> tuple[list[Differences], np.ndarray]:
-    # Each frame with where it differs from its clean depth, and (N, m, H, W) metres by which
-    # depth changes with each bias and latency. What the given effects change is subtracted.
+) -> list[Differences]:
+    # Each frame with where it differs from its clean depth, and with what each bias and latency
+    # changes. What the given effects change is subtracted.
     still = clean.ndim == 2
     known, accuracy = (
-        one if one is None or one.ndim < 3 else one[list(chosen)]
-        for one in (recording.truth.known, recording.truth.clean_sigma)
+        at_frame(one, list(chosen)) for one in (recording.truth.known, recording.truth.clean_sigma)
     )
     known = _known_from(known, shown, recording, motion[:POSE])
-    frames, others = [], []
+    frames = []
     for i, t in enumerate(chosen):
         image = clean if still else clean[i]
-        mask = known if known is None or known.ndim == 2 else known[i]
+        mask = at_frame(known, i)
         scene = look_at(
             image, None, 0.0, None, recording.K, recording.mode, recording.axes, known=mask
         )
         sigma = scene.sigma
         if accuracy is not None:
-            sigma = np.hypot(sigma, accuracy[i] if accuracy.ndim == 3 else accuracy)
-        real = _mean_depth(recording.depth) if still else recording.depth[t]
+            sigma = np.hypot(sigma, at_frame(accuracy, i))
+        real, _ = seen_at(recording.depth, t, still)
         with np.errstate(invalid='ignore'):
             error = real - image - np.nan_to_num(biases.given[i] - biases.plain[i])
             limit = REGISTRATION.outlier_sigmas * sigma + REGISTRATION.outlier
@@ -254,18 +253,10 @@ def _differences(
         jumps = jumps_of(image, sigma, scene.compared, recording.K, recording.mode.sensor)
         shifts = np.nan_to_num([jumps.shift(one) - jumps.shift(plain) for plain, one in changes])
         by_given = jumps.shift(biases.given[i]) - jumps.shift(biases.plain[i])
-        frames.append(
-            Differences(error, image, sigma, jumps.slopes, jumps.shift(real) - by_given, shifts)
-        )
-        others.append(other)
-    return frames, np.array(others)
-
-
-def _mean_depth(depth: np.ndarray) -> np.ndarray:
-    # (H, W) mean of (T, H, W) frames, NaN where most of them have no depth.
-    valid = np.isfinite(depth).sum(axis=0)
-    mean = np.nansum(depth, axis=0) / np.maximum(valid, 1)
-    return np.where(valid > 0.5 * len(depth), mean, np.nan)
+        moved_by = jumps.shift(real) - by_given
+        others = np.array(other)
+        frames.append(Differences(error, image, sigma, others, jumps.slopes, moved_by, shifts))
+    return frames
 
 
 def frames_between(recording: RecordingData, chosen: Sequence[int], lateness: float) -> np.ndarray:

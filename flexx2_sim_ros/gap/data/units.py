@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from flexx2_sim_ros.camera import Intrinsics, Mode
+from flexx2_sim_ros.camera import Mode
 from flexx2_sim_ros.gap.calibration.data import READING
+from flexx2_sim_ros.gap.data.frames import surface_of
 from flexx2_sim_ros.physics.reflectance import falloff
-from flexx2_sim_ros.physics.surface import analyse
 import numpy as np
 
 
@@ -60,9 +60,7 @@ def reflectivity_from(
     images = image if image.ndim == 3 else np.broadcast_to(image, depths.shape)
     out = []
     for one, depth in zip(images, depths, strict=True):
-        lens = Intrinsics.from_matrix(K, depth.shape[1], depth.shape[0])
-        surface = analyse(np.ascontiguousarray(depth), lens, sensor)
-        out.append(one * falloff(depth, surface.cos_incidence))
+        out.append(one * falloff(depth, surface_of(depth, K, sensor).cos_incidence))
     reflectivity = np.nan_to_num(np.stack(out)) * scale
     some = reflectivity[reflectivity > 0]
     usual = _median(some)

@@ -8,6 +8,7 @@ from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import WHERE
 from flexx2_sim_ros.gap.data.axes import AXES, ENDLESS
 from flexx2_sim_ros.gap.data.covariates import PixelCovariates, sort_everywhere, speed_of
+from flexx2_sim_ros.gap.data.frames import at_frame
 from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.pixel_patterns import (
     add_errors,
@@ -73,11 +74,7 @@ class GroupSums:
         self._cells = np.empty(frames.shape, np.int32)
         rng = np.random.default_rng(0)
         for t, image in enumerate(frames):
-            rho = (
-                reflectivity[t]
-                if reflectivity is not None and reflectivity.ndim == 3
-                else reflectivity
-            )
+            rho = at_frame(reflectivity, t)
             before = max(t - 1, 0)
             interval = float(recording.stamp[t] - recording.stamp[before]) * 1e-9
             with np.errstate(invalid='ignore'):

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.features import MEASURES
+from flexx2_sim_ros.gap.data.frames import at_frame
 from flexx2_sim_ros.gap.data.registration import Placed
 from flexx2_sim_ros.gap.features.confirm import (
     Apart,
@@ -122,9 +123,7 @@ class ProcessedScene:
 
 def _picked(chain: Chain, image: Any, frames: np.ndarray) -> Any:
     # Images beside depth, at its pixels and of its frames.
-    if image is None:
-        return None
-    return chain.picked(image if image.ndim == 2 else image[frames])
+    return None if image is None else chain.picked(at_frame(image, frames))
 
 
 def _run(

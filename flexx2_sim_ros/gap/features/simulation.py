@@ -9,6 +9,7 @@ from flexx2_sim_ros.effects import ageing, Effect, loadable
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.gap.calibration.features import FEATURES, SIMULATION
 from flexx2_sim_ros.gap.data.covariates import look_at, PixelCovariates
+from flexx2_sim_ros.gap.data.frames import at_frame
 from flexx2_sim_ros.gap.data.given import together
 from flexx2_sim_ros.gap.data.pose import base_camera
 from flexx2_sim_ros.gap.data.registration import place, Placed, RecordingData
@@ -83,10 +84,7 @@ class Scenes(Sequence[PixelCovariates]):
             clean = placed.clean[t]
             before = None if one.fresh[t] or t == 0 else placed.clean[t - 1]
             interval = float(one.stamp[t] - one.stamp[t - 1]) * 1e-9
-        albedo, known = (
-            image if image is None or image.ndim == 2 else image[t]
-            for image in (placed.reflectivity, placed.known)
-        )
+        albedo, known = (at_frame(one, t) for one in (placed.reflectivity, placed.known))
         return look_at(
             clean, before, interval, albedo, one.K, one.mode, one.axes, placed.border, known
         )
@@ -163,16 +161,13 @@ class PartialSimulation:
         self, scene: PlacedScene, frames: np.ndarray, seed: int, spectrum: np.ndarray, warm: int
     ) -> None:
         """Simulate without effects."""
-        recording, clean = scene.recording, scene.placed.clean
-        reflectivity = scene.placed.reflectivity
-        if reflectivity is not None and reflectivity.ndim == 3:
-            reflectivity = reflectivity[frames]
+        recording = scene.recording
         self._common = CommonRandomNumbers(
             base_camera(recording.mode, recording.profile, seed, recording.name),
-            clean if clean.ndim == 2 else clean[frames],
+            at_frame(scene.placed.clean, frames),
             recording.K,
             recording.stamp[frames],
-            reflectivity,
+            at_frame(scene.placed.reflectivity, frames),
         )
         scenes = scene.covariates
         self._scenes = [scenes[t] for t in frames] if len(scenes) > 1 else scenes

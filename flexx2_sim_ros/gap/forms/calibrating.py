@@ -8,9 +8,9 @@ from flexx2_sim_ros.effects import Effect, of_role, parse_effects, registry
 from flexx2_sim_ros.effects.tables import PixelMap
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
-from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import BIASES, covariate_of, Form, forms_of
 from flexx2_sim_ros.gap.forms.bias_fit import BiasFit, FittedForms
+from flexx2_sim_ros.gap.forms.binned import best_kind, KINDS, map_of, NOISE, pooled
 from flexx2_sim_ros.gap.forms.geometry import (
     is_fitted_with_poses,
     is_settled,
@@ -27,7 +27,6 @@ from flexx2_sim_ros.gap.forms.looked import (
     Settings,
     Simulator,
 )
-from flexx2_sim_ros.gap.forms.pattern import map_of
 from flexx2_sim_ros.gap.forms.proposals import (
     calibratable,
     FormProposal,
@@ -184,10 +183,8 @@ def _formed(
             before = work.apart(looked, now)
         elif name == PATTERN:
             proposal = _pattern(looked, now, work)
-        elif name == noise.NAME:
-            proposal = _noise(looked)
-        elif name in dropout.KINDS:
-            proposal = _dropout(name, looked)
+        elif name in KINDS:
+            proposal = _binned(name, looked)
         else:
             if proposals is None:
                 if verdicts:  # What mixes light has other settings now.
@@ -322,25 +319,15 @@ def _pattern(looked: Sequence[Looked], now: Sequence[Settings], work: _Work) -> 
     return FormProposal(PATTERN, 'map of the image', together, tuple(without))
 
 
-def _noise(looked: Sequence[Looked]) -> FormProposal:
-    noises = [one.noise for one in looked]
-    field = noise.best_field(noises)
-    together, *without = (
-        _strong(**{field: noise.curve_of(field, some)}) for some in _less_each(noises)
-    )
-    return FormProposal(noise.NAME, f'factor over {noise.WORDS[field]}', together, tuple(without))
-
-
-def _dropout(name: str, looked: Sequence[Looked]) -> FormProposal:
-    counts = [one.counts for one in looked]
-    kind = dropout.best_kind(name, counts)
-    tables = [dropout.table_of(kind, some) for some in _less_each(counts)]
-    varies = variation(
-        tables[0].at(dropout.middles(kind.over)), dropout.together(counts).seen[kind.over]
-    )
-    together, *without = (_strong(**dict(kind.fixed), **{kind.field: table}) for table in tables)
-    label = f'monotone table over {kind.over}'
-    return FormProposal(name, label, together, tuple(without), varies)
+def _binned(name: str, looked: Sequence[Looked]) -> FormProposal:
+    shown = [one.binned[name] for one in looked]
+    kind = best_kind(name, shown)
+    curves = [kind.curve(pooled(some)) for some in _less_each(shown)]
+    varies = 1.0
+    if name != NOISE:
+        varies = variation(curves[0].at(kind.middles), pooled(shown).weight[kind.over])
+    together, *without = (_strong(**dict(kind.fixed), **{kind.field: curve}) for curve in curves)
+    return FormProposal(name, kind.label, together, tuple(without), varies)
 
 
 def _less_each(items: Sequence[Any]) -> list[list[Any]]:

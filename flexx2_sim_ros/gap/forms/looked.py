@@ -8,6 +8,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found, read
+from flexx2_sim_ros.gap.data.frames import at_frame, of_frames
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.prior import spread_of
 from flexx2_sim_ros.gap.data.registration import RecordingData, register
@@ -21,10 +22,8 @@ from flexx2_sim_ros.gap.features.physical import (
 )
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 from flexx2_sim_ros.gap.forms.bias_fit import own_motion
-from flexx2_sim_ros.gap.forms.dropout import Counts, counts_of
+from flexx2_sim_ros.gap.forms.binned import Binned, KINDS, lost_in, NOISE, noise_in, pixel_errors
 from flexx2_sim_ros.gap.forms.geometry import slopes_of
-from flexx2_sim_ros.gap.forms.noise import noise_of, NoiseCurves
-from flexx2_sim_ros.gap.forms.pattern import pixel_errors, PixelErrors
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_alike, shift_of, shifters
 from flexx2_sim_ros.gap.forms.scale import columns_of, ScaleColumns
 from flexx2_sim_ros.jobs import bind, Map
@@ -69,9 +68,8 @@ class Looked:
     * `checksum`: of its measured depth; see `RecordingData`.
     * `registered`: (6 + 3 P,) its pose and planes before anything is known of its effects.
     * `samples`: errors on surfaces.
-    * `counts`, `typical_counts`: invalid pixels on surfaces, measured and simulated with the
-      effects as diagnosed.
-    * `noise`: measured noise beside that of the simulation with the effects as diagnosed.
+    * `binned`, `typical`: by effect of `binned.KINDS`: what its curve is the mean of, measured and
+      simulated with the effects as diagnosed.
     * `shifts`: (N,) metres that each effect as diagnosed changes in the samples.
     * `uptime`: seconds since power-on at the first frame.
     * `shape`: height and width of its images.
@@ -82,9 +80,8 @@ class Looked:
     checksum: str
     registered: np.ndarray
     samples: Samples
-    counts: Counts
-    typical_counts: Counts
-    noise: NoiseCurves
+    binned: dict[str, Binned]
+    typical: dict[str, Binned]
     shifts: dict[str, np.ndarray]
     uptime: float | None
     shape: tuple[int, ...]
@@ -116,14 +113,16 @@ def look(
     samples, shifts = _samples(scene, motion, spread, own)
     simulated = replace(recording, depth=scene.simulate(own, seed))
     measured, expected = (_measured(scene, one.depth) for one in (recording, simulated))
+    lost = lost_in(scene), lost_in(replace(scene, recording=simulated))
+    noise = noise_in(measured, expected, own)
+    binned, typical = ({**dict.fromkeys(KINDS, lost[i]), NOISE: noise[i]} for i in (0, 1))
     return Looked(
         found,
         recording.checksum,
         begin,
         samples,
-        counts_of(scene),
-        counts_of(replace(scene, recording=simulated)),
-        noise_of(recording.axes, measured, expected, own),
+        binned,
+        typical,
         shifts,
         recording.uptime,
         recording.depth.shape[1:],
@@ -142,7 +141,7 @@ def look_again(
 
 def look_at_pixels(
     job: tuple[Looked, Settings], profile: Profile | None, known: Table, **_: Any
-) -> PixelErrors:
+) -> np.ndarray:
     """Return the errors of a recording's pixels that given settings of effects do not explain."""
     scene, _motion, own = _settled(*job, profile, known)
     return pixel_errors(scene, own)
@@ -208,19 +207,15 @@ def confirm_settled(
 def _first_frames(recording: RecordingData, count: int | None) -> RecordingData:
     if count is None or len(recording.depth) <= count:
         return recording
-
-    def some(image: Any) -> Any:
-        return image[:count] if image is not None and image.ndim == 3 else image
-
-    known, sigma = some(recording.truth.known), some(recording.truth.clean_sigma)
+    first = np.arange(count)
     return replace(
         recording,
         depth=recording.depth[:count],
-        clean=some(recording.clean),
-        reflectivity=some(recording.reflectivity),
+        clean=at_frame(recording.clean, first),
+        reflectivity=at_frame(recording.reflectivity, first),
         stamp=recording.stamp[:count],
         fresh=recording.fresh[:count],
-        truth=replace(recording.truth, known=known, clean_sigma=sigma),
+        truth=of_frames(recording.truth, first),
     )
 
 

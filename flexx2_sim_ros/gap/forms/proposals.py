@@ -9,9 +9,9 @@ from flexx2_sim_ros.effects.shapes import Shape
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.features.physical import distance
-from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import BIASES
 from flexx2_sim_ros.gap.forms.bias_fit import is_surely_less
+from flexx2_sim_ros.gap.forms.binned import KINDS, NOISE
 from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses
 from flexx2_sim_ros.gap.forms.looked import Settings
 from flexx2_sim_ros.gap.forms.shape_search import evaluations
@@ -42,7 +42,7 @@ def calibratable(effects: Settings, quick: bool) -> list[str]:
     ]
     before = [name for name in shaped if registry()[name].stage <= Stage.PHASOR]
     after = [name for name in shaped if name not in before]
-    places = *BIASES, PATTERN, noise.NAME, *dropout.KINDS
+    places = *BIASES, PATTERN, NOISE, *(name for name in KINDS if name != NOISE)
     names = [*before, *(name for name in places if name in effects), *after]
     return [one for one in names if not (quick and is_searched(one)) or shapes_of(one, quick)]
 

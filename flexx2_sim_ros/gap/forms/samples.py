@@ -6,6 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import Effect, loadable
+from flexx2_sim_ros.effects.grazing_dropout import log_slant
 from flexx2_sim_ros.effects.light import log_amplitude
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.formulas import on_images
@@ -13,13 +14,13 @@ from flexx2_sim_ros.formulas.surfaces import returned_light
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.forms import FORMS
+from flexx2_sim_ros.gap.data.frames import at_frame, looked_at, seen_at, surface_of
 from flexx2_sim_ros.gap.data.given import together
 from flexx2_sim_ros.gap.data.pose import base_camera, pose_columns
-from flexx2_sim_ros.gap.data.registration import Placed, RecordingData
+from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.physics.frame_state import Stage
-from flexx2_sim_ros.physics.surface import analyse, Surface
-from flexx2_sim_ros.profiles.intrinsics import Intrinsics
+from flexx2_sim_ros.physics.geometry import ray_length
 import numpy as np
 
 
@@ -36,7 +37,6 @@ class Samples:
     * `length`: (N,) length of each pixel's ray, as a multiple of its depth.
     * `distance`: (N,) metres along the ray.
     * `light`: (N,) natural logarithm of the amplitude in 1/m^2.
-    * `incidence`: (N,) degrees.
     * `uptime`: (N,) seconds since power-on; NaN if the recording does not say.
     * `place`: (N,) index into the flat (F, H, W) images of `shift_of`.
     * `slopes`: by effect on geometry: (K, N) metres for a change of each of its parameters by half
@@ -51,28 +51,14 @@ class Samples:
     length: np.ndarray
     distance: np.ndarray
     light: np.ndarray
-    incidence: np.ndarray
     uptime: np.ndarray
     place: np.ndarray
     slopes: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 def frames_of(recording: RecordingData) -> np.ndarray:
-    """Return which frames of a recording are looked at: one if its scene stands still."""
-    if recording.clean.ndim == 2:
-        return np.zeros(1, int)
-    count = len(recording.depth)
-    first = min(REGISTRATION.lead, count - 1)
-    return np.unique(np.rint(np.linspace(first, count - 1, REGISTRATION.frames)).astype(int))
-
-
-def images_at(placed: Placed, t: int) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return clean depth, metres, and reflectivity of a frame, (H, W) each."""
-    clean, light = placed.clean, placed.reflectivity
-    return (
-        clean if clean.ndim == 2 else clean[t],
-        light if light is None or light.ndim == 2 else light[t],
-    )
+    """Return which frames of a recording are looked at, see `looked_at`."""
+    return np.array(looked_at(len(recording.depth), recording.still))
 
 
 def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
@@ -94,10 +80,7 @@ def shift_of(scene: PlacedScene, effects: Any) -> np.ndarray:
     # What motion changes depends on the frames before, not only on those that are looked at.
     history = scene.moving and any(one.needs_motion or _lags(one) for one in every)
     seen = np.arange(frames[-1] + 1) if history else frames
-    clean = placed.clean[seen] if scene.moving else placed.clean
-    light = placed.reflectivity
-    if light is not None and light.ndim == 3:
-        light = light[seen]
+    clean, light = (at_frame(one, seen) for one in (placed.clean, placed.reflectivity))
     camera = base_camera(recording.mode, recording.profile, 0, recording.name)
     common = CommonRandomNumbers(camera, clean, recording.K, recording.stamp[seen], light)
     change = common.depth(every) - common.depth(())
@@ -131,21 +114,17 @@ def _lags(effect: Effect | type[Effect]) -> bool:
 
 def samples_of(scene: PlacedScene, motion: np.ndarray, spread: np.ndarray) -> Samples:
     """Return the samples of a recording at a pose; ``spread`` as in `Samples`."""
-    parts = [
-        _frame(scene, i, int(t), *images_at(scene.placed, int(t)))
-        for i, t in enumerate(frames_of(scene.recording))
-    ]
+    parts = [_frame(scene, i, int(t)) for i, t in enumerate(frames_of(scene.recording))]
     columns: dict[str, Any] = {
         name: np.concatenate([one[name] for one in parts], axis=-1) for name in parts[0]
     }
     return Samples(motion=motion, spread=spread, **columns)
 
 
-def _frame(
-    scene: PlacedScene, index: int, t: int, clean: np.ndarray, reflectivity: np.ndarray | None
-) -> dict[str, np.ndarray]:
+def _frame(scene: PlacedScene, index: int, t: int) -> dict[str, np.ndarray]:
     # Those of one frame.
     recording = scene.recording
+    clean = at_frame(scene.placed.clean, t)
     cover = scene.covariates[t if len(scene.covariates) > 1 else 0]
     error, count = mean_error(scene, t)
     noise = cover.sigma / np.sqrt(count)
@@ -156,7 +135,7 @@ def _frame(
     if recording.plane_shifts is not None:
         own = np.concatenate([own, recording.plane_shifts[:, ::2, ::2]])
     own = own[:, :: some // 2, :: some // 2]
-    light, incidence = light_of(recording, clean, reflectivity), incidence_of(recording, clean)
+    light = covariates_at(scene, t)['light']
     with np.errstate(invalid='ignore'):
         good = (cover.inside & np.isfinite(error) & (np.abs(error) < limit))[::some, ::some]
     good &= np.isfinite(own).all(axis=0) & np.isfinite(light[::some, ::some])
@@ -168,7 +147,6 @@ def _frame(
         'length': cover.ray,
         'distance': clean * cover.ray,
         'light': light,
-        'incidence': incidence,
         'uptime': np.full(clean.shape, uptime),
     }
     place = np.arange(clean.size).reshape(clean.shape)[::some, ::some][good]
@@ -192,34 +170,26 @@ def mean_error(scene: PlacedScene, t: int) -> tuple[np.ndarray, np.ndarray]:
     It is (H, W) metres, NaN where fewer than half of the frames are valid; beside it (H, W) how
     many are, at least one.
     """
-    depth, clean = scene.recording.depth, scene.placed.clean
-    if clean.ndim == 3:
-        return depth[t] - clean[t], np.ones(depth.shape[1:])
-    valid = np.isfinite(depth).sum(axis=0)
-    count = np.maximum(valid, 1)
-    mean = np.where(valid > 0.5 * len(depth), np.nansum(depth, axis=0) / count, np.nan)
-    return mean - clean, count
+    seen, count = seen_at(scene.recording.depth, t, not scene.moving)
+    return seen - at_frame(scene.placed.clean, t), count
 
 
-def light_of(
-    recording: RecordingData, clean: np.ndarray, reflectivity: np.ndarray | None
-) -> np.ndarray:
-    """Return the natural logarithm of the amplitude that the simulator has, (H, W)."""
-    surface = surface_of(recording, clean)
-    albedo = np.float32(1) if reflectivity is None else np.clip(reflectivity, 0, 1)
+def covariates_at(scene: PlacedScene, t: int) -> dict[str, np.ndarray]:
+    """
+    Return what curves of effects are over besides the distance, of a frame's pixels, (H, W) each.
+
+    These are ``light``, the natural logarithm of the amplitude that the simulator has,
+    ``incidence``, the angle between ray and surface normal, degrees, and ``slant``, see
+    `log_slant`.
+    """
+    clean, albedo = (at_frame(one, t) for one in (scene.placed.clean, scene.placed.reflectivity))
+    cosine = surface_of(clean, scene.recording.K, scene.recording.mode.sensor).cos_incidence
+    albedo = np.float32(1) if albedo is None else np.clip(albedo, 0, 1)
     with np.errstate(divide='ignore', invalid='ignore'):
         inverse = (1 / clean).astype(np.float32)
-        light = on_images(returned_light)(albedo, surface.cos_incidence, inverse)
-    return log_amplitude(np.asarray(light))
-
-
-def incidence_of(recording: RecordingData, clean: np.ndarray) -> np.ndarray:
-    """Return the angle between ray and surface normal, (H, W) degrees."""
-    cosine = surface_of(recording, clean).cos_incidence
-    return np.degrees(np.arccos(np.clip(cosine, 0, 1)))
-
-
-def surface_of(recording: RecordingData, clean: np.ndarray) -> Surface:
-    """Return jumps and incidence of a clean image of a recording."""
-    lens = Intrinsics.from_matrix(recording.K, clean.shape[1], clean.shape[0])
-    return analyse(np.ascontiguousarray(clean), lens, recording.mode.sensor)
+        light = on_images(returned_light)(albedo, cosine, inverse)
+    return {
+        'light': log_amplitude(np.asarray(light)),
+        'incidence': np.degrees(np.arccos(np.clip(cosine, 0, 1))),
+        'slant': log_slant(cosine, clean * ray_length(scene.recording.K, clean.shape)),
+    }

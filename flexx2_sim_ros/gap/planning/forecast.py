@@ -11,10 +11,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import Effect, of_role, registry
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.data.hidden import Hidden
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
 from flexx2_sim_ros.gap.features.evidence import Evidence
@@ -28,6 +26,7 @@ from flexx2_sim_ros.gap.inference.selection import Trials
 from flexx2_sim_ros.gap.planning.power import noise, wrong_truth
 from flexx2_sim_ros.gap.report.reading import Diagnosed
 from flexx2_sim_ros.gap.report.text import spaced
+from flexx2_sim_ros.gap.work import Simulations
 import numpy as np
 
 _NONE = 'no effect'
@@ -150,53 +149,37 @@ _LEAST = 0.05  # less likely explanations are not assumed to be true, if others 
 
 
 @dataclass(frozen=True)
-class DiagnosedWith:
-    """
-    What the recordings were diagnosed with.
-
-    * `given`: effects that were taken as given: parameters by name.
-    * `columns`: the simulations of each recording.
-    * `without`: effects that the catalogue lacks.
-    * `modulation`: whether the modulation frequencies are known.
-    * `hidden`: what the ground truth of the campaign hides.
-    * `prior`: (6,) standard deviations of pose errors, metres and degrees.
-    * `held`: whether they hold the poses; see `Model`.
-    * `seed`: of the simulations and draws.
-    """
-
-    profile: Profile
-    given: Table
-    columns: tuple[Column, ...]
-    without: frozenset[str]
-    modulation: bool
-    hidden: tuple[Hidden, ...]
-    prior: tuple[float, ...]
-    held: bool
-    seed: int
-
-    def candidates(self) -> list[Candidate]:
-        """Return the catalogue. Candidates cannot be sent to other processes."""
-        return catalogue(self.without, self.modulation)[1]
-
-
-@dataclass(frozen=True)
 class DiagnosedRecordings:
     """
     The recordings that were diagnosed, and how they are explained.
 
-    `columns` are those of their `evidence` and that of new recordings; `labels` effect and label
-    of the candidates that are compared; `standing` what is still possible.
+    * `evidence`: their summaries.
+    * `simulations`: how these and new recordings are simulated; its seed is that of draws, too.
+    * `catalogue`: the effects that it lacks, and whether the modulation frequencies are known.
+    * `hidden`: what the ground truth of the campaign hides.
+    * `held`: whether the prior holds the poses; see `Model`.
+    * `labels`: effect and label of the candidates that are compared; empty: of all.
+    * `standing`: what is still possible.
     """
 
     evidence: tuple[Evidence, ...]
-    columns: tuple[Column, ...]
-    labels: frozenset[tuple[str, str]]
-    standing: tuple[Explanation, ...]
-    source: DiagnosedWith
+    simulations: Simulations
+    catalogue: tuple[frozenset[str], bool]
+    hidden: tuple[Hidden, ...]
+    held: bool
+    labels: frozenset[tuple[str, str]] = frozenset()
+    standing: tuple[Explanation, ...] = ()
+
+    def model(self, new: Sequence[Evidence] = ()) -> Model:
+        """Return the model of these recordings and of new ones."""
+        told = self.simulations
+        every = [*self.evidence, *new]
+        return Model(every, told.columns, np.array(told.prior), held=self.held)
 
     def candidates(self) -> list[Candidate]:
-        """Return the candidates that are compared."""
-        return [one for one in self.source.candidates() if (one.effect, one.label) in self.labels]
+        """Return the candidates that are compared. They cannot be sent to other processes."""
+        every = catalogue(*self.catalogue)[1]
+        return [one for one in every if not self.labels or (one.effect, one.label) in self.labels]
 
 
 @dataclass(frozen=True)
@@ -212,25 +195,26 @@ class Expected:
     undecided: float
 
 
-def what_is_known(model: Model, source: DiagnosedWith) -> DiagnosedRecordings:
-    """Diagnose the recordings as before, and return what is still possible."""
-    candidates, absorbed = decidable_candidates(model, source.candidates(), source.hidden)
+def what_is_known(before: DiagnosedRecordings) -> DiagnosedRecordings:
+    """Diagnose the recordings as before, and return them with what is still possible."""
+    model = before.model()
+    candidates, absorbed = decidable_candidates(model, before.candidates(), before.hidden)
     decision = decide(model, candidates, absorbed=absorbed)
     standing = _explanations(model, decision, candidates)
     compared = _compared(candidates, standing, decision)
-    needed = _columns(source.columns, compared)
+    needed = _columns(before.simulations.columns, compared)
     own = [Column(one.name, one.effects, few=False) for one in standing if one.effects]
     index = [model.index[column.name] for column in needed]
     blank = np.zeros((len(own), SIZE), np.float32)
-    return DiagnosedRecordings(
-        tuple(
+    return replace(
+        before,
+        evidence=tuple(
             replace(one, columns=np.concatenate([one.columns[index], blank]))
             for one in model.evidence
         ),
-        (*needed, *own),
-        frozenset((one.effect, one.label) for one in compared),
-        tuple(standing),
-        source,
+        simulations=replace(before.simulations, columns=(*needed, *own)),
+        labels=frozenset((one.effect, one.label) for one in compared),
+        standing=tuple(standing),
     )
 
 
@@ -244,9 +228,8 @@ def expect(
     are fitted to the new recordings.
     """
     new = [one for pair in pairs for one in pair]
-    about = known.source
-    model = Model([*known.evidence, *new], known.columns, np.array(about.prior), held=about.held)
-    candidates, absorbed = decidable_candidates(model, known.candidates(), known.source.hidden)
+    model = known.model(new)
+    candidates, absorbed = decidable_candidates(model, known.candidates(), known.hidden)
     not_seen = undecided(model, candidates)
     right = wrong = total = 0.0
     least = min(_LEAST, max(one.weight for one in known.standing) / 2)
@@ -255,7 +238,7 @@ def expect(
             continue
         total += one.weight
         for draw in range(_DRAWS):
-            rng = np.random.default_rng([known.source.seed, draw])
+            rng = np.random.default_rng([known.simulations.seed, draw])
             gap = _gap(model, one, len(new), fitted, rng)
             decision = decide(
                 model.with_gap(gap), candidates, absorbed=absorbed, not_seen=not_seen

@@ -7,6 +7,7 @@ from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.gap.planning.page import record_command, set_up, STYLE, truth_line
 from flexx2_sim_ros.gap.planning.possible import PredictedView
+from flexx2_sim_ros.gap.report.frames import quantile
 from flexx2_sim_ros.gap.report.text import percent
 from flexx2_sim_ros.html_drawing import picture
 from flexx2_sim_ros.html_page import html_page
@@ -23,7 +24,7 @@ td:not(:first-child):not(:last-child) { white-space: nowrap; }
 """
 )
 _MOST_ROWS = 20
-_TOP = 98.0  # percentile of the changes at the end of the colour scale
+_TOP = 0.98  # quantile of the changes at the end of the colour scale
 _LOUD = 3.0  # end of the colour scale of the noise, in medians
 _ALL_VALID = 0.999
 _BASELINES = {'repeat': 'mean of repeats', 'random': 'mean of the plan'}
@@ -135,7 +136,7 @@ def _view(
 def _looks(view: PredictedView, explanations: Mapping[str, Any]) -> html.Html:
     # Images of each explanation, with the same colours for all.
     none = next(i for i, effects in enumerate(explanations.values()) if not effects)
-    changed = max(_percentile(np.abs(error - view.error[none])) for error in view.error)
+    changed = max(quantile(np.abs(error - view.error[none]), _TOP) for error in view.error)
     top, loud = max(changed, 1e-4), max(_LOUD * float(np.nanmedian(view.noise)), 1e-4)
     rows = [('mean error', view.error, top), ('noise', view.noise, loud)]
     valid = 'All pixels are valid with any of them.'
@@ -161,8 +162,3 @@ def _looks(view: PredictedView, explanations: Mapping[str, Any]) -> html.Html:
             f'{1000 * loud:.1f} mm). {valid} Gray: no depth, or no ground truth.'
         ),
     )
-
-
-def _percentile(values: np.ndarray) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.percentile(finite, _TOP)) if len(finite) else 0.0

@@ -16,11 +16,9 @@ from flexx2_sim_ros.gap.data.hidden import hidden_effects
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.effects import table_of
-from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.forecast import (
     check_open,
     DiagnosedRecordings,
-    DiagnosedWith,
     expect,
     Expected,
     Explanation,
@@ -71,39 +69,14 @@ def suggest(
     """
     Rank recordings by how well they are expected to settle what a diagnosis leaves open.
 
-    Parameters
-    ----------
-    diagnosis : str or pathlib.Path
-        A folder that `diagnose` has written.
-    campaign : str or pathlib.Path
-        The recordings that were diagnosed.
-    plan : Plan
-        What could be recorded.
-    kinds : sequence of str
-        Kinds of ground truth that the user can make (default: those of the diagnosed recordings).
-    scenes : sequence of str or pathlib.Path
-        ``.npz`` files of further scenes, with ``clean_depth`` and ``K``.
-    profile : Profile, optional
-        The camera (default: the Flexx2).
-    seed : int
-        Seed of the simulations.
-    jobs : int
-        Number of processes.
-    progress : callable
-        Called with the name of the current step and the fraction of the work that is done.
+    Return the table ``next.json`` of ``docs/diagnose_your_flexx2.md``, and the images of the first
+    suggestions. Raises `InputError` when the diagnosis, a recording or a scene cannot be used, or
+    the diagnosis leaves nothing open.
 
-    Returns
-    -------
-    tuple
-        The table ``next.json`` of ``docs/diagnose_your_flexx2.md``, and the images of the first
-        suggestions.
-
-    Raises
-    ------
-    InputError
-        When the diagnosis, a recording or a scene cannot be used, or the diagnosis leaves nothing
-        open.
-
+    * `campaign`: the recordings that were diagnosed.
+    * `plan`: what could be recorded.
+    * `kinds`: of ground truth that the user can make (default: those of the diagnosed recordings).
+    * `scenes`: ``.npz`` files of further scenes, with ``clean_depth`` and ``K``.
     """
     before = read_diagnosis(Path(diagnosis))
     check_open(before)
@@ -114,13 +87,14 @@ def suggest(
         folder = Path(name)
         progress('reading the recordings', 0.0)
         known, repeated = _known(before, campaign, camera, seed, mapped, progress)
-        told = camera, known.source.given, seed
+        given = known.simulations.known or {}
+        told = camera, given, seed
         possible = of_plan(folder, plan, chosen, *told)
         own = []
         for i, scene in enumerate(scenes):
             written = folder / f'own_{i}.npz'
             own.append(of_scene(written, Path(scene), plan.usecase, *told))
-        possible += [*own, *of_campaign(repeated, known.source.given)]
+        possible += [*own, *of_campaign(repeated, given)]
         step = stepper(progress, 'simulating recordings', 0.2, 0.6, len(possible))
         outcomes = mapped(bind(_look_out, known=known), possible, step)
         for one, outcome in zip(possible, outcomes, strict=True):
@@ -168,15 +142,13 @@ def _known(
     modulation = bool(found[0].mode.modulation_hz)
     columns, _ = catalogue(without, modulation)
     metres, degrees = before.pose_prior
-    prior = (metres,) * 3 + (degrees,) * 3
     text = 'simulating what could explain the recordings'
     step = stepper(progress, text, 0.0, 0.2, len(found))
-    simulations = Simulations(camera, columns, seed, prior, given)
+    simulations = Simulations(camera, columns, seed, (metres,) * 3 + (degrees,) * 3, given)
     used, evidence, _ = summarise_all(campaign, found, left_out, simulations, mapped, step)
-    model = Model(evidence, columns, np.array(prior), held=before.pose_held)
-    hidden = [one for one in hidden_effects(campaign) if one.effect not in without]
-    told = camera, given, tuple(columns), frozenset(without), modulation, tuple(hidden), prior
-    known = what_is_known(model, DiagnosedWith(*told, model.held, seed))
+    hidden = tuple(one for one in hidden_effects(campaign) if one.effect not in without)
+    told = simulations, (frozenset(without), modulation), hidden, before.pose_held
+    known = what_is_known(DiagnosedRecordings(tuple(evidence), *told))
     if len(known.standing) < 2:
         name = known.standing[0].name
         raise InputError(f'DIAGNOSIS: must leave something open, got only {name}')
@@ -203,8 +175,8 @@ def _usecase(before: Diagnosed) -> str:
 
 def _look_out(possible: Possible, known: DiagnosedRecordings) -> _Row | str:
     # The expected value of a recording, or the reason why it cannot be used.
-    profile, kind = known.source.profile, possible.kind
-    found = check(possible.path, profile)
+    told, kind = known.simulations, possible.kind
+    found = check(possible.path, told.profile)
     if not isinstance(found, Found):
         return found
     own = {one.name for one in known.standing if one.effects}
@@ -213,12 +185,12 @@ def _look_out(possible: Possible, known: DiagnosedRecordings) -> _Row | str:
         replace(c, effects={k: v for k, v in c.effects.items() if k not in kind.never})
         if c.name in own
         else c
-        for c in known.columns
+        for c in told.columns
     ]
+    told = replace(told, columns=columns, known=possible.known)
     pair = []
-    for seed in (known.source.seed, known.source.seed + 1):
-        simulations = Simulations(profile, columns, seed, known.source.prior, possible.known)
-        one = summarise(found, simulations)
+    for seed in (told.seed, told.seed + 1):
+        one = summarise((found, None), replace(told, seed=seed))
         if isinstance(one, str):
             return one
         pair.append(one)

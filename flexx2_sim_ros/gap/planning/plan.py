@@ -136,7 +136,7 @@ def _recording(row: Any) -> PlannedRecording:
     if not panels:
         raise InputError('walls: must be at least one wall or card, got none')
     set_up = ' '.join(_text(row, 'set_up').split())
-    scene = PlannedScene(name, set_up, tuple(panels), pan, after)
+    scene = PlannedScene(name, tuple(panels), pan, after)
     return PlannedRecording(scene, _text(row, 'title'), set_up, seconds, tuple(effects))
 
 

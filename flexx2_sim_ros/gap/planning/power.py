@@ -114,7 +114,22 @@ def power(
         candidates = [one for one in candidates if one.kind.role != 'pose']
     if not any(one.effect == effect for one in candidates):
         return Power(effect, {}, True)
-    considered = _considered(model, candidates, hidden, effect)
+    decidable, others = _considered(model, candidates, hidden, effect)
+
+    def fraction(strength: float) -> float:
+        shift = model.column(_column_name(effect, strength))
+        if _first_effect(_singles(Trials(model.as_if(shift)), decidable)) != effect:
+            return 0.0  # It does not explain the gap best even without noise.
+        count = misses = 0
+        for draw in range(draws):
+            rng = np.random.default_rng([seed, draw])
+            gap = shift + noise(model, rng) + wrong_truth(model, kind.fitted, rng)
+            misses += not _is_found(Trials(model.as_if(gap)), decidable, others, effect)
+            count += 1
+            if misses > (1 - _WANTED) * draws:
+                break  # It can no longer reach 90 %.
+        return 1 - misses / count
+
     found: dict[float, float] = {}
     # Starts at typical strength: if the effect is found, weaker ones are tried, else stronger
     # ones.
@@ -123,61 +138,32 @@ def power(
         if not going_on and found[STRENGTHS[middle]] >= _WANTED:
             break
         for strength in strengths:
-            shift = model.column(_column_name(effect, strength))
-            found[strength] = _fraction(model, considered, effect, shift, kind, seed, draws)
+            found[strength] = fraction(strength)
             if (found[strength] >= _WANTED) != going_on:
                 break
     return Power(effect, found)
 
 
-@dataclass(frozen=True)
-class _Considered:
-    # Candidates that are fitted: of effects that can be decided, and of those left undecided.
-    decidable: list[Candidate]
-    hidden: list[Candidate]
-
-
 def _considered(
     model: Model, candidates: Sequence[Candidate], hidden: Set[str], effect: str
-) -> _Considered:
+) -> tuple[list[Candidate], list[Candidate]]:
     # The best variant of the effect, and the effects that explain its gap next best, without
-    # noise.
+    # noise: of effects that can be decided, and of those left undecided.
     trials = Trials(model.as_if(model.column(_column_name(effect, _TYPICAL))))
     singles = best_of_each([trials.choice([one]) for one in candidates])
     best = [one.fit.candidates[0] for one in singles]
     own = [one for one in best if one.effect == effect]
     rivals = [one for one in best if one.effect != effect]
-    return _Considered(
+    return (
         own + [one for one in rivals if one.effect not in hidden][:_RIVALS],
         [one for one in rivals if one.effect in hidden][:_RIVALS],
     )
 
 
-def _fraction(
-    model: Model,
-    considered: _Considered,
-    effect: str,
-    shift: np.ndarray,
-    kind: TruthKind,
-    seed: int,
-    draws: int,
-) -> float:
-    if _first_effect(_singles(Trials(model.as_if(shift)), considered)) != effect:
-        return 0.0  # It does not explain the gap best even without noise.
-    count = misses = 0
-    for draw in range(draws):
-        rng = np.random.default_rng([seed, draw])
-        gap = shift + noise(model, rng) + wrong_truth(model, kind.fitted, rng)
-        misses += not _is_found(model.as_if(gap), considered, effect)
-        count += 1
-        if misses > (1 - _WANTED) * draws:
-            break  # It can no longer reach 90 %.
-    return 1 - misses / count
-
-
-def _is_found(model: Model, considered: _Considered, effect: str) -> bool:
-    trials = Trials(model)
-    singles = _singles(trials, considered)
+def _is_found(
+    trials: Trials, decidable: list[Candidate], hidden: list[Candidate], effect: str
+) -> bool:
+    singles = _singles(trials, decidable)
     if _first_effect(singles) != effect:
         return False
     first, *rivals = singles
@@ -185,17 +171,16 @@ def _is_found(model: Model, considered: _Considered, effect: str) -> bool:
     support = support_of(trials, selection, without_each(trials, first), singles)
     if judge(support, calibrated()).verdict not in EXPLAINED:
         return False
-    if not considered.hidden:
+    if not hidden:
         return True
     # The diagnosis ends `unknown` where an undecided effect explains about as much.
-    everything = [*considered.decidable, *considered.hidden]
-    singles += [trials.single(one) for one in considered.hidden]
-    names = {one.effect for one in considered.hidden}
-    return not hidden_could_explain(trials, first, everything, singles, names)
+    singles += [trials.single(one) for one in hidden]
+    names = {one.effect for one in hidden}
+    return not hidden_could_explain(trials, first, [*decidable, *hidden], singles, names)
 
 
-def _singles(trials: Trials, considered: _Considered) -> list[Choice]:
-    return best_of_each([trials.single(one) for one in considered.decidable])
+def _singles(trials: Trials, decidable: list[Candidate]) -> list[Choice]:
+    return best_of_each([trials.single(one) for one in decidable])
 
 
 def _first_effect(singles: Sequence[Choice]) -> str:

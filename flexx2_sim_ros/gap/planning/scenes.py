@@ -41,13 +41,11 @@ class PlannedScene:
     """
     A scene to record; `name` is for files and tables.
 
-    `words` is what to set up, as a noun phrase: "a white wall at 3 m, seen straight on". The
-    camera pans to the right at `turn_rate`, degrees per second. `uptime` is seconds since power-on
-    at the first frame.
+    The camera pans to the right at `turn_rate`, degrees per second. `uptime` is seconds since
+    power-on at the first frame.
     """
 
     name: str
-    words: str
     panels: tuple[Panel, ...]
     turn_rate: float = 0.0
     uptime: float = _WARM

@@ -1,6 +1,6 @@
 """Compute, store and read the table of what a plan can find."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime, UTC
 from hashlib import sha256
@@ -22,7 +22,7 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.planning.plan import Plan
 from flexx2_sim_ros.gap.planning.power import left_open, planned_columns, Power, power, STRENGTHS
 from flexx2_sim_ros.gap.planning.truths import KINDS, TruthKind, write_campaign
-from flexx2_sim_ros.gap.work import find, Simulations, summarise
+from flexx2_sim_ros.gap.work import find, portion, Progress, Simulations, summarise
 from flexx2_sim_ros.jobs import bind, Map, workers
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.physics.frame_state import why_no_phases
@@ -30,7 +30,6 @@ import numpy as np
 import yaml
 
 _DRAWS = 6
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -102,10 +101,7 @@ def compute(request: PowerRequest, command: str, progress: Progress) -> dict[str
     effects: dict[str, dict[str, Any]] = {name: {} for name in names}
     with workers(request.jobs, None) as mapped:
         for i, kind in enumerate(request.kinds):
-
-            def part(text: str, share: float, start: int = i, name: str = kind.name) -> None:
-                progress(f'{name}: {text}', (start + share) / len(request.kinds))
-
+            part = portion(progress, i / len(request.kinds), 1 / len(request.kinds))
             for one in _of_kind(request, kind, names, mapped, not no_phases, part):
                 effects[one.effect][kind.name] = _row(one)
     return {
@@ -155,7 +151,7 @@ def _of_kind(
             told=(request.seed, request.draws),
         )
         for start in range(0, len(todo), 2 * request.jobs):
-            progress('deciding', 0.5 + 0.5 * start / len(todo))
+            progress(f'{kind.name}: deciding', 0.5 + 0.5 * start / len(todo))
             found = mapped(work, todo[start : start + 2 * request.jobs], lambda: None)
             done |= {one.effect: one for one in found}
             rows = [asdict(one) for one in done.values()]
@@ -197,10 +193,10 @@ def _simulate(
         write_campaign(folder, request.plan, request.profile, kind, seed=request.seed)
         found, _ = find(folder, request.profile, mapped)
         for half, columns in enumerate((known, planned)):
-            progress('simulating', 0.25 * half)
+            progress(f'{kind.name}: simulating', 0.25 * half)
             simulations = Simulations(request.profile, columns, request.seed + half, prior)
             job = bind(summarise, simulations=simulations)
-            outcomes.append(mapped(job, found, lambda: None))
+            outcomes.append(mapped(job, [(one, None) for one in found], lambda: None))
     # Too little of a scene may be within the mode's range.
     evidence = [
         replace(one, columns=np.concatenate([one.columns, other.columns]))

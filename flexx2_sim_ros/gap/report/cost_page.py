@@ -6,6 +6,7 @@ from typing import Any
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.consumers.comparison import FEWEST
 from flexx2_sim_ros.consumers.running import Result
+from flexx2_sim_ros.gap.report.frames import quantile
 from flexx2_sim_ros.gap.report.text import listed, moved, percent, spaced
 from flexx2_sim_ros.html_drawing import bar, picture
 from flexx2_sim_ros.html_page import html_page
@@ -225,8 +226,7 @@ def _pictures(result: Result) -> html.Html:
         return html.Html()
     images = max(result.pictures, key=apart)
     shown = np.concatenate([images[name].ravel() for name in _PICTURES])
-    finite = np.abs(shown[np.isfinite(shown)])
-    limit = max(float(np.quantile(finite, 0.98)) if len(finite) else 0.0, _LEAST_COLOUR)
+    limit = max(quantile(np.abs(shown), 0.98), _LEAST_COLOUR)
     # x ahead is up in the picture, y left is left.
     figures = (
         html.figure(picture(np.flip(images[name]), limit), text)

@@ -6,8 +6,8 @@ from typing import Any
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.effects.tables import Curve, PixelMap
-from flexx2_sim_ros.gap.forms import dropout, noise
 from flexx2_sim_ros.gap.forms.bias import covariate_of
+from flexx2_sim_ros.gap.forms.binned import KINDS, NOISE, pooled
 from flexx2_sim_ros.gap.forms.looked import Looked
 from flexx2_sim_ros.gap.forms.proposals import FormProposal, FormVerdict
 from flexx2_sim_ros.gap.report.text import spaced
@@ -17,10 +17,7 @@ import numpy as np
 _POINTS = 60
 _NINETY = 1.645  # standard errors, two-sided
 # On the values of a curve, and what they are then; a bias if it is not said.
-_UNITS = {
-    **dict.fromkeys(dropout.KINDS, (100.0, 'invalid, %')),
-    noise.NAME: (1.0, 'factor on sigma_z'),
-}
+_UNITS = {**dict.fromkeys(KINDS, (100.0, 'invalid, %')), NOISE: (1.0, 'factor on sigma_z')}
 
 
 def figures(
@@ -45,7 +42,7 @@ def _figure(proposal: FormProposal, looked: Sequence[Looked], names: tuple[str, 
         return _numbers(proposal, names[1])
     (field,) = fields
     over = loadable()[proposal.effect].tables()[field].over
-    x, typical = _typical(proposal, field, looked)
+    x, typical = _typical(proposal.effect, field, looked)
     factor, unit = _UNITS.get(proposal.effect, (1000.0, 'along the ray, mm'))
     middle = proposal.together[field].at(x)
     each = np.array([one[field].at(x) for one in proposal.without], np.float64)
@@ -82,20 +79,14 @@ def _error(each: np.ndarray) -> Any:
     return np.sqrt((count - 1) / count * ((each - each.mean(axis=0)) ** 2).sum(axis=0))
 
 
-def _typical(
-    proposal: FormProposal, field: str, looked: Sequence[Looked]
-) -> tuple[np.ndarray, np.ndarray]:
-    # Places along the covariate, and what the effect as diagnosed is there.
-    if proposal.effect in dropout.KINDS:
-        return _typical_dropout(proposal.effect, field, looked)
-    if proposal.effect == noise.NAME:
-        knots = np.array(proposal.together[field].knots)
-        return knots, noise.typical(field, [one.noise for one in looked], knots)
-    return _typical_bias(proposal.effect, looked)
-
-
-def _typical_bias(effect: str, looked: Sequence[Looked]) -> tuple[np.ndarray, np.ndarray]:
-    # Mean change of the range by the diagnosed effect, in bins of its covariate.
+def _typical(effect: str, field: str, looked: Sequence[Looked]) -> tuple[np.ndarray, np.ndarray]:
+    # Places along the covariate, and what the effect as diagnosed is there: of a bias the mean
+    # change of the range, in bins of its covariate.
+    for kind in KINDS.get(effect, ()):
+        if kind.field == field:
+            known = pooled([one.binned[effect] for one in looked]).weight[kind.over] > 0
+            typical = pooled([one.typical[effect] for one in looked]).mean(kind.over)
+            return kind.middles[known], typical[known]
     values = np.concatenate([getattr(one.samples, covariate_of(effect)) for one in looked])
     shift = np.concatenate([one.shifts[effect] * one.samples.length for one in looked])
     low, high = np.quantile(values, (0.005, 0.995))
@@ -106,13 +97,3 @@ def _typical_bias(effect: str, looked: Sequence[Looked]) -> tuple[np.ndarray, np
     count = np.bincount(place[inside], minlength=_POINTS)
     with np.errstate(invalid='ignore', divide='ignore'):
         return (edges[1:] + edges[:-1]) / 2, total / count
-
-
-def _typical_dropout(
-    effect: str, field: str, looked: Sequence[Looked]
-) -> tuple[np.ndarray, np.ndarray]:
-    # Fraction of invalid pixels in the simulation with the diagnosed effects.
-    over = next(kind.over for kind in dropout.KINDS[effect] if kind.field == field)
-    fractions = dropout.together([one.typical_counts for one in looked]).fractions(over)
-    known = np.isfinite(fractions)
-    return dropout.middles(over)[known], fractions[known]

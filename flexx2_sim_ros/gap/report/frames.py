@@ -66,8 +66,8 @@ def _recording(
     table: dict[str, Any], one: Outcome, frame: SingleFrame, index: int, axes: Axes
 ) -> html.Html:
     real, before, after = frame.depth
-    low, high = (_quantile(frame.depth, share) for share in (0.01, 0.99))
-    limit = max(_quantile(np.abs(real - before), 0.95), 0.001)
+    low, high = (quantile(frame.depth, share) for share in (0.01, 0.99))
+    limit = max(quantile(np.abs(real - before), 0.95), 0.001)
     marks = _marks(table['where'], frame, index, axes)
     pictures = [
         (f'real, {_invalid(real)}', depth_picture(real, low, high)),
@@ -109,12 +109,12 @@ def _invalid(depth: np.ndarray) -> str:
 def _difference(name: str, apart: np.ndarray, limit: float) -> tuple[str, str]:
     # Text and picture, with the worst pixels marked.
     size = np.abs(apart)
-    worst = _quantile(size, 1 - _WORST)
+    worst = quantile(size, 1 - _WORST)
     marked = picture(apart, limit, 1, _STEPS, size > worst)
     finite = size[np.isfinite(size)]
     if not finite.size:
         return name, marked
-    middle, mean = 1000 * _quantile(apart, 0.5), 1000 * finite.mean()
+    middle, mean = 1000 * quantile(apart, 0.5), 1000 * finite.mean()
     return (
         f'{name}: median {middle:+.1f}, size {mean:.1f}, worst {100 * _WORST:g} % from '
         f'{1000 * worst:.0f} mm',
@@ -122,8 +122,8 @@ def _difference(name: str, apart: np.ndarray, limit: float) -> tuple[str, str]:
     )
 
 
-def _quantile(values: np.ndarray, share: float) -> float:
-    # Of the finite values, 0 where there are none.
+def quantile(values: np.ndarray, share: float) -> float:
+    """Return a quantile of the finite values, 0 where there are none."""
     finite = values[np.isfinite(values)]
     return float(np.quantile(finite, share)) if finite.size else 0.0
 

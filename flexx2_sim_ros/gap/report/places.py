@@ -1,6 +1,7 @@
 """Where a gap lies, as text: rows of `where` of a diagnosis."""
 
 import math
+import re
 from typing import Any
 
 from flexx2_sim_ros.gap.report.text import short, spaced
@@ -55,34 +56,17 @@ _UNITS = {
     'log10': ' (log10 of its power)',
 }
 _WALL = 0.2  # reflectivity of the wall that an amplitude is compared with
-# Channels whose difference in a group of pixels makes a sentence: more and less of it.
+# Channels whose difference in a group of pixels makes a sentence, with words for more and less.
 _MORE_OR_LESS = {
-    'kurtosis': ('have heavier tails of the noise', 'have lighter tails of the noise'),
-    'lag': (
-        'follow the frame before more closely: the correlation is {size} higher',
-        'follow the frame before less closely: the correlation is {size} lower',
-    ),
-    'neighbour': (
-        'have noise that is more alike in neighbouring pixels: the correlation is {size} higher',
-        'have noise that is less alike in neighbouring pixels: the correlation is {size} lower',
-    ),
-    'trend': (
-        'drift {size} mm away during a recording',
-        'drift {size} mm nearer during a recording',
-    ),
-    'bias': ('read {size} mm too far', 'read {size} mm too near'),
-    'invalid': (
-        'have no depth in {size} % more of their pixels',
-        'have no depth in {size} % fewer of their pixels',
-    ),
-    'high': (
-        'read far too far in {size} % more of their pixels',
-        'read far too far in {size} % fewer of their pixels',
-    ),
-    'low': (
-        'read far too near in {size} % more of their pixels',
-        'read far too near in {size} % fewer of their pixels',
-    ),
+    'kurtosis': 'have <heavier/lighter> tails of the noise',
+    'lag': 'follow the frame before <more/less> closely: the correlation is {} <higher/lower>',
+    'neighbour': 'have noise that is <more/less> alike in neighbouring pixels: the correlation is '
+    '{} <higher/lower>',
+    'trend': 'drift {} mm <away/nearer> during a recording',
+    'bias': 'read {} mm too <far/near>',
+    'invalid': 'have no depth in {} % <more/fewer> of their pixels',
+    'high': 'read far too far in {} % <more/fewer> of their pixels',
+    'low': 'read far too near in {} % <more/fewer> of their pixels',
 }
 
 
@@ -106,7 +90,8 @@ def _said(cell: dict[str, Any]) -> str | None:
     if channel not in _MORE_OR_LESS:
         return None
     percent = CHANNELS[channel].startswith('fraction')
-    return _MORE_OR_LESS[channel][size < 0].format(size=short(abs(size) * (100 if percent else 1)))
+    said = re.sub('<(.*?)/(.*?)>', r'\2' if size < 0 else r'\1', _MORE_OR_LESS[channel])
+    return said.format(short(abs(size) * (100 if percent else 1)))
 
 
 def group(cell: dict[str, Any]) -> str:

@@ -97,13 +97,13 @@ def headline(table: dict[str, Any]) -> str:
     gap, rows = table['gap'], table['effects']
     if table['verdict'] == 'none':
         return 'No gap above the tolerance: the recordings look like the simulation.'
+    if table['verdict'] == 'too_little':
+        return 'Too few depths of the recordings can be compared to say whether there is a gap.'
     if table['verdict'] == 'not_decidable':
         return (
             'No gap above the tolerance, but the ground truth is not accurate enough to decide '
             f'on {_names(table["not_decidable"])}.'
         )
-    if table['verdict'] == 'too_little':
-        return 'Too few depths of the recordings can be compared to say whether there is a gap.'
     if table['verdict'] == 'unknown':
         if _hides_cause(table):
             return (
@@ -126,15 +126,11 @@ def headline(table: dict[str, Any]) -> str:
         fitted = moved(gap['at_fitted_poses']['shrink'], 'what is left')
         rest = f' Once the poses are corrected, it {fitted}.{rest}'
     added = f'The gap {"is" if likely else "may be"} due to {_names(rows)}: adding {them}'
-    if gap['shrink'] < 0 and gap['measured_by'] == 'loss':
-        return (
-            f'{added} to the simulation makes the misfit {percent(-gap["shrink"])} larger.{rest}'
-        )
     if gap['shrink'] < 0:
-        return (
-            f'{added} to the simulation explains other features, but the gap in depth and invalid '
-            f'pixels becomes {percent(-gap["shrink"])} larger.{rest}'
-        )
+        what = 'makes the misfit'
+        if gap['measured_by'] == 'distance':
+            what = 'explains other features, but the gap in depth and invalid pixels becomes'
+        return f'{added} to the simulation {what} {percent(-gap["shrink"])} larger.{rest}'
     removed = ': '.join(filter(None, [f'{percent(gap["shrink"])} of the gap', _changes(gap)]))
     return f'{added} to the simulation removes {removed}.{rest}'
 
