@@ -160,6 +160,7 @@ class PosedImage:
     * `columns`: the errors that its camera has.
     * `values`: (k,) coefficients of these.
     * `reach`: metres: larger residuals are truncated to this.
+    * `speed`: (6,) motion of its camera per second, as of `Pose.motion_to`.
     """
 
     recording: int
@@ -171,6 +172,7 @@ class PosedImage:
     columns: ErrorColumns = NO_ERRORS
     values: np.ndarray = field(default_factory=lambda: np.zeros(0))
     reach: float = TRUNCATION
+    speed: np.ndarray = field(default_factory=lambda: np.zeros(6))
 
     @cached_property
     def rays(self) -> np.ndarray:

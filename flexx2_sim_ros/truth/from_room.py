@@ -13,6 +13,8 @@ from flexx2_sim_ros.truth.clock import ClockOffset, common_offset
 from flexx2_sim_ros.truth.files import TruthSource
 from flexx2_sim_ros.truth.joint import solve
 from flexx2_sim_ros.truth.meshes import load_room
+from flexx2_sim_ros.truth.mount import common_motion
+from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import ASSUMED, Job, register, Registered, views_of
 from flexx2_sim_ros.truth.requests import RoomRequest
 from flexx2_sim_ros.truth.room_writing import RoomSurfaces
@@ -197,12 +199,24 @@ def _fit(
     good = [view for view in alone.views if first[view.recording].state != 'refused']
     shared = estimate(good) if good else Shared(alone, {})
     final = judge(registered, shared.solution) if good else first
+    off = _off_together(parts, placed)
     for i, one in enumerate(placed):
         if one.where.believed:
-            final[i] = as_given(one.where, parts[i], one.accuracy)
+            final[i] = as_given(one.where, parts[i], one.accuracy, off)
         elif first[i].state == 'refused':
             final[i] = first[i]
     return shared, final
+
+
+def _off_together(parts: Sequence[Sequence[PosedImage]], placed: Sequence[_Placed]) -> str:
+    # Whether given poses are all off by one motion of the camera in the body.
+    believed = [i for i, one in enumerate(placed) if one.where.believed]
+    told = placed[0].job.request.told
+    if told is None or not believed:
+        return ''
+    views = [view for i in believed for view in parts[i]]
+    mount = Pose.from_numbers(np.array(told.camera_in_body))
+    return common_motion(views, placed[believed[0]].accuracy, mount)
 
 
 def _row(

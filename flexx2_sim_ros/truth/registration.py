@@ -306,10 +306,23 @@ def views_of(job: tuple[int, Job, Registered]) -> list[PosedImage]:
     for number, image in _key_frames(footage, where.costs).items():
         pose = Pose.from_numbers(np.array(where.poses[number]))
         view = replace(
-            view_of(how.request.room, image, _PIXELS, pose), recording=recording, uptime=how.uptime
+            view_of(how.request.room, image, _PIXELS, pose),
+            recording=recording,
+            uptime=how.uptime,
+            speed=_speed(where, footage.reader.stamp_ns, number),
         )
         out.append(with_bounce(view, image, footage, how.request.profile))
     return out
+
+
+def _speed(where: Registered, stamp_ns: np.ndarray, number: int) -> np.ndarray:
+    # The motion of the camera per second around a frame.
+    first, last = max(number - 1, 0), min(number + 1, len(where.poses) - 1)
+    numbers = np.array([where.poses[first], where.poses[last]])
+    if first == last or not np.isfinite(numbers).all():
+        return np.zeros(6)
+    one, other = map(Pose.from_numbers, numbers)
+    return one.motion_to(other) * 1e9 / (stamp_ns[last] - stamp_ns[first])
 
 
 def with_bounce(

@@ -44,11 +44,12 @@ class RoomFit:
 
 
 def as_given(
-    one: Registered, views: Sequence[PosedImage], accuracy: tuple[float, float]
+    one: Registered, views: Sequence[PosedImage], accuracy: tuple[float, float], off: str
 ) -> RoomFit:
-    """Return the verdict of a recording whose poses, of this accuracy, are used as given."""
+    """Return the verdict of a recording whose poses are used as given; see `common_motion`."""
     fitting, residual = _misfit(views)
-    return RoomFit('used', (one.why,) if one.why else (), fitting, residual, accuracy)
+    reasons = tuple(reason for reason in (off, one.why) if reason)
+    return RoomFit('doubtful' if off else 'used', reasons, fitting, residual, accuracy)
 
 
 def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]:
