@@ -7,11 +7,11 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_truth, RoomRequest
 from flexx2_sim_ros.truth.clean import Clean, KNOWN, render
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Job, register, views_of
 from flexx2_sim_ros.truth.room_writing import roughness
+from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.shared import estimate
 import numpy as np
 import pytest

@@ -6,10 +6,9 @@ import math
 from pathlib import Path
 
 from flexx2_sim_ros.truth.columns import ErrorColumns
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Observation
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.rooms import Hits
+from flexx2_sim_ros.truth.rooms import Hits, load_room
 from flexx2_sim_ros.truth.solver import (
     damped_step,
     information,

@@ -12,12 +12,12 @@ from flexx2_sim_ros.truth.alignment import NO_ERRORS, PosedImage
 from flexx2_sim_ros.truth.clock import ClockOffset, common_offset
 from flexx2_sim_ros.truth.files import TruthSource
 from flexx2_sim_ros.truth.joint import solve
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.mount import common_motion
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import ASSUMED, Job, register, Registered, views_of
 from flexx2_sim_ros.truth.requests import RoomRequest
 from flexx2_sim_ros.truth.room_writing import RoomSurfaces
+from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.run import Run
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import read_trajectory
@@ -81,9 +81,8 @@ class RoomCampaign:
 
     def _registered(self, run: Run, jobs: Sequence[Job]) -> list[_Placed]:
         # The recordings that can be registered; the others get their rows.
-        inputs = [[job.path, *_files(job)] for job in jobs]
         kinds = Registered, ClockOffset
-        found = run.each_once('registering', (0.05, 0.55), _register_one, jobs, inputs, kinds)
+        found = run.each_once('registering', (0.05, 0.55), _register_one, jobs, kinds)
         placed, self.refused = [], {}
         for i, (source, job, one) in enumerate(zip(self.sources, jobs, found, strict=True)):
             if isinstance(one, str):
@@ -168,15 +167,9 @@ def _jobs(request: RoomRequest, sources: Sequence[TruthSource]) -> list[Job]:
         for source, guess in zip(sources, guesses, strict=True)
     ]
     for job in jobs:
-        for file in _files(job):
+        for file in job.files[1:]:
             read_trajectory(file)
     return jobs
-
-
-def _files(job: Job) -> list[Path]:
-    # The file with its rough poses, if it has one.
-    told = job.request.told
-    return [] if told is None or told.file is None else [told.file_of(job.path)]
 
 
 def _register_one(job: Job) -> Registered | str:

@@ -13,10 +13,10 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose, PosedImage, view_of
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.clock import ClockOffset, find_offset
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.requests import RoomRequest
+from flexx2_sim_ros.truth.requests import Placing, RoomRequest
+from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.search import find, look_around, Panoramas
 from flexx2_sim_ros.truth.trajectory import camera_trajectory, CameraTrajectory, Trajectory
 import numpy as np
@@ -42,7 +42,7 @@ _NOT_HELD = (
 
 
 @dataclass(frozen=True)
-class Job:
+class Job(Placing):
     """
     A recording to register.
 
@@ -50,10 +50,15 @@ class Job:
     camera was switched on; infinite if unknown.
     """
 
-    path: Path
     request: RoomRequest
     guess: tuple[float, ...] | None
     uptime: float = math.inf
+
+    @property
+    def files(self) -> list[Path]:
+        """Return the recording, and the file with its rough poses, if it has one."""
+        told = self.request.told
+        return [self.path, *([] if told is None or not told.file else [told.file_of(self.path)])]
 
 
 @dataclass(frozen=True)
@@ -301,7 +306,7 @@ def _key_frames(footage: Footage, costs: Sequence[float]) -> dict[int, Observati
 def views_of(job: tuple[int, Job, Registered]) -> list[PosedImage]:
     """Return the views of a recording, by its number, job and registration, for the joint fit."""
     recording, how, where = job
-    footage = how.request.footage(how.path, where.moving)
+    footage = how.footage(where.moving)
     out = []
     for number, image in _key_frames(footage, where.costs).items():
         pose = Pose.from_numbers(np.array(where.poses[number]))
