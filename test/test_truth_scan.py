@@ -169,6 +169,8 @@ def test_a_campaign_is_written_with_what_is_known_of_it(tmp_path, plain, rough, 
     assert table['room_rough_mm'] < 1  # The mesh is exact.
     said = ' '.join(capsys.readouterr().err.split())
     assert '--room-error: 3 mm, so that depth errors below 6 mm do not count as a gap' in said
+    assert 'recordings and room differ by ' in said
+    assert 'differ by 0.0 mm' not in said
     for i in range(RECORDINGS):
         recording = open_recording(out / f'{i}.npz').load()
         told = camera.camera.scenes.clean(i)[0]
