@@ -74,7 +74,7 @@ class Registered:
       given in the room's frame.
     * `clock`: offset to the clock of the given poses; None without such poses, and for a still
       recording.
-    * `believed`: whether `poses` are those that were given.
+    * `accuracy`: standard deviations, metres and degrees, if `poses` are those that were given.
     * `why`: why they are, if nobody has asked for it.
     """
 
@@ -86,7 +86,7 @@ class Registered:
     seconds: float
     told: tuple[float, float] | None = None
     clock: ClockOffset | None = None
-    believed: bool = False
+    accuracy: tuple[float, float] | None = None
     why: str = ''
 
 
@@ -115,7 +115,7 @@ def register(job: Job) -> Registered:
             raise InputError(
                 '--pose-accuracy: must be given with poses in the room and --clock-offset SECONDS'
             )
-        return _as_given(as_told, footage.moving)
+        return _as_given(as_told, footage.moving, given.source.accuracy)
     found, first, mirrored = _search(job, footage, _start(job.guess, given, told))
     clock = None
     if footage.moving:
@@ -131,24 +131,21 @@ def register(job: Job) -> Registered:
     distance = None if given is None or given.source.relative else _distance(told, fits)
     if as_told and strays(distance) and not _held(request.room, footage, fits):
         # What a camera of few pixels sees may not hold its pose.
-        return _as_given(as_told, footage.moving, time.perf_counter() - begin, _NOT_HELD)
+        seconds = time.perf_counter() - begin
+        return replace(_as_given(as_told, footage.moving, ASSUMED), seconds=seconds, why=_NOT_HELD)
+    poses = tuple(tuple(one.pose.numbers()) for one in fits)
+    costs = tuple(one.cost for one in fits)
+    seconds = time.perf_counter() - begin
     return Registered(
-        tuple(tuple(one.pose.numbers()) for one in fits),
-        tuple(one.cost for one in fits),
-        found.rival,
-        footage.moving,
-        mirrored,
-        time.perf_counter() - begin,
-        distance,
-        clock,
+        poses, costs, found.rival, footage.moving, mirrored, seconds, distance, clock
     )
 
 
 def _as_given(
-    poses: tuple[tuple[float, ...], ...], moving: bool, seconds: float = 0.0, why: str = ''
+    poses: tuple[tuple[float, ...], ...], moving: bool, accuracy: tuple[float, float]
 ) -> Registered:
     costs = tuple(0.0 if np.isfinite(one).all() else math.inf for one in poses)
-    return Registered(poses, costs, math.inf, moving, math.inf, seconds, believed=True, why=why)
+    return Registered(poses, costs, math.inf, moving, math.inf, 0.0, accuracy=accuracy)
 
 
 def _held(room: Path, footage: Footage, fits: Sequence[AlignedPose]) -> bool:
