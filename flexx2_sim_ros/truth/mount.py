@@ -7,7 +7,7 @@ import math
 from flexx2_sim_ros.truth.alignment import clamped, NO_ERRORS, PosedImage
 from flexx2_sim_ros.truth.columns import ErrorColumns
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.solver import damped_step, information, tile_sums
+from flexx2_sim_ros.truth.solver import damped_step, information, tile_sums, TRUNCATION
 import numpy as np
 
 _STEPS, _CONVERGED = 15, 1e-5
@@ -15,6 +15,8 @@ _STEPS, _CONVERGED = 15, 1e-5
 _PRIOR = 0.3, math.radians(20), 1.0
 _CLEAR = 5.0  # standard deviations
 _REACH = 0.5  # metres: poses may be far off
+# Costs, 0 to 1: the room is what the recordings show, and much better so. ASSUMED
+_MOST_COST, _BETTER = 0.2, 0.5
 
 
 def common_motion(views: Sequence[PosedImage], accuracy: tuple[float, float], mount: Pose) -> str:
@@ -32,7 +34,8 @@ def common_motion(views: Sequence[PosedImage], accuracy: tuple[float, float], mo
     precision = np.concatenate([np.repeat(_PRIOR, [3, 3, 1]) ** -2.0, columns.precision])
     values, eye = np.zeros(len(precision)), np.eye(len(precision))
     for _ in range(_STEPS):
-        J, weight, left, tile = _equations(views, columns, values)  # noqa: N806
+        seen = [_at(view, columns, values) for view in views]
+        J, weight, left, tile = _equations(seen)  # noqa: N806
         weights = np.concatenate([weight, precision])
         step = damped_step(np.vstack([J, eye]), weights, np.concatenate([left, -values]), 0.0)
         step[:6] = clamped(step[:6])
@@ -44,7 +47,11 @@ def common_motion(views: Sequence[PosedImage], accuracy: tuple[float, float], mo
     spread = inverse @ (score.T @ score + np.diag(precision)) @ inverse
     sigmas = np.repeat([accuracy[0], math.radians(accuracy[1])], 3)
     motion = values[:6]
-    if (np.abs(motion) < _CLEAR * np.sqrt(np.diag(spread)[:6] + sigmas**2)).all():
+    clear = (np.abs(motion) > _CLEAR * np.sqrt(np.diag(spread)[:6] + sigmas**2)).any()
+    before, after = (
+        np.mean([replace(view, reach=TRUNCATION).cost for view in some]) for some in (views, seen)
+    )
+    if not clear or after > min(_MOST_COST, _BETTER * before):
         return ''
     metres, turn = np.linalg.norm(motion[:3]), math.degrees(np.linalg.norm(motion[3:]))
     better = ','.join(f'{number:.4g}' for number in mount.moved(motion).numbers())
@@ -54,16 +61,18 @@ def common_motion(views: Sequence[PosedImage], accuracy: tuple[float, float], mo
     )
 
 
-def _equations(
-    views: Sequence[PosedImage], columns: ErrorColumns, values: np.ndarray
-) -> tuple[np.ndarray, ...]:
+def _at(view: PosedImage, columns: ErrorColumns, values: np.ndarray) -> PosedImage:
+    # The view from where the camera is with these values.
+    pose = view.pose.moved(values[:6] - values[6] * view.speed)
+    return replace(view, pose=pose, columns=columns, values=values[7:], reach=_REACH)
+
+
+def _equations(views: Sequence[PosedImage]) -> tuple[np.ndarray, ...]:
     # Slopes by all values, weights, what is left, and tiles, of all pixels.
-    motion, late, errors = values[:6], values[6], values[7:]
     parts, first = [], 0
-    for given in views:
-        pose = given.pose.moved(motion - late * given.speed)
-        one = replace(given, pose=pose, columns=columns, values=errors, reach=_REACH).linear
-        slopes = np.column_stack([one.J, -one.J @ given.speed, one.A])
-        parts.append((slopes, one.weight, one.y - one.A @ errors, one.tile + first))
-        first += int(given.target.tile.max(initial=-1)) + 1
+    for view in views:
+        one = view.linear
+        slopes = np.column_stack([one.J, -one.J @ view.speed, one.A])
+        parts.append((slopes, one.weight, one.y - one.A @ view.values, one.tile + first))
+        first += int(view.target.tile.max(initial=-1)) + 1
     return tuple(map(np.concatenate, zip(*parts, strict=True)))
