@@ -49,7 +49,8 @@ def common_motion(views: Sequence[PosedImage], accuracy: tuple[float, float], mo
     motion = values[:6]
     clear = (np.abs(motion) > _CLEAR * np.sqrt(np.diag(spread)[:6] + sigmas**2)).any()
     before, after = (
-        np.mean([replace(view, reach=TRUNCATION).cost for view in some]) for some in (views, seen)
+        float(np.mean([replace(view, reach=TRUNCATION).cost for view in some]))
+        for some in (views, seen)
     )
     if not clear or after > min(_MOST_COST, _BETTER * before):
         return ''
