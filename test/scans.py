@@ -1,7 +1,7 @@
 """Recordings of a blind camera in a room that is known as a mesh."""
 
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.rooms import load_room
 import numpy as np
 from scipy.spatial.transform import Rotation
 from study.blind.meshes import write_mesh

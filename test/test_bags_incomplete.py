@@ -4,7 +4,7 @@ from flexx2_sim_ros.characterize.measurement import measure
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.recording import load_recording, open_recording
 from flexx2_sim_ros.truth.clean import Clean
-from flexx2_sim_ros.truth.gray_frames import gray_images
+from flexx2_sim_ros.truth.observation import gray_images
 from flexx2_sim_ros.truth.writing import write_truth
 from made_bags import camera_entries, image, info, SECOND, usecase, write
 import numpy as np

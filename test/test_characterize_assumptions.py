@@ -1,8 +1,13 @@
 """Assumptions of the model that do not hold are found, and no others."""
 
+from dataclasses import replace
+import re
+from types import SimpleNamespace
+
 from boards import board
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.characterize import characterize, check_assumptions
+from flexx2_sim_ros.characterize.analysis import evaluate
 import numpy as np
 import pytest
 
@@ -158,3 +163,25 @@ def test_a_bias_within_the_tapes_accuracy_is_not_reported(tmp_path):
     assert finding.holds is None
     assert '+5.0' in finding.evidence
     assert 'tape' in finding.evidence
+
+
+def test_the_scale_of_depth_is_told_and_few_edges_that_differ_are_too_few(tmp_path):
+    """Assert the first for a camera that reads 2 % too far, whatever the yaw of the board."""
+    for number, (distance, angle) in enumerate(PLACES):
+        target = board(1.02 * distance, angle, size=SIZE)
+        depth = target.depth + 0.003 * GENERATOR(number).standard_normal((FRAMES, *SIZE))
+        path = tmp_path / f'Mode_9_30fps_{distance:.2f}m_{angle}deg.npz'
+        np.savez(path, depth=depth.astype(np.float32), K=target.K, stamp=np.arange(FRAMES) / 30)
+    (mode,) = characterize(tmp_path).modes
+    (finding,) = (f for f in check_assumptions(mode) if f.assumption == UNBIASED)
+    grown = re.search(
+        r'by \+(.*)% of distance .*\+- (.*) %\) and by .(.*) mm in', finding.evidence
+    )
+    assert float(grown[1]) == pytest.approx(2, abs=0.1)
+    assert float(grown[2]) < 0.2
+    assert abs(float(grown[3])) < 0.5
+    first, *others = mode.measurements
+    for sigmas, known in (((0.4, 0.5, 0.6), True), ((1, 1, 1, 1, 1, 27), False)):
+        edges = tuple(SimpleNamespace(sigma=one, frames=1) for one in sigmas)
+        again = evaluate('Mode_9_30fps', [replace(first, edges=edges), *others])
+        assert np.isfinite(again.sigma_x) == known

@@ -183,3 +183,17 @@ def test_a_flight_is_where_motion_capture_says(case, name, scan, accuracy):
         'latency'
     ]
     assert 0.078 < latency < 0.115
+
+
+@pytest.mark.parametrize(
+    ('case', 'name', 'scan'),
+    [('vl53_panel_crash', 'A0', 'panel.obj'), ('vl53_still_but_flying', 'A1', 'panel_floor.obj')],
+    indirect=['case'],
+)
+def test_few_pixels_that_see_other_things_doubt_no_mount(case, name, scan):
+    """Assert it for motion capture that is told to be right within 2 mm and 0.2 degrees."""
+    options = ['--scan', scan, '--trajectory', f'{name}.txt', '--clock-offset', '0']
+    options += ['--camera-in-body=0,0,0,-0.5,0.5,-0.5,0.5', '--pose-accuracy', '0.002,0.2']
+    table, _ = truth(f'{name}.npz', *options, '--profile', 'vl53l5cx.yaml')
+    (row,) = table['recordings']
+    assert (row['verdict'], row['reasons']) == ('used', [])

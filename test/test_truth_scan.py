@@ -7,11 +7,11 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_truth, RoomRequest
 from flexx2_sim_ros.truth.clean import Clean, KNOWN, render
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Job, register, views_of
 from flexx2_sim_ros.truth.room_writing import roughness
+from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.shared import estimate
 import numpy as np
 import pytest
@@ -169,6 +169,8 @@ def test_a_campaign_is_written_with_what_is_known_of_it(tmp_path, plain, rough, 
     assert table['room_rough_mm'] < 1  # The mesh is exact.
     said = ' '.join(capsys.readouterr().err.split())
     assert '--room-error: 3 mm, so that depth errors below 6 mm do not count as a gap' in said
+    assert 'recordings and room differ by ' in said
+    assert 'differ by 0.0 mm' not in said
     for i in range(RECORDINGS):
         recording = open_recording(out / f'{i}.npz').load()
         told = camera.camera.scenes.clean(i)[0]

@@ -9,10 +9,10 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, open_recording
 from flexx2_sim_ros.truth.clean import render
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Registered
+from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.search import _orientations
 from flexx2_sim_ros.truth.verdict import check_room, RoomFit
 import numpy as np

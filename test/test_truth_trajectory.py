@@ -148,6 +148,29 @@ def test_poses_of_a_known_accuracy_are_used_as_they_are(tmp_path, capsys, option
         assert np.abs(written.clean_depth[5] - depth).max() > 0.05
 
 
+@pytest.mark.parametrize('wrong', [False, True])
+def test_a_camera_that_is_mounted_otherwise_than_told_is_doubtful(tmp_path, walk, wrong):
+    """Assert it for poses of motion capture: a mount that is off looks like errors of depth."""
+    folder, camera, stamps = walk
+    path = tmp_path / 'vicon.txt'
+    pairs = zip(stamps, bodies(camera, wrong=False), strict=True)
+    rows = [[stamp / 1e9, *pose.numbers()] for stamp, pose in pairs]
+    path.write_text('\n'.join(' '.join(map(repr, map(float, row))) for row in rows))
+    motion = np.array([0.03, -0.01, 0.02, 0.0, np.radians(2), 0.0])
+    told = MOUNT.moved(motion) if wrong else MOUNT
+    options = ['--trajectory', str(path), f'--camera-in-body={text(told.numbers())}']
+    options += ['--clock-offset', '0', '--pose-accuracy', '0.002,0.2']
+    table = truth(folder, folder / 'in', tmp_path / 'out', *options)
+    (row,) = table['recordings']
+    assert row['verdict'] == ('doubtful' if wrong else 'used')
+    if wrong:
+        said = next(reason for reason in row['reasons'] if 'measure --camera-in-body' in reason)
+        shown = said.partition('show: ')[2].strip(')')
+        off_by = MOUNT.motion_to(Pose.from_numbers(np.array(shown.split(','), float)))
+        assert np.abs(off_by[:3]).max() < 0.005
+        assert np.abs(off_by[3:]).max() < np.radians(0.3)
+
+
 def transform(parent, child, stamp, pose):
     """Return one transform of TF."""
     x, y, z, *turn = pose.numbers()

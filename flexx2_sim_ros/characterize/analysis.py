@@ -20,6 +20,9 @@ from flexx2_sim_ros.recording.opening import find_recordings
 import numpy as np
 
 LATERAL_PERCENTILE = 90  # of all edges: conservative on purpose, as in the paper
+# The 90th percentile of fewer edges is the largest of them, and an outlier if it is larger than
+# so many medians. ASSUMED
+_FEWEST_EDGES, _MOST_MEDIANS = 8, 2.0
 _RESAMPLES = 1000
 _STEP = 15.0  # degrees between groups of recordings whose names state no angle
 
@@ -82,7 +85,7 @@ class ModeResult:
         sigma_z.
     sigma_x, sigma_x_error : float
         The 90th percentile of the edges' sigma, and its standard error, pixels; NaN where no edge
-        was measured.
+        was measured, or few that differ.
     cells : tuple of Cell
         One a recording, by distance and angle.
     surfaces : SurfaceFit or None
@@ -293,6 +296,8 @@ def evaluate(usecase: str, measurements: list[Measurement]) -> ModeResult:
         )
     sigmas = np.array([edge.sigma for m in several for edge in m.edges])
     sigma_x = float(np.percentile(sigmas, LATERAL_PERCENTILE)) if sigmas.size else math.nan
+    if 0 < sigmas.size < _FEWEST_EDGES and sigma_x > _MOST_MEDIANS * np.median(sigmas):
+        sigma_x = math.nan
     return ModeResult(
         usecase,
         axial,

@@ -7,6 +7,7 @@ import math
 from flexx2_sim_ros.characterize.analysis import Cell, ModeResult
 from flexx2_sim_ros.characterize.measurement import Measurement
 import numpy as np
+from scipy.stats import t
 
 # Deviations below these do not matter to somebody who simulates the camera (assumed).
 _CORRELATION = 0.04
@@ -18,6 +19,7 @@ _KURTOSIS = 0.2
 _EDGE_KURTOSIS = 0.5
 _EDGE_SPREAD = 0.10  # of sigma_x
 _TAPE = 0.010  # metres, of the paper's tape
+_LEAST_SPAN, _TURN = 0.2, 30.0  # metres and degrees over which bias is compared
 _FACING = 7.5  # degrees: recordings at "0 degrees"
 _FEWEST_FRAMES = 20  # for anything about time or tails
 _SURE = 5.0  # standard errors
@@ -191,7 +193,7 @@ def _unbiased(mode: ModeResult) -> tuple[bool | None, str]:
     bias = np.array([m.bias for m in known])
     text = (
         f'bias {1e3 * bias.mean():+z.2f} mm on average, '
-        f'{1e3 * bias.min():+z.2f} to {1e3 * bias.max():+z.2f} mm'
+        f'{1e3 * bias.min():+z.2f} to {1e3 * bias.max():+z.2f} mm{_scale(known, bias)}'
     )
     if all(m.bias_of == 'clean depth' for m in known):
         share = float(np.sqrt(np.mean((bias / [_sigma(m) for m in known]) ** 2)))
@@ -200,6 +202,26 @@ def _unbiased(mode: ModeResult) -> tuple[bool | None, str]:
     return (
         None if rms < _TAPE else False,
         f'{text} relative to the tape, which is accurate to 10 mm',
+    )
+
+
+def _scale(known: list[Measurement], bias: np.ndarray) -> str:
+    # How bias grows with distance and angle together; nothing where recordings do not tell.
+    places = np.array([(m.distance, abs(m.angle_deg) / _TURN) for m in known])
+    varied = np.ptp(places, axis=0) > (_LEAST_SPAN, 1 / 2)
+    design = np.column_stack([np.ones(len(known)), places[:, varied]])
+    freedom = len(design) - design.shape[1]
+    if not varied[0] or freedom < 1 or np.linalg.matrix_rank(design) < design.shape[1]:
+        return ''
+    slopes, *_ = np.linalg.lstsq(design, bias, None)
+    variance = ((bias - design @ slopes) ** 2).sum() / freedom
+    reach = t.ppf(0.975, freedom) * np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
+    words = f'; it grows by {slopes[1]:+z.2%} of distance (95 %: +- {100 * reach[1]:.2g} %)'
+    if not varied[1]:
+        return words
+    return words + (
+        f' and by {1e3 * slopes[2]:+z.1f} mm in {_TURN:g} degrees of yaw (95 %: +- '
+        f'{1e3 * reach[2]:.2g} mm)'
     )
 
 

@@ -99,10 +99,12 @@ def _mode(mode: ModeResult, camera: Profile, notes: list[str]) -> Mode | None:
         return None
     sigma_x = mode.sigma_x
     if math.isnan(sigma_x):
-        notes.append(
-            f'{mode.usecase}: sigma_x: not measured, because no upright edge of the '
-            'board was seen, or none moved from frame to frame; the profile has 0'
+        why = (
+            f'{len(mode.edges)} edges that differ are too few'
+            if mode.edges
+            else 'no upright edge of the board was seen, or none moved from frame to frame'
         )
+        notes.append(f'{mode.usecase}: sigma_x: not measured, because {why}; the profile has 0')
         sigma_x = 0.0
     noise = NoiseModel(
         **{name: _significant(value) for name, value in mode.axial.coefficients.items()},

@@ -106,8 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
         console.print(printable(f'cannot decide {row["effect"]}: {row["reason"]}'))
     if 'room_rough_mm' in table:
         console.print(_room_words(table))
-    clock = table.get('clock_offset')
-    if clock is not None:
+    if clock := table.get('clock_offset'):
         console.print(printable(_clock_words(clock)))
     for name, found in table.get('shared', {}).items():
         if found['verdict'] == 'found':
@@ -128,10 +127,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _room_words(table: dict[str, Any]) -> str:
-    error, rough = table['room_error_mm'], table['room_rough_mm']
+    error, rough = table['room_error_mm'], f'{table["room_rough_mm"]:.1f}'
+    apart = 'by no more than noise' if rough == '0.0' else f'by {rough} mm beyond noise'
     return (
         f'--room-error: {error:g} mm, so that depth errors below {2 * error:g} mm do not count as '
-        f'a gap; within flat patches, recordings and room differ by {rough:.1f} mm beyond noise'
+        f'a gap; within flat patches, recordings and room differ {apart}'
     )
 
 

@@ -6,10 +6,9 @@ import math
 from pathlib import Path
 
 from flexx2_sim_ros.truth.columns import ErrorColumns
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Observation
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.rooms import Hits
+from flexx2_sim_ros.truth.rooms import Hits, load_room
 from flexx2_sim_ros.truth.solver import (
     damped_step,
     information,
@@ -160,6 +159,7 @@ class PosedImage:
     * `columns`: the errors that its camera has.
     * `values`: (k,) coefficients of these.
     * `reach`: metres: larger residuals are truncated to this.
+    * `speed`: (6,) motion of its camera per second, as of `Pose.motion_to`.
     """
 
     recording: int
@@ -171,6 +171,7 @@ class PosedImage:
     columns: ErrorColumns = NO_ERRORS
     values: np.ndarray = field(default_factory=lambda: np.zeros(0))
     reach: float = TRUNCATION
+    speed: np.ndarray = field(default_factory=lambda: np.zeros(6))
 
     @cached_property
     def rays(self) -> np.ndarray:

@@ -12,12 +12,11 @@ from flexx2_sim_ros.truth.board import find_board, likeness, plane_covariance, r
 from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, REFUSED, render_plane, unknown
 from flexx2_sim_ros.truth.files import reason_of, TruthSource
 from flexx2_sim_ros.truth.gray import Gray, GrayFit, inside, white_fraction
-from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray
-from flexx2_sim_ros.truth.observation import Footage, grow, Observation
+from flexx2_sim_ros.truth.observation import Footage, gray_images, grow, has_gray, Observation
 from flexx2_sim_ros.truth.plane_finding import surface_around
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import Printed
-from flexx2_sim_ros.truth.requests import BoardRequest
+from flexx2_sim_ros.truth.requests import BoardRequest, Placing
 from flexx2_sim_ros.truth.run import Run
 from flexx2_sim_ros.truth.shared import MOST_BIAS
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, without_hidden, Written
@@ -69,11 +68,10 @@ class _OnBoard:
 
 
 @dataclass(frozen=True)
-class BoardSurfaces:
+class BoardSurfaces(Placing):
     """A board in a recording, with the settings of the run and what was found; see `Surfaces`."""
 
     request: BoardRequest
-    path: Path
     target: Printed
     placed: BoardPoses = field(default_factory=BoardPoses)
 
@@ -141,7 +139,7 @@ def place_board(job: BoardSurfaces) -> BoardPoses:
 
 
 def _search(job: BoardSurfaces) -> BoardPoses:
-    footage = job.request.footage(job.path)
+    footage = job.footage()
     reader, moving, rays = footage.reader, footage.moving, footage.still.rays
     if not has_gray(reader):
         return _placed(moving, ['it has no gray image (amplitude)'])
@@ -173,7 +171,7 @@ def compare(job: BoardSurfaces) -> tuple[float, ...]:
     """Return how much a recording looks like each board that may be meant; 0 for not found."""
     kinds = job.target.kinds
     try:
-        footage = job.request.footage(job.path)
+        footage = job.footage()
         there = has_gray(footage.reader)
         for image in gray_images(footage.reader, footage.moving) if there else ():
             like = likeness(kinds, Gray(image, footage.still.rays))
@@ -215,9 +213,9 @@ class BoardCampaign:
         """Find the board in each recording."""
         self.sources = sources
         self.target = self._meant(run)
-        jobs, inputs = self._jobs(self.target, sources)
+        jobs = self._jobs(self.target, sources)
         text = 'finding the board'
-        self.placed = run.each_once(text, (0.0, 0.7), place_board, jobs, inputs, (BoardPoses,))
+        self.placed = run.each_once(text, (0.0, 0.7), place_board, jobs, (BoardPoses,))
         found = {
             i: replace(job, placed=one)
             for i, (job, one) in enumerate(zip(jobs, self.placed, strict=True))
@@ -232,15 +230,12 @@ class BoardCampaign:
         kinds = self.board.kinds
         if len(kinds) == 1:
             return kinds[0]
-        jobs, inputs = self._jobs(self.board, self.sources[:_TRIED])
-        like = run.each_once('telling boards apart', (0.0, 0.0), compare, jobs, inputs)
+        jobs = self._jobs(self.board, self.sources[:_TRIED])
+        like = run.each_once('telling boards apart', (0.0, 0.0), compare, jobs)
         return kinds[int(np.sum(like, axis=0).argmax())]
 
-    def _jobs(
-        self, target: Printed, sources: Sequence[TruthSource]
-    ) -> tuple[list[BoardSurfaces], list[list[Path]]]:
-        jobs = [BoardSurfaces(self.request.settings(), one.path, target) for one in sources]
-        return jobs, [[one.path] for one in sources]
+    def _jobs(self, target: Printed, sources: Sequence[TruthSource]) -> list[BoardSurfaces]:
+        return [BoardSurfaces(one.path, self.request.settings(), target) for one in sources]
 
     def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
         """Return where the board is in each recording, and how well depth agrees with it."""

@@ -20,7 +20,7 @@ from flexx2_sim_ros.truth.plane_constraints import (
 )
 from flexx2_sim_ros.truth.plane_file import PlaneFile, PlaneHint, read_planes
 from flexx2_sim_ros.truth.plane_finding import find_planes, ImagePlane
-from flexx2_sim_ros.truth.requests import PlaneRequest, TruthRequest
+from flexx2_sim_ros.truth.requests import Placing, PlaneRequest, TruthRequest
 from flexx2_sim_ros.truth.run import Run
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
 import numpy as np
@@ -82,7 +82,7 @@ def _off(surface: ImagePlane, placed: PlacedPlanes, k: int) -> float:
 
 
 @dataclass(frozen=True)
-class PlaneSurfaces:
+class PlaneSurfaces(Placing):
     """
     Planes in a recording; see `Surfaces`.
 
@@ -91,7 +91,6 @@ class PlaneSurfaces:
     """
 
     request: PlaneRequest
-    path: Path
     hints: tuple[PlaneHint, ...]
     plan: PlaneFile
     found: Judged | None = None
@@ -135,7 +134,7 @@ class PlaneSurfaces:
 def place_planes(job: PlaneSurfaces) -> Judged:
     """Find the planes of a recording and move them to the measurements."""
     try:
-        footage = job.request.footage(job.path)
+        footage = job.footage()
     except InputError as error:  # The others can be used.
         return Judged('refused', (reason_of(error, job.path),))
     if footage.moving:
@@ -202,14 +201,12 @@ class PlaneCampaign:
         """Find the planes in each recording."""
         self.sources, settings = sources, self.request.settings()
         jobs = [
-            PlaneSurfaces(settings, one.path, self.plan.seen_in(one.target.stem), self.plan)
+            PlaneSurfaces(one.path, settings, self.plan.seen_in(one.target.stem), self.plan)
             for one in sources
         ]
         kinds = Judged, ImagePlane, PlacedPlanes
-        inputs = [[one.path] for one in sources]
-        self.found: list[Judged] = run.each_once(
-            'finding planes', (0.0, 0.7), place_planes, jobs, inputs, kinds
-        )
+        text = 'finding planes'
+        self.found: list[Judged] = run.each_once(text, (0.0, 0.7), place_planes, jobs, kinds)
         if not any(one.surfaces for one in self.found):
             raise InputError(f'{shown_path(sources[0].path)}: {self.found[0].reasons[0]}')
         return {

@@ -12,10 +12,12 @@ from flexx2_sim_ros.truth.alignment import NO_ERRORS, PosedImage
 from flexx2_sim_ros.truth.clock import ClockOffset, common_offset
 from flexx2_sim_ros.truth.files import TruthSource
 from flexx2_sim_ros.truth.joint import solve
-from flexx2_sim_ros.truth.meshes import load_room
-from flexx2_sim_ros.truth.registration import ASSUMED, Job, register, Registered, views_of
+from flexx2_sim_ros.truth.mount import common_motion
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.registration import Job, register, Registered, views_of
 from flexx2_sim_ros.truth.requests import RoomRequest
 from flexx2_sim_ros.truth.room_writing import RoomSurfaces
+from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.run import Run
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import read_trajectory
@@ -35,12 +37,6 @@ class _Placed:
     source: TruthSource
     job: Job
     where: Registered
-
-    @property
-    def accuracy(self) -> tuple[float, float]:
-        # Of given poses: metres and degrees.
-        told = self.job.request.told
-        return ASSUMED if told is None or told.accuracy is None else told.accuracy
 
 
 class RoomCampaign:
@@ -79,9 +75,8 @@ class RoomCampaign:
 
     def _registered(self, run: Run, jobs: Sequence[Job]) -> list[_Placed]:
         # The recordings that can be registered; the others get their rows.
-        inputs = [[job.path, *_files(job)] for job in jobs]
         kinds = Registered, ClockOffset
-        found = run.each_once('registering', (0.05, 0.55), _register_one, jobs, inputs, kinds)
+        found = run.each_once('registering', (0.05, 0.55), _register_one, jobs, kinds)
         placed, self.refused = [], {}
         for i, (source, job, one) in enumerate(zip(self.sources, jobs, found, strict=True)):
             if isinstance(one, str):
@@ -97,9 +92,10 @@ class RoomCampaign:
         # The room from the poses of a recording; None if it is refused.
         solution, verdict = self.shared.solution, self.verdicts[number]
         mine = [k for k, view in enumerate(solution.views) if view.recording == number]
-        if one.where.believed:
+        given = one.where.accuracy
+        if given:
             pose = next(pose for pose in one.where.poses if np.isfinite(pose).all())
-            sigmas = np.array(one.accuracy) * (1, np.radians(1))
+            sigmas = np.array(given) * (1, np.radians(1))
             covariance = np.diag(np.repeat(sigmas**2, 3))
         elif verdict.state != 'refused' and mine:
             pose = tuple(solution.views[mine[0]].pose.numbers())
@@ -113,7 +109,7 @@ class RoomCampaign:
             solution.columns,
             tuple(map(float, solution.values)),
             covariance,
-            0.0 if one.where.believed else self.late or 0.0,
+            0.0 if given else self.late or 0.0,
         )
 
     def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
@@ -142,7 +138,7 @@ class RoomCampaign:
             **({} if self.rough is None else {'room_rough_mm': round(self.rough * 1e3, 2)}),
             'shared': self.shared.findings,
             'cannot_decide': _cannot_decide(self.shared, registered, late is not None),
-            'absorbed': {} if all(one.believed for one in registered) else absorbed('scan'),
+            'absorbed': {} if all(one.accuracy for one in registered) else absorbed('scan'),
         }
 
 
@@ -166,15 +162,9 @@ def _jobs(request: RoomRequest, sources: Sequence[TruthSource]) -> list[Job]:
         for source, guess in zip(sources, guesses, strict=True)
     ]
     for job in jobs:
-        for file in _files(job):
+        for file in job.files[1:]:
             read_trajectory(file)
     return jobs
-
-
-def _files(job: Job) -> list[Path]:
-    # The file with its rough poses, if it has one.
-    told = job.request.told
-    return [] if told is None or told.file is None else [told.file_of(job.path)]
 
 
 def _register_one(job: Job) -> Registered | str:
@@ -192,17 +182,28 @@ def _fit(
     # are those whose poses are used as they were given.
     registered = [one.where for one in placed]
     pairs = zip(parts, registered, strict=True)
-    alone = solve([view for part, one in pairs if not one.believed for view in part], NO_ERRORS)
+    alone = solve([view for part, one in pairs if not one.accuracy for view in part], NO_ERRORS)
     first = judge(registered, alone)
     good = [view for view in alone.views if first[view.recording].state != 'refused']
     shared = estimate(good) if good else Shared(alone, {})
     final = judge(registered, shared.solution) if good else first
+    off = _off_together(parts, placed)
     for i, one in enumerate(placed):
-        if one.where.believed:
-            final[i] = as_given(one.where, parts[i], one.accuracy)
+        if one.where.accuracy:
+            final[i] = as_given(one.where, parts[i], off)
         elif first[i].state == 'refused':
             final[i] = first[i]
     return shared, final
+
+
+def _off_together(parts: Sequence[Sequence[PosedImage]], placed: Sequence[_Placed]) -> str:
+    # Whether given poses are all off by one motion of the camera in the body.
+    told, accuracies = placed[0].job.request.told, [one.where.accuracy for one in placed]
+    accuracy = next(filter(None, accuracies), None)
+    if told is None or accuracy is None:
+        return ''
+    views = [view for i, part in enumerate(parts) if accuracies[i] for view in part]
+    return common_motion(views, accuracy, Pose.from_numbers(np.array(told.camera_in_body)))
 
 
 def _row(
@@ -267,7 +268,7 @@ def _cannot_decide(
         for effect, finding in shared.findings.items()
         if effect in _HIDDEN_UNLESS_FITTED and finding['verdict'] == 'confounded'
     }
-    fitted = [one for one in registered if not one.believed]
+    fitted = [one for one in registered if not one.accuracy]
     if not fitted:
         return []
     out = hidden_by_scan(any(one.moving for one in fitted), late, confounded)

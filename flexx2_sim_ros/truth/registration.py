@@ -13,10 +13,10 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose, PosedImage, view_of
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.clock import ClockOffset, find_offset
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.requests import RoomRequest
+from flexx2_sim_ros.truth.requests import Placing, RoomRequest
+from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.search import find, look_around, Panoramas
 from flexx2_sim_ros.truth.trajectory import camera_trajectory, CameraTrajectory, Trajectory
 import numpy as np
@@ -42,7 +42,7 @@ _NOT_HELD = (
 
 
 @dataclass(frozen=True)
-class Job:
+class Job(Placing):
     """
     A recording to register.
 
@@ -50,10 +50,15 @@ class Job:
     camera was switched on; infinite if unknown.
     """
 
-    path: Path
     request: RoomRequest
     guess: tuple[float, ...] | None
     uptime: float = math.inf
+
+    @property
+    def files(self) -> list[Path]:
+        """Return the recording, and the file with its rough poses, if it has one."""
+        told = self.request.told
+        return [self.path, *([] if told is None or not told.file else [told.file_of(self.path)])]
 
 
 @dataclass(frozen=True)
@@ -69,7 +74,7 @@ class Registered:
       given in the room's frame.
     * `clock`: offset to the clock of the given poses; None without such poses, and for a still
       recording.
-    * `believed`: whether `poses` are those that were given.
+    * `accuracy`: standard deviations, metres and degrees, if `poses` are those that were given.
     * `why`: why they are, if nobody has asked for it.
     """
 
@@ -81,7 +86,7 @@ class Registered:
     seconds: float
     told: tuple[float, float] | None = None
     clock: ClockOffset | None = None
-    believed: bool = False
+    accuracy: tuple[float, float] | None = None
     why: str = ''
 
 
@@ -110,7 +115,7 @@ def register(job: Job) -> Registered:
             raise InputError(
                 '--pose-accuracy: must be given with poses in the room and --clock-offset SECONDS'
             )
-        return _as_given(as_told, footage.moving)
+        return _as_given(as_told, footage.moving, given.source.accuracy)
     found, first, mirrored = _search(job, footage, _start(job.guess, given, told))
     clock = None
     if footage.moving:
@@ -126,24 +131,21 @@ def register(job: Job) -> Registered:
     distance = None if given is None or given.source.relative else _distance(told, fits)
     if as_told and strays(distance) and not _held(request.room, footage, fits):
         # What a camera of few pixels sees may not hold its pose.
-        return _as_given(as_told, footage.moving, time.perf_counter() - begin, _NOT_HELD)
+        seconds = time.perf_counter() - begin
+        return replace(_as_given(as_told, footage.moving, ASSUMED), seconds=seconds, why=_NOT_HELD)
+    poses = tuple(tuple(one.pose.numbers()) for one in fits)
+    costs = tuple(one.cost for one in fits)
+    seconds = time.perf_counter() - begin
     return Registered(
-        tuple(tuple(one.pose.numbers()) for one in fits),
-        tuple(one.cost for one in fits),
-        found.rival,
-        footage.moving,
-        mirrored,
-        time.perf_counter() - begin,
-        distance,
-        clock,
+        poses, costs, found.rival, footage.moving, mirrored, seconds, distance, clock
     )
 
 
 def _as_given(
-    poses: tuple[tuple[float, ...], ...], moving: bool, seconds: float = 0.0, why: str = ''
+    poses: tuple[tuple[float, ...], ...], moving: bool, accuracy: tuple[float, float]
 ) -> Registered:
     costs = tuple(0.0 if np.isfinite(one).all() else math.inf for one in poses)
-    return Registered(poses, costs, math.inf, moving, math.inf, seconds, believed=True, why=why)
+    return Registered(poses, costs, math.inf, moving, math.inf, 0.0, accuracy=accuracy)
 
 
 def _held(room: Path, footage: Footage, fits: Sequence[AlignedPose]) -> bool:
@@ -301,15 +303,28 @@ def _key_frames(footage: Footage, costs: Sequence[float]) -> dict[int, Observati
 def views_of(job: tuple[int, Job, Registered]) -> list[PosedImage]:
     """Return the views of a recording, by its number, job and registration, for the joint fit."""
     recording, how, where = job
-    footage = how.request.footage(how.path, where.moving)
+    footage = how.footage(where.moving)
     out = []
     for number, image in _key_frames(footage, where.costs).items():
         pose = Pose.from_numbers(np.array(where.poses[number]))
         view = replace(
-            view_of(how.request.room, image, _PIXELS, pose), recording=recording, uptime=how.uptime
+            view_of(how.request.room, image, _PIXELS, pose),
+            recording=recording,
+            uptime=how.uptime,
+            speed=_speed(where, footage.reader.stamp_ns, number),
         )
         out.append(with_bounce(view, image, footage, how.request.profile))
     return out
+
+
+def _speed(where: Registered, stamp_ns: np.ndarray, number: int) -> np.ndarray:
+    # The motion of the camera per second around a frame.
+    first, last = max(number - 1, 0), min(number + 1, len(where.poses) - 1)
+    numbers = np.array([where.poses[first], where.poses[last]])
+    if first == last or not np.isfinite(numbers).all():
+        return np.zeros(6)
+    one, other = map(Pose.from_numbers, numbers)
+    return one.motion_to(other) * 1e9 / (stamp_ns[last] - stamp_ns[first])
 
 
 def with_bounce(

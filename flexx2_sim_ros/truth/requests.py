@@ -58,10 +58,23 @@ class TruthRequest:
         """Open one of the recordings."""
         return open_recording(path, self.camera, self.profile)
 
-    def footage(self, path: Path, moving: bool | None = None) -> Footage:
-        """Open one of the recordings to place its frames; None: detect whether it moves."""
-        motion = self.motion if moving is None else ('moving' if moving else 'still')
-        return observe(self.opened(path), self.profile, motion)
+
+@dataclass(frozen=True)
+class Placing:
+    """A recording at `path` whose surfaces are to be placed, and the settings of the run."""
+
+    path: Path
+    request: TruthRequest
+
+    @property
+    def files(self) -> list[Path]:
+        """Return the files that are read for it."""
+        return [self.path]
+
+    def footage(self, moving: bool | None = None) -> Footage:
+        """Open it to place its frames; None: detect whether it moves."""
+        motion = self.request.motion if moving is None else ('moving' if moving else 'still')
+        return observe(self.request.opened(self.path), self.request.profile, motion)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from flexx2_sim_ros.truth.alignment import view_of
 from flexx2_sim_ros.truth.clean import Clean, difference, REFUSED, render
 from flexx2_sim_ros.truth.columns import ErrorColumns
-from flexx2_sim_ros.truth.meshes import load_room
 from flexx2_sim_ros.truth.observation import Footage, Observation
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Job, LOST, Registered, with_bounce
+from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.trajectory import Trajectory
 from flexx2_sim_ros.truth.writing import GroundTruth, without_hidden
 import numpy as np
@@ -126,7 +126,7 @@ def _pose_of(what: RoomSurfaces, footage: Footage, frame: Observation, number: i
     # The pose is fitted again, with the shared errors subtracted.
     request, numbers = what.job.request, what.registered.poses[number]
     pose = Pose.from_numbers(np.array(numbers if np.isfinite(numbers).all() else what.pose))
-    if not what.values or what.registered.believed:
+    if not what.values or what.registered.accuracy:
         return pose
     view = view_of(request.room, frame, _PIXELS, pose)
     if what.columns.bounce:

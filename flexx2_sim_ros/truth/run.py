@@ -14,13 +14,15 @@ from zlib import compress, decompress
 from flexx2_sim_ros import __version__, atomic
 from flexx2_sim_ros.errors import InputError, MachineError
 from flexx2_sim_ros.jobs import Map, workers
-from flexx2_sim_ros.truth.requests import TruthRequest
+from flexx2_sim_ros.truth.requests import Placing, TruthRequest
 import numpy as np
 
 # Called with the name of the current step and the fraction of the work that is done.
 Progress = Callable[[str, float], None]
 CACHE = '.truth'  # folder for the results of an interrupted run
 _Job = TypeVar('_Job')
+
+_Place = TypeVar('_Place', bound=Placing)
 
 
 def no_progress(text: str, fraction: float) -> None:
@@ -87,22 +89,17 @@ class Run:
         self,
         text: str,
         span: tuple[float, float],
-        work: Callable[[_Job], Any],
-        jobs: Sequence[_Job],
-        inputs: Sequence[Sequence[Path]],
+        work: Callable[[_Place], Any],
+        jobs: Sequence[_Place],
         kinds: Sequence[type] = (),
     ) -> list[Any]:
         """
         Return the results of a function for jobs, those of an interrupted run from files.
 
-        As `each`; `repr` of a job says all that its result depends on, but for its `inputs`, the
-        files that each job reads. `kinds` are the dataclasses in results, beside arrays, tuples,
-        numbers and texts.
+        As `each`; `repr` of a job says all that its result depends on, but for the files that it
+        reads. `kinds` are the dataclasses in results, beside arrays, tuples, numbers and texts.
         """
-        files = [
-            self.cache / f'{_digest(work.__name__, job, paths)}.json'
-            for job, paths in zip(jobs, inputs, strict=True)
-        ]
+        files = [self.cache / f'{_digest(work.__name__, job)}.json' for job in jobs]
         missing = [
             (work, job, file) for job, file in zip(jobs, files, strict=True) if not file.is_file()
         ]
@@ -113,10 +110,10 @@ class Run:
         return [_whole(json.loads(file.read_text(encoding='utf-8')), named) for file in files]
 
 
-def _digest(work: str, job: Any, paths: Sequence[Path]) -> str:
+def _digest(work: str, job: Placing) -> str:
     # Of files in their present state, and of what is done with them.
     parts: list[Any] = [__version__, work, job]
-    for path in paths:
+    for path in job.files:
         try:
             files = sorted(path.iterdir()) if path.is_dir() else [path]
             parts += [(str(f.resolve()), f.stat().st_size, f.stat().st_mtime_ns) for f in files]

@@ -43,12 +43,12 @@ class RoomFit:
     deviation: tuple[float, float]
 
 
-def as_given(
-    one: Registered, views: Sequence[PosedImage], accuracy: tuple[float, float]
-) -> RoomFit:
-    """Return the verdict of a recording whose poses, of this accuracy, are used as given."""
+def as_given(one: Registered, views: Sequence[PosedImage], off: str) -> RoomFit:
+    """Return the verdict of a recording whose poses are used as given; see `common_motion`."""
+    assert one.accuracy is not None
     fitting, residual = _misfit(views)
-    return RoomFit('used', (one.why,) if one.why else (), fitting, residual, accuracy)
+    reasons = tuple(reason for reason in (off, one.why) if reason)
+    return RoomFit('doubtful' if off else 'used', reasons, fitting, residual, one.accuracy)
 
 
 def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]:
@@ -107,7 +107,7 @@ def check_room(
         )
     # Some recordings may fit a wrong room by chance: rooms are boxes of about the same size.
     pairs = zip(registered, verdicts, strict=True)
-    fitting = [verdict.fitting for one, verdict in pairs if not one.believed]
+    fitting = [verdict.fitting for one, verdict in pairs if not one.accuracy]
     usual = float(np.median(fitting)) if fitting else 1.0
     if len(refused) > used and usual < _FITTING:
         hint = '' if posed else ', or the wrong --up'

@@ -18,15 +18,14 @@ from flexx2_sim_ros.truth.clean import (
     REFUSED,
 )
 from flexx2_sim_ros.truth.files import TruthSource
-from flexx2_sim_ros.truth.gray_frames import gray_images, has_gray
-from flexx2_sim_ros.truth.observation import Footage, mask_of, Observation
+from flexx2_sim_ros.truth.observation import Footage, gray_images, has_gray, mask_of, Observation
 from flexx2_sim_ros.truth.reflectivity import (
     gray_samples,
     GraySamples,
     GrayScale,
     with_reflectivity,
 )
-from flexx2_sim_ros.truth.requests import TruthRequest
+from flexx2_sim_ros.truth.requests import Placing, TruthRequest
 import numpy as np
 
 _WRITTEN = {'clean_depth', 'incidence', 'depth', *KEYS}
@@ -84,7 +83,7 @@ class Writing:
 
     def footage(self) -> Footage:
         """Return the recording, open."""
-        return self.request.footage(self.source.path, self.surfaces.moving)
+        return Placing(self.source.path, self.request).footage(self.surfaces.moving)
 
 
 @dataclass(frozen=True)

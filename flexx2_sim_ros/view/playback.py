@@ -13,7 +13,7 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, printable
 from flexx2_sim_ros.truth.files import names_of
-from flexx2_sim_ros.truth.plane_drawing import drawn, save_outline
+from flexx2_sim_ros.truth.plane_file import drawn, save_outline
 from flexx2_sim_ros.view.access import Access, Outline, parse
 from flexx2_sim_ros.view.packing import pack, ViewedFrame
 from flexx2_sim_ros.view.recorded import RecordedCamera, REFERENCES
