@@ -8,9 +8,9 @@ from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE
 from flexx2_sim_ros.gap.inference.effects import table_of
-from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.joint import around, nothing, Proposal, proposals
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.selection import select, Trials
 from flexx2_sim_ros.gap.work import Simulations
 from flexx2_sim_ros.recording.truth import Accuracy
 import numpy as np
@@ -165,17 +165,35 @@ def test_what_the_others_make_unnecessary_is_taken_off():
     assert some[-1].loss < some[0].loss
 
 
-def test_the_constant_of_a_bias_goes_by_the_name_of_an_offset():
+def chosen(model, candidates):
+    """Return what is selected: terms by effect."""
+    trials = Trials(model)
+    one = select(trials, candidates, [trials.single(one) for one in candidates]).chosen.fit
+    return {part.effect: [term.name for term in part.terms] for part in one.candidates}
+
+
+def test_the_constant_of_a_bias_goes_by_the_name_of_an_offset_in_a_set():
     dark, offset = candidate('amplitude_bias', 'knee 1'), candidate('offset')
     (constant, _), (slope, _) = (term.nodes[0][::-1] for term in dark.terms)
     signals = {name: signal(k, ('bias',), 1.0) for k, name in enumerate((constant, slope))}
-    model = made(COLUMNS, {constant: 1.0, slope: 2.0}, signals)
-    begin = rounds.begin_with(fit(model, [dark]), [dark, offset])
-    assert [one.effect for one in begin.found] == ['amplitude_bias', 'offset']
-    assert [term.name for one in begin.found for term in one.terms] == ['slope', 'bias']
-    assert begin.values == pytest.approx([-0.006, dark.terms[0].nodes[0][0]], rel=0.05)
-    (alone,) = rounds.begin_with(fit(model, [dark]), [dark]).found
-    assert [term.name for term in alone.terms] == ['slope']
+    both = made(COLUMNS, {constant: 1.0, slope: 2.0}, signals)
+    assert chosen(both, [dark, offset]) == {'amplitude_bias': ['slope'], 'offset': ['bias']}
+    alone = made(COLUMNS, {slope: 2.0}, signals)
+    assert chosen(alone, [dark, offset]) == {'amplitude_bias': ['intercept', 'slope']}
+
+
+def test_the_best_single_effect_is_chosen_where_none_is_sure():
+    offset, lost = candidate('offset'), candidate('random_dropout')
+    signals = {
+        str(one.terms[0].nodes[0][1]): signal(k, ('bias',) if k else ('invalid', 'high'), 1.0)
+        for k, one in enumerate((lost, offset))
+    }
+    names = list(signals)
+    assert list(chosen(made(COLUMNS, {names[0]: 0.02}, signals), [offset, lost])) == [
+        'random_dropout'
+    ]
+    both = made(COLUMNS, dict.fromkeys(names, 1.0), signals)
+    assert set(chosen(both, [offset, lost])) == {'offset', 'random_dropout'}
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
         return replace(before, rises=campaign.taking_off(alone))
     undecided = {one.effect for one in decision.undecided} - {one.effect for one in chosen}
     left = [one for one in campaign.candidates if one.effect not in undecided]
-    best = explain(replace(campaign, candidates=left), model, decision.accepted)
+    best = explain(replace(campaign, candidates=left), model, decision.accepted.parts)
     one = best.proposal
     if not one.effects:
         return before

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 import logging
 import math
 from typing import Any
@@ -17,10 +16,9 @@ from flexx2_sim_ros.gap.features.confirm import how_far
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_named
 from flexx2_sim_ros.gap.forms.looked import Simulator
-from flexx2_sim_ros.gap.inference.decidable import constants, decidable_part
-from flexx2_sim_ros.gap.inference.fitting import Fit
-from flexx2_sim_ros.gap.inference.joint import around, Begin, nothing, Proposal, proposals, Table
+from flexx2_sim_ros.gap.inference.joint import around, nothing, Parts, Proposal, proposals, Table
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.selection import louder, without_constants
 from flexx2_sim_ros.gap.work import noisier, Simulations, summarise_all
 from flexx2_sim_ros.jobs import bind, Map
 import numpy as np
@@ -65,7 +63,7 @@ class Campaign:
     simulations: Simulations
     mapped: Map
     step: Callable[[], None] = lambda: None
-    posed: Sequence[Candidate] = ()
+    posed: Parts = ()
     held: bool = False
 
     def judged(self, some: Sequence[Proposal]) -> list[ExplainedSet]:
@@ -94,7 +92,7 @@ class Campaign:
         )
         model = Model(evidence, columns, np.array(one.prior), held=self.held)
         left = [c for c in self.candidates if c.effect not in now]
-        some = proposals(model, best, members, left, Begin(posed=tuple(self.posed)))
+        some = proposals(model, best, members, left, self.posed)
         return [replace(p, sigma=(1 + best.sigma) * (1 + p.sigma) - 1) for p in some]
 
     def formed(self, best: Proposal) -> list[Proposal]:
@@ -122,48 +120,19 @@ class Campaign:
         return {name: one.far - best.far for name, one in judged}
 
 
-def explain(campaign: Campaign, model: Model, accepted: Fit) -> ExplainedSet:
+def explain(campaign: Campaign, model: Model, begin: Parts) -> ExplainedSet:
     """
     Return the set of effects that explains the recordings.
 
-    `model` has the recordings beside the simulation without any effect, `accepted` is what was
-    found so far.
+    `model` has the recordings beside the simulation without any effect, `begin` is what was found
+    so far.
     """
-    candidates = [_louder(_without_constants(one)) for one in campaign.candidates]
-    begin = begin_with(accepted, candidates)
-    campaign = replace(campaign, candidates=candidates, posed=begin.posed)
+    candidates = [
+        louder(without_constants(one)) for one in campaign.candidates if one.kind.role != 'pose'
+    ]
+    posed = [(one, values) for one, values in begin if one.kind.role == 'pose']
+    campaign = replace(campaign, candidates=candidates, posed=posed)
     return refine(campaign, proposals(model, nothing(model), [], candidates, begin)[1:])
-
-
-def begin_with(accepted: Fit, candidates: Sequence[Candidate]) -> Begin:
-    """Return what was found, its constants as effects of their own where `candidates` has them."""
-    posed: dict[Candidate, list[float]] = {}
-    found: dict[Candidate, list[float]] = {}
-    moved: dict[str, float] = {}
-    for one, values in accepted.parts:
-        own = dict(zip((term.name for term in one.terms), values, strict=True))
-        part = _louder(_without_constants(one))
-        kept = [own.pop(term.name) for term in part.terms]
-        (posed if one.kind.role == 'pose' else found)[part] = kept
-        moved |= {effect: own[name] for name, effect in constants(one).items() if name in own}
-    have = {one.effect for one in found}
-    first = {one.effect: one for one in reversed(candidates)}
-    found |= {first[name]: [moved[name]] for name in moved if name in first and name not in have}
-    values = np.array([*chain(*posed.values(), *found.values())])
-    return Begin(tuple(found), values, tuple(posed))
-
-
-def _without_constants(one: Candidate) -> Candidate:
-    # The constant of an effect is an offset: in a set it goes by that name.
-    return decidable_part(one, set(constants(one).values()))
-
-
-def _louder(one: Candidate) -> Candidate:
-    # Noise far below the model's is a filter's doing: beside one, it would take its place.
-    if one.kind.role != 'sigma':
-        return one
-    terms = tuple(replace(term, low=max(term.low, term.neutral)) for term in one.terms)
-    return replace(one, terms=terms)
 
 
 def refine(campaign: Campaign, begin: Sequence[Proposal]) -> ExplainedSet:
@@ -217,7 +186,7 @@ def needed(best: ExplainedSet, rises: Mapping[str, np.ndarray]) -> ExplainedSet:
         rise, (gain, t) = _whole(rises[name]), proposal.gains.get(name, (0.0, 0.0))
         shown = surely(rise)
         _LOG.debug('%s: rise %.2f t %.1f, gain %.2f t %.1f', name, rise.mean(), shown, gain, t)
-        both = gain >= ROUNDS.kept and t >= ROUNDS.t and shown + t >= ROUNDS.both
+        both = gain >= ROUNDS.kept * ROUNDS.gain and t >= ROUNDS.t and shown + t >= ROUNDS.both
         if shown >= ROUNDS.t and (both or rise.mean() >= ROUNDS.large * left):
             kept.append(name)
     less = _without(proposal, set(rises) - set(kept))

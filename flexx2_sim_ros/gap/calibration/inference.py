@@ -71,30 +71,15 @@ class Thresholds:
         4.0, 'loss', 'that errors of pose and reflectivity leave above noise', DEVELOPMENT
     )
     gain: float = constant(
-        1.0, 'loss', 'that counts where poses scatter, and as the tolerance of checks', DEVELOPMENT
-    )
-    least_gain: float = constant(
-        0.5, 'loss', 'further effects are added to one that takes off this', DEVELOPMENT
-    )
-    as_good: float = constant(
-        0.03, 'gain', 'less of it; the effect with fewer parameters is named', DEVELOPMENT
+        1.0, 'loss', 'that a decidable effect must leave, and the tolerance of checks', DEVELOPMENT
     )
     next_gain: float = constant(1.5, 'loss', 'the next effect must take off', DEVELOPMENT)
-    next_fraction: float = constant(
-        0.04, 'excess loss', 'as well; half of it below explained_little', DEVELOPMENT
-    )
-    explained_little: float = constant(0.5, 'excess loss', 'see next_fraction', DEVELOPMENT)
-    most_effects: int = constant(6, '', 'that are named together')
     term_cost: float = constant(0.5, 'loss', 'of each fitted parameter', DEVELOPMENT)
     pose_terms: int = constant(2, '', 'parameters that a common pose error counts for, besides')
     weak_cost: float = constant(
         0.25, 'loss', 'of each factor of e below 1 / weak of the typical strength', DEVELOPMENT
     )
     weak: float = constant(2.5, '', 'see weak_cost', DEVELOPMENT)
-    filtered: tuple[float, float] = constant(
-        (0.8, 1.5), '', 'filter and noise to start from when both are fitted'
-    )
-    filter_gain: float = constant(2.0, '', 'factor on the gain for a filter with noise')
     scattered: float = constant(
         0.6, 'usual spread', 'poses that scatter more are a finding', DEVELOPMENT
     )
@@ -110,9 +95,6 @@ class Thresholds:
         'that scatter alone has poses taken to have something in common: a bias that they took '
         'over; docs/diagnosis_evidence.md, "What it predicts"',
         DEVELOPMENT,
-    )
-    next_to_scattered: float = constant(
-        0.15, 'excess loss', 'next_fraction with scattered poses, which leave edges', DEVELOPMENT
     )
     unknown: float = constant(
         0.08, 'excess loss', 'effects that explain less are not named', DEVELOPMENT
@@ -165,7 +147,7 @@ class Rounds:
         MANY,
     )
     gain: float = constant(0.4, 'loss', 'that an effect must take off to be added', MANY)
-    kept: float = constant(0.2, 'loss', 'that an effect must take off to be kept')
+    kept: float = constant(0.5, 'of that', 'that an effect must take off to be kept')
     t: float = constant(
         0.7, '', 'over recordings, of such gains; one recording that shows it gives 1', MANY
     )
@@ -178,10 +160,10 @@ class Rounds:
         2.5, '', 'sum of t of the simulations and t of the features that keeps an effect', MANY
     )
     large: float = constant(
-        0.25,
+        0.2,
         'of what is left',
         'that an effect takes off which simulations alone keep',
-        'test_gap_real.py: 0.29, saturation of a Kinect; python -m bench.gap_many --count 8,12: '
+        'test_gap_real.py: 0.25, saturation of a Kinect; python -m bench.gap_many --count 8,12: '
         '0.15 and less, effects that a camera lacks',
     )
     true: float = constant(0.8, '', 'probability that is given to effects that rounds add')

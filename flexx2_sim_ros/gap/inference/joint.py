@@ -16,11 +16,11 @@ from flexx2_sim_ros.gap.features.catalogue import Candidate, CandidateTerm, Colu
 from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, of_camera
 from flexx2_sim_ros.gap.inference.fitting import nuisances_of
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.inference.selection import best_of_each, Choice, Trials
-from flexx2_sim_ros.gap.inference.uncertainty import advantage
+from flexx2_sim_ros.gap.inference.selection import FittedSet, Gains, grown, pruned, Trials
 import numpy as np
 
 Table = dict[str, dict[str, Any]]
+Parts = Sequence[tuple[Candidate, np.ndarray]]  # effects with the values of their terms
 
 
 @dataclass(frozen=True)
@@ -35,23 +35,6 @@ class Member:
     name: str
     candidate: Candidate | None
     without: str
-
-
-@dataclass(frozen=True)
-class Begin:
-    """
-    What of the catalogue is in a set from the beginning.
-
-    `found` are effects that were found before, `values` (n,) of their terms; `posed` a pose error
-    that the recordings have in common, if there is one.
-    """
-
-    found: tuple[Candidate, ...] = ()
-    values: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    posed: tuple[Candidate, ...] = ()
-
-
-NOTHING = Begin()
 
 
 @dataclass(frozen=True)
@@ -75,7 +58,7 @@ class Proposal:
     sigma: float
     loss: float
     forms: dict[str, Candidate]
-    gains: dict[str, tuple[float, float]] = field(default_factory=dict)
+    gains: Gains = field(default_factory=dict)
     label: str = ''
 
 
@@ -100,44 +83,41 @@ def proposals(
     now: Proposal,
     members: Sequence[Member],
     candidates: Sequence[Candidate],
-    begin: Begin = NOTHING,
+    begin: Parts = (),
 ) -> list[Proposal]:
     """
     Fit a set's numbers again, add what explains more, and take off what explains nothing.
 
     Return the set as it is, with new numbers, with one more effect after the other, and then with
     one less after the other. `model` has the recordings beside the simulation with the set `now`,
-    `members` is as from `around`, and `candidates` are other effects.
+    `members` is as from `around`, and `candidates` are other effects. `begin` are effects that are
+    in the set from the beginning, with values to start from; a pose error among them stays.
     """
     wide = model.widened(ROUNDS.scale)
     trials = Trials(wide.carrying({one.name: one.without for one in members}))
-    kept = {one.name: one.without for one in members}
-    state = _State(trials, trials.choice(begin.posed), kept, {})
-    as_it_is = state.proposal(now, 'as it is')
+    posed = [one for one, _ in begin if one.kind.role == 'pose']
+    new = {one.effect: one for one, _ in begin if one not in posed}
+    state = FittedSet(trials, trials.choice(posed), {one.name: one.without for one in members})
+    as_it_is = _proposal(state, now, 'as it is')
     out = [replace(as_it_is, effects=now.effects, without=now.without)]
     steps = [one.candidate for one in members if one.candidate]
-    if begin.found or steps:
-        start = [*begin.values, *(term.neutral for one in steps for term in one.terms)]
-        chosen = trials.choice([*begin.posed, *begin.found, *steps], np.array(start))
-        state = replace(state, chosen=chosen, added={one.effect: one for one in begin.found})
-        out.append(state.proposal(now, 'new numbers'))
-    for _ in range(ROUNDS.added if members else ROUNDS.first):
-        larger = _with_one_more(state, candidates)
-        if larger is None:
-            break
+    if steps or new:
+        values = [value for _, own in begin for value in own]
+        start = [*values, *(term.neutral for one in steps for term in one.terms)]
+        parts = [*(one for one, _ in begin), *steps]
+        state = replace(state, chosen=trials.choice(parts, np.array(start)), added=new)
+        out.append(_proposal(state, now, 'new numbers'))
+    most = ROUNDS.added if members else ROUNDS.first
+    for larger in grown(state, candidates, most, ROUNDS.gain):
         state = larger
-        name = list(state.added)[-1]
-        out.append(state.proposal(now, f'with {name}'))
-    known: dict[str, tuple[float, float]] = {}
-    while state.names:
-        gains = {name: state.gain(name) for name in state.names}
-        out[-1], known = replace(out[-1], gains=gains), known or gains
-        weak = [name for name, (gain, t) in gains.items() if gain < ROUNDS.kept or t < ROUNDS.t]
-        if not weak:
-            break
-        weakest = min(weak, key=lambda name: gains[name])
-        state = state.less(weakest)
-        out.append(state.proposal(now, f'without {weakest}'))
+        out.append(_proposal(state, now, f'with {list(state.added)[-1]}'))
+    (_, known), *_ = smaller = pruned(state, ROUNDS.kept * ROUNDS.gain)
+    for one, gains in smaller:
+        gone = set(state.names) - set(one.names)
+        state = one
+        if gone:
+            out.append(_proposal(state, now, f'without {", ".join(gone)}'))
+        out[-1] = replace(out[-1], gains=gains)
     return [one if one.gains else replace(one, gains=known) for one in out]
 
 
@@ -148,59 +128,20 @@ def nothing(model: Model) -> Proposal:
     return Proposal({}, [{}] * len(motions), motions, fit.sigma, np.inf, {})
 
 
-@dataclass(frozen=True)
-class _State:
-    # A set as fitted: what was chosen, the columns without each effect of the base simulator that
-    # is kept, and the effects that are new.
-    trials: Trials
-    chosen: Choice
-    kept: dict[str, str]
-    added: dict[str, Candidate]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return (*self.kept, *self.added)
-
-    @property
-    def loss(self) -> float:
-        return (self.trials.base.total - self.chosen.gain) / self.trials.count
-
-    def more(self, chosen: Choice) -> '_State':
-        new = chosen.fit.candidates[-1]
-        return replace(self, chosen=chosen, added={**self.added, new.effect: new})
-
-    def less(self, name: str) -> '_State':
-        trials, model = self.trials, self.trials.model
-        if name in self.kept:
-            model = model.with_gap(model.gap - model.column(self.kept[name]))
-            trials = Trials(model, trials.thresholds)
-        parts = [one for one in self.chosen.fit.candidates if one.effect != name]
-        return _State(
-            trials,
-            trials.choice(parts),
-            {key: value for key, value in self.kept.items() if key != name},
-            {key: value for key, value in self.added.items() if key != name},
-        )
-
-    def gain(self, name: str) -> tuple[float, float]:
-        # The loss a recording that an effect takes off beside the others, and how clearly.
-        less = self.less(name)
-        return less.loss - self.loss, advantage(self.chosen.fit, less.chosen.fit)
-
-    def proposal(self, now: Proposal, label: str) -> Proposal:
-        model, fit = self.trials.model, self.chosen.fit
-        kept = {name: now.effects[name] for name in self.kept}
-        return Proposal(
-            {**kept, **of_camera(fitted_effects(model, fit))},
-            [{**kept, **of_camera(own)} for own in held_out_effects(model, fit)],
-            # Poses are as sure as ever: only what effects do is uncertain by their form.
-            model.own.found(nuisances_of(model.widened(1 / ROUNDS.scale), fit)),
-            fit.sigma,
-            self.loss,
-            {name: now.forms[name] for name in self.kept}
-            | {name: one.given or one for name, one in self.added.items()},
-            label=label,
-        )
+def _proposal(one: FittedSet, now: Proposal, label: str) -> Proposal:
+    model, fit = one.trials.model, one.chosen.fit
+    kept = {name: now.effects[name] for name in one.kept}
+    return Proposal(
+        {**kept, **of_camera(fitted_effects(model, fit))},
+        [{**kept, **of_camera(own)} for own in held_out_effects(model, fit)],
+        # Poses are as sure as ever: only what effects do is uncertain by their form.
+        model.own.found(nuisances_of(model.widened(1 / ROUNDS.scale), fit)),
+        fit.sigma,
+        one.loss,
+        {name: now.forms[name] for name in one.kept}
+        | {name: new.given or new for name, new in one.added.items()},
+        label=label,
+    )
 
 
 def _around(
@@ -261,18 +202,3 @@ def _around(
 
     candidate = Candidate(name, '', tuple(free.values()), build, kind=kind, steps=True)
     return columns, Member(name, candidate, gone.name)
-
-
-def _with_one_more(state: _State, candidates: Sequence[Candidate]) -> _State | None:
-    more, chosen = [], state.chosen
-    for candidate in candidates:
-        if candidate.effect in state.names or candidate.kind.role == 'pose':
-            continue
-        start = [*chosen.fit.values, *(term.neutral for term in candidate.terms)]
-        more.append(state.trials.choice([*chosen.fit.candidates, candidate], np.array(start)))
-    for one in best_of_each(more, last=True):
-        if one.gain - chosen.gain < ROUNDS.gain * state.trials.count:
-            return None
-        if advantage(one.fit, chosen.fit) >= ROUNDS.t:
-            return state.more(one)
-    return None

@@ -1,20 +1,25 @@
 """
-Forward selection of effects by leave-one-out cross-validation.
+Add effects and take effects off by leave-one-out cross-validation.
 
 Effects are added one at a time. Each step adds the effect that reduces the loss on left-out
-recordings most. Then effects that the others make unnecessary are removed. This is stepwise
-selection: Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, 2009, section
-3.3.2.
+recordings most, as long as recordings agree on it. Then effects that the others make unnecessary
+are taken off. This is stepwise selection: Hastie, Tibshirani and Friedman, The Elements of
+Statistical Learning, 2009, section 3.3.2.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
-from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS, Thresholds
+from flexx2_sim_ros.gap.calibration.inference import ROUNDS, THRESHOLDS, Thresholds
 from flexx2_sim_ros.gap.features.catalogue import Candidate
+from flexx2_sim_ros.gap.inference.decidable import constants, decidable_part
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.uncertainty import advantage
 import numpy as np
+
+Gains = dict[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -80,38 +85,11 @@ class Trials:
             tries.append(
                 self.choice([candidate], np.array([value]), self.model.constants.scales_from_value)
             )
-        return max(tries, key=_gain)
+        return max(tries, key=lambda one: one.gain)
 
     def excess(self, chosen: Choice) -> float:
         """Return the excess loss: that of the base simulator above noise alone."""
         return max(self.base.inside - self.null - chosen.fit.pose_loss, 1e-9)
-
-
-def select(
-    trials: Trials,
-    candidates: Sequence[Candidate],
-    singles: Sequence[Choice],
-    tick: Callable[[], None],
-) -> Selection:
-    """Select effects that explain the gap; `singles` has each candidate alone."""
-    about, posed = trials.thresholds, [c for c in candidates if c.kind.role == 'pose']
-    considered = _simplest_first(best_of_each(singles), about)
-    other = bool(considered) and considered[0].gain >= about.least_gain * trials.count
-    usual = about.scattered if other else about.scattered_alone
-    scattered = bool(posed) and trials.model.pose_scatter() > usual
-    if scattered:
-        pose = trials.choice(posed)
-        first = Selection(Choice(pose.fit, max(pose.gain, about.gain * trials.count)))
-    else:
-        first = Selection(considered[0] if considered else Choice(trials.base, 0.0))
-        first = Selection(first.chosen, tuple(considered[1:]))
-    if first.chosen.gain < about.least_gain * trials.count:
-        return first
-    own = {one.fit.candidates[0]: one.fit.values for one in singles}
-    fraction = about.next_to_scattered if scattered else about.next_fraction
-    least = fraction * trials.excess(first.chosen)
-    grown = _grow(trials, candidates, first, own, least, tick)
-    return grown if scattered else _without_stand_ins(trials, grown, considered)
 
 
 def best_of_each(choices: Sequence[Choice], last: bool = False) -> list[Choice]:
@@ -123,99 +101,166 @@ def best_of_each(choices: Sequence[Choice], last: bool = False) -> list[Choice]:
     return list(best.values())
 
 
-def _simplest_first(considered: Sequence[Choice], about: Thresholds) -> list[Choice]:
-    # The best first; of those that are as good, the one with the fewest parameters: a constant
-    # bias is an offset, although an amplitude bias has a constant, too.
-    good = [one for one in considered if one.gain >= (1 - about.as_good) * considered[0].gain > 0]
-    first = min(good, key=lambda one: len(one.fit.values), default=None)
-    return sorted(considered, key=lambda one: one is not first)
+@dataclass(frozen=True)
+class FittedSet:
+    """
+    A set of effects as fitted.
+
+    `kept` has the columns of the set without each effect that the base simulator has; `added` are
+    the effects that are new.
+    """
+
+    trials: Trials
+    chosen: Choice
+    kept: Mapping[str, str] = field(default_factory=dict)
+    added: Mapping[str, Candidate] = field(default_factory=dict)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the effects of the set."""
+        return (*self.kept, *self.added)
+
+    @property
+    def loss(self) -> float:
+        """Return the loss of left-out recordings with the cost of parameters, per recording."""
+        return (self.trials.base.total - self.chosen.gain) / self.trials.count
+
+    def more(self, chosen: Choice) -> 'FittedSet':
+        """Return the set with the last effect of `chosen` besides."""
+        new = chosen.fit.candidates[-1]
+        return replace(self, chosen=chosen, added={**self.added, new.effect: new})
+
+    def less(self, name: str) -> 'FittedSet':
+        """Return the set without an effect, fitted again."""
+        trials, model = self.trials, self.trials.model
+        if name in self.kept:
+            model = model.with_gap(model.gap - model.column(self.kept[name]))
+            trials = Trials(model, trials.thresholds)
+        parts = [one for one in self.chosen.fit.candidates if one.effect != name]
+        return FittedSet(
+            trials,
+            trials.choice(parts),
+            {key: value for key, value in self.kept.items() if key != name},
+            {key: value for key, value in self.added.items() if key != name},
+        )
+
+    def gain(self, name: str) -> tuple[float, float]:
+        """Return the loss a recording that an effect takes off, and how clearly (t)."""
+        less = self.less(name)
+        return less.loss - self.loss, advantage(self.chosen.fit, less.chosen.fit)
 
 
-def _gain(one: Choice) -> float:
-    return one.gain
-
-
-def _grow(
-    trials: Trials,
+def grown(
+    one: FittedSet,
     candidates: Sequence[Candidate],
-    first: Selection,
-    own: Mapping[Candidate, np.ndarray],
+    most: int,
     least: float,
-    tick: Callable[[], None],
-) -> Selection:
-    # Add effects until none adds enough.
-    now, excess, about = first, trials.excess(first.chosen), trials.thresholds
-    for _ in range(about.most_effects - 1):
-        little = trials.base.total - now.chosen.fit.total < about.explained_little * excess
-        enough = max(about.next_gain * trials.count, least * (0.5 if little else 1))
-        larger = _with_one_more(trials, candidates, now.chosen, own, enough, tick)
+    own: Mapping[Candidate, np.ndarray] = MappingProxyType({}),
+) -> list[FittedSet]:
+    """
+    Add up to `most` effects that take off `least` a recording; return the set with each.
+
+    `own` has the values of candidates to start from; the others start from neutral ones.
+    """
+    out: list[FittedSet] = []
+    while len(out) < most:
+        larger = _with_one_more(out[-1] if out else one, candidates, least, own)
         if larger is None:
             break
-        now = larger
-    return now
+        out.append(larger)
+    return out
 
 
 def _with_one_more(
+    one: FittedSet,
+    candidates: Sequence[Candidate],
+    least: float,
+    own: Mapping[Candidate, np.ndarray],
+) -> FittedSet | None:
+    more, chosen = [], one.chosen
+    for candidate in candidates:
+        if candidate.effect in {*one.names, *(c.effect for c in chosen.fit.candidates)}:
+            continue
+        values = own.get(candidate, [term.neutral for term in candidate.terms])
+        start = [*chosen.fit.values, *values]
+        more.append(one.trials.choice([*chosen.fit.candidates, candidate], np.array(start)))
+    for larger in best_of_each(more, last=True):
+        if larger.gain - chosen.gain < least * one.trials.count:
+            return None
+        if advantage(larger.fit, chosen.fit) >= ROUNDS.t:
+            return one.more(larger)
+    return None
+
+
+def pruned(one: FittedSet, least: float) -> list[tuple[FittedSet, Gains]]:
+    """
+    Take off effects that the set does not need, the least needed first.
+
+    Return the set before and after each of them, with what its effects gain. Needed is what takes
+    off `least` a recording.
+    """
+    out = []
+    while True:
+        gains = {name: one.gain(name) for name in one.names}
+        out.append((one, gains))
+        weak = [name for name, (gain, t) in gains.items() if gain < least or t < ROUNDS.t]
+        if not weak:
+            return out
+        one = one.less(min(weak, key=lambda name: gains[name]))
+
+
+def without_constants(one: Candidate) -> Candidate:
+    """Return a candidate without its constant: in a set, that goes by the name of an offset."""
+    return decidable_part(one, set(constants(one).values()))
+
+
+def louder(one: Candidate) -> Candidate:
+    """Return a candidate that makes no less noise than the model: that is a filter's doing."""
+    if one.kind.role != 'sigma':
+        return one
+    terms = tuple(replace(term, low=max(term.low, term.neutral)) for term in one.terms)
+    return replace(one, terms=terms)
+
+
+def select(
     trials: Trials,
     candidates: Sequence[Candidate],
-    chosen: Choice,
-    own: Mapping[Candidate, np.ndarray],
-    enough: float,
-    tick: Callable[[], None],
-) -> Selection | None:
-    taken = {c.effect for c in chosen.fit.candidates}
-    more: list[Choice] = []
-    for candidate in candidates:
-        if candidate.effect not in taken:
-            start = np.concatenate([chosen.fit.values, own[candidate]])
-            more.append(trials.choice([*chosen.fit.candidates, candidate], start))
-            tick()
-    if not more:
-        return None
-    best = max(more, key=_gain)
-    if best.gain - chosen.gain < enough:
-        best = max(_filters_with_noise(trials, candidates, chosen), key=_gain, default=best)
-        if best.gain - chosen.gain < trials.thresholds.filter_gain * enough:
-            return None
-        more = [best]
-    rivals = tuple(c for c in best_of_each(more, last=True) if c is not best)
-    return Selection(best, rivals, chosen.gain)
-
-
-def _filters_with_noise(
-    trials: Trials, candidates: Sequence[Candidate], chosen: Choice
-) -> list[Choice]:
-    # The noise of the base simulator was measured behind the camera's filters. With a filter alone
-    # the simulated noise is too low, so filters are tried together with excess noise.
-    taken = {c.effect for c in chosen.fit.candidates}
-    noise = [c for c in candidates if c.kind.role == 'sigma']
-    if not noise or any(one.effect in taken for one in noise):
-        return []
-    start = np.concatenate([chosen.fit.values, trials.thresholds.filtered])
-    return [
-        trials.choice([*chosen.fit.candidates, one, *noise], start)
-        for one in candidates
-        if one.kind.filters and one.effect not in taken
-    ]
-
-
-def _without_stand_ins(
-    trials: Trials, grown: Selection, considered: Sequence[Choice]
+    singles: Sequence[Choice],
+    tick: Callable[[], None] = lambda: None,
 ) -> Selection:
-    # Remove effects that the others make unnecessary: an effect that was selected early may only
-    # have imitated effects that were selected later.
-    chosen = grown.chosen
-    while len(chosen.fit.candidates) > 1:
-        best = max(without_each(trials, chosen), key=_gain)
-        if chosen.gain - best.gain >= trials.thresholds.next_gain * trials.count:
-            break
-        chosen = best
-    if chosen is grown.chosen:
-        return grown
-    if len(chosen.fit.candidates) > 1:
-        return Selection(chosen)
-    effect = chosen.fit.candidates[0].effect
-    return Selection(chosen, tuple(c for c in considered if c.fit.candidates[0].effect != effect))
+    """
+    Select effects that explain the gap; `singles` has each candidate alone.
+
+    If none is sure, the best single effect is chosen. A pose error is in the set from the
+    beginning where poses scatter.
+    """
+    considered, model = best_of_each(singles), trials.model
+    posed = [c for c in candidates if c.kind.role == 'pose']
+    posed = posed if model.pose_scatter() > trials.thresholds.scattered else []
+    begin, least = FittedSet(trials, trials.choice(posed)), trials.thresholds.next_gain
+    in_sets = [louder(without_constants(one)) for one in candidates]
+    own = {one.fit.candidates[0]: one.fit.values for one in singles}
+    largest = [begin, *grown(begin, in_sets, ROUNDS.first, least, own)][-1]
+    tick()
+    now, _ = pruned(largest, ROUNDS.kept * least)[-1]
+    parts, values = now.chosen.fit.candidates, now.chosen.fit.values
+    names = [one.effect for one in parts]
+    if len(names) < 2:
+        alone = [one for one in considered if one.fit.candidates[0].effect in names]
+        first, *_ = [*alone, *considered, Choice(trials.base, 0.0)]
+        return Selection(first, tuple(one for one in considered if one is not first))
+    rest = list(parts[:-1])
+    start = values[: len(values) - len(parts[-1].terms)]
+    rivals = [
+        trials.choice([*rest, *one.fit.candidates], np.array([*start, *one.fit.values]))
+        for one in considered
+        if one.fit.candidates[0].effect not in names
+    ]
+    return Selection(
+        now.chosen,
+        tuple(sorted(rivals, key=lambda one: -one.gain)),
+        trials.choice(rest, start).gain,
+    )
 
 
 def without_each(trials: Trials, chosen: Choice) -> list[Choice]:
