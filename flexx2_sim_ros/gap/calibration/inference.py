@@ -74,6 +74,13 @@ class Thresholds:
         1.0, 'loss', 'that a decidable effect must leave, and the tolerance of checks', DEVELOPMENT
     )
     next_gain: float = constant(1.5, 'loss', 'the next effect must take off', DEVELOPMENT)
+    next_fraction: float = constant(
+        0.01,
+        'excess loss',
+        'as well: of a large gap, the form of the cause leaves some',
+        'test_gap_search.py: 0.005 of a bias beside a depth scale of 5 %; '
+        'python -m bench.gap_many --count 8: names the same with it',
+    )
     term_cost: float = constant(0.5, 'loss', 'of each fitted parameter', DEVELOPMENT)
     pose_terms: int = constant(2, '', 'parameters that a common pose error counts for, besides')
     weak_cost: float = constant(

@@ -149,6 +149,10 @@ class FittedSet:
         less = self.less(name)
         return less.loss - self.loss, advantage(self.chosen.fit, less.chosen.fit)
 
+    def is_clear(self, t: float) -> bool:
+        """Return whether recordings agree on a gain; one recording has none to agree with."""
+        return self.trials.count == 1 or t >= ROUNDS.t
+
 
 def grown(
     one: FittedSet,
@@ -187,7 +191,7 @@ def _with_one_more(
     for larger in best_of_each(more, last=True):
         if larger.gain - chosen.gain < least * one.trials.count:
             return None
-        if advantage(larger.fit, chosen.fit) >= ROUNDS.t:
+        if one.is_clear(advantage(larger.fit, chosen.fit)):
             return one.more(larger)
     return None
 
@@ -203,7 +207,7 @@ def pruned(one: FittedSet, least: float) -> list[tuple[FittedSet, Gains]]:
     while True:
         gains = {name: one.gain(name) for name in one.names}
         out.append((one, gains))
-        weak = [name for name, (gain, t) in gains.items() if gain < least or t < ROUNDS.t]
+        weak = [k for k, (gain, t) in gains.items() if gain < least or not one.is_clear(t)]
         if not weak:
             return out
         one = one.less(min(weak, key=lambda name: gains[name]))
@@ -237,7 +241,9 @@ def select(
     considered, model = best_of_each(singles), trials.model
     posed = [c for c in candidates if c.kind.role == 'pose']
     posed = posed if model.pose_scatter() > trials.thresholds.scattered else []
-    begin, least = FittedSet(trials, trials.choice(posed)), trials.thresholds.next_gain
+    begin, about = FittedSet(trials, trials.choice(posed)), trials.thresholds
+    excess = trials.excess(considered[0] if considered else begin.chosen) / trials.count
+    least = max(about.next_gain, about.next_fraction * excess)
     in_sets = [louder(without_constants(one)) for one in candidates]
     own = {one.fit.candidates[0]: one.fit.values for one in singles}
     largest = [begin, *grown(begin, in_sets, ROUNDS.first, least, own)][-1]
