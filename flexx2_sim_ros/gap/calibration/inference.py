@@ -78,8 +78,8 @@ class Thresholds:
         0.01,
         'excess loss',
         'as well: of a large gap, the form of the cause leaves some',
-        'test_gap_search.py: 0.0054 of a bias beside a depth scale of 5 %; 0.006 loses a flight of '
-        'test_truth_real.py, 0.01 a depth scale of python -m bench.gap_many --count 8 --seeds 9',
+        'test_gap_search.py: 0.0054 of a bias beside a depth scale of 5 %; 0.006 loses a flight '
+        'of test_truth_real.py, 0.01 a scale of python -m bench.gap_many --count 8 --seeds 9',
     )
     term_cost: float = constant(0.5, 'loss', 'of each fitted parameter', DEVELOPMENT)
     pose_terms: int = constant(2, '', 'parameters that a common pose error counts for, besides')
