@@ -183,6 +183,7 @@ def test_a_flight_is_where_motion_capture_says(case, name, scan, accuracy):
         'latency'
     ]
     assert 0.078 < latency < 0.115
+    assert all(one['takes_off'] for one in found['effects'])
 
 
 @pytest.mark.parametrize(

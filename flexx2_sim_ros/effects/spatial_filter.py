@@ -87,7 +87,7 @@ class SpatialFilter(Effect):
         'px', 0.05, 5.0, 'standard deviation of a Gaussian mean, in place of that of 3 x 3 pixels'
     )
     median: float | None = optional_number(
-        'px', 3.0, 9.0, 'width of the window of a median, in place of a mean; odd'
+        'px', 3.0, 9.0, 'width of a median in place of a mean, rounded up to an odd number'
     )
 
     def constants(self) -> dict[str, float]:
@@ -98,7 +98,7 @@ class SpatialFilter(Effect):
         """Mix every pixel with those neighbours that are alike."""
         out = np.empty_like(state.measured)
         if self.median is not None:
-            reach = int(self.median) // 2
+            reach = int(np.ceil((self.median - 1) / 2))
             _filter_by_median(state.measured, state.sigma, reach, *self.rounded, out)
         elif self.width is None:
             _filter(state.measured.ravel(), state.sigma, *self.rounded, out)

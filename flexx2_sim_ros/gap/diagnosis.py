@@ -213,7 +213,7 @@ def _decide(
     model: Model, candidates: list[Candidate], hidden: list[Hidden], progress: Progress
 ) -> Decision:
     some, absorbed = decidable_candidates(model, candidates, hidden)
-    step = stepper(progress, 'comparing explanations', 0.4, 0.1, 4 * len(some))
+    step = stepper(progress, 'comparing explanations', 0.4, 0.1, 2 * len(some))
     decision = decide(model, some, step, absorbed=absorbed)
     if not model.seen.any():
         return replace(decision, verdict='none')  # The table says `too_little`.

@@ -59,9 +59,11 @@ def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
     chosen = [one for one in decision.accepted.candidates if one.kind.role != 'pose']
     if not chosen:
         return before
-    if len(chosen) == 1:  # One cause is as it was decided: what else is seen may be its form.
-        (alone,) = campaign.judged([_proposal(before, chosen)])
-        return replace(before, rises=campaign.taking_off(alone))
+    if len(chosen) == 1 or len(campaign.found) == 1:
+        # As decided: what else is seen of one cause may be its form, and one recording has no
+        # other that says what is needed.
+        (decided,) = campaign.judged([_proposal(before, chosen)])
+        return replace(before, rises=campaign.taking_off(decided))
     undecided = {one.effect for one in decision.undecided} - {one.effect for one in chosen}
     left = [one for one in campaign.candidates if one.effect not in undecided]
     best = explain(replace(campaign, candidates=left), model, decision.accepted.parts)

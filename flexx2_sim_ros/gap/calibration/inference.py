@@ -154,7 +154,7 @@ class Rounds:
         MANY,
     )
     gain: float = constant(0.4, 'loss', 'that an effect must take off to be added', MANY)
-    kept: float = constant(0.5, 'of that', 'that an effect must take off to be kept')
+    kept: float = constant(0.5, '', 'of the loss that adds an effect: what keeps it')
     t: float = constant(
         0.7, '', 'over recordings, of such gains; one recording that shows it gives 1', MANY
     )

@@ -151,7 +151,7 @@ def decide(
         singles.append(trials.single(candidate))
         tick()
     considered = best_of_each(singles)
-    selection = select(trials, candidates, singles, tick)
+    selection = select(trials, candidates, singles)
     found, excess = selection.chosen, trials.excess(selection.chosen)
     support = support_of(trials, selection, without_each(trials, found), considered)
     said = judge(support, rule or calibrated())
@@ -163,7 +163,7 @@ def decide(
     others = set(said.alternatives)
     if open_ones and verdict in EXPLAINED:
         more = [*singles, *(trials.single(candidate) for candidate in open_ones)]
-        if hidden_could_explain(trials, found, [*candidates, *open_ones], more, names, tick):
+        if hidden_could_explain(trials, found, [*candidates, *open_ones], more, names):
             # The recordings cannot tell the effects found from one that the ground truth hides.
             verdict, refused = 'unknown', 'hidden'
             considered, others = best_of_each(more), others | names
@@ -229,7 +229,6 @@ def hidden_could_explain(
     candidates: Sequence[Candidate],
     singles: Sequence[Choice],
     hidden: Set[str],
-    tick: Callable[[], None] = lambda: None,
 ) -> bool:
     """
     Return whether an undecided effect explains about as much as the effects found.
@@ -242,7 +241,7 @@ def hidden_could_explain(
         one.gain >= enough and {c.effect for c in one.fit.candidates} & hidden for one in singles
     ):
         return True
-    best = select(trials, candidates, singles, tick).chosen
+    best = select(trials, candidates, singles).chosen
     return bool({c.effect for c in best.fit.candidates} & hidden)
 
 

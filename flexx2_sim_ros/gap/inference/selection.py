@@ -7,7 +7,7 @@ are taken off. This is stepwise selection: Hastie, Tibshirani and Friedman, The 
 Statistical Learning, 2009, section 3.3.2.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -227,10 +227,7 @@ def louder(one: Candidate) -> Candidate:
 
 
 def select(
-    trials: Trials,
-    candidates: Sequence[Candidate],
-    singles: Sequence[Choice],
-    tick: Callable[[], None] = lambda: None,
+    trials: Trials, candidates: Sequence[Candidate], singles: Sequence[Choice]
 ) -> Selection:
     """
     Select effects that explain the gap; `singles` has each candidate alone.
@@ -247,7 +244,6 @@ def select(
     in_sets = [louder(without_constants(one)) for one in candidates]
     own = {one.fit.candidates[0]: one.fit.values for one in singles}
     largest = [begin, *grown(begin, in_sets, ROUNDS.first, least, own)][-1]
-    tick()
     now, _ = pruned(largest, ROUNDS.kept * least)[-1]
     parts, values = now.chosen.fit.candidates, now.chosen.fit.values
     names = [one.effect for one in parts]
