@@ -140,7 +140,10 @@ def test_what_explains_the_gap_is_added_and_nothing_else():
     assert set(some[-1].effects) == {'offset', 'random_dropout'}
     found = some[-1].effects['offset']['bias']
     assert found == pytest.approx(bias.terms[0].nodes[0][0], rel=0.05)
-    assert all(gain > 0 for gain, _ in some[-1].gains.values())
+    for name in some[-1].effects:
+        _, less = some[-1].less(name)
+        assert set(less.effects) == set(some[-1].effects) - {name}
+        assert less.loss > some[-1].loss
     assert len(some[-1].without) == RECORDINGS
     losses = [one.loss for one in some]
     assert losses == sorted(losses, reverse=True)
@@ -197,30 +200,23 @@ def test_the_best_single_effect_is_chosen_where_none_is_sure():
 
 
 @pytest.mark.parametrize(
-    ('rise', 'spread', 'gain', 'kept'),
+    ('rise', 'kept'),
     [
-        (0.5, 0.5, (1.0, 2.0), True),
-        (0.5, 0.5, (1.0, 0.5), False),  # the features do not need it
-        (0.5, 0.5, (0.1, 2.0), False),
-        (0.0, 0.5, (5.0, 5.0), False),  # the simulation does not
-        (0.5, 1.2, (1.0, 1.0), False),  # neither is clear
-        (6.0, 1.2, (0.1, 0.1), True),  # more than a quarter of what is left
-        (6.0, 60.0, (0.1, 0.1), False),
+        ([1.5, 0.5, 1.5, 0.5, 1.5, 0.5], True),
+        ([0.3] * 6, False),  # too little of what is left
+        ([6.0, -4.0, 6.0, -5.0, 6.0, -3.0], False),  # not sure
+        ([9.0, 0.0, 0.0, 0.0, 0.0, 0.0], True),  # one recording shows it
+        ([-1.0] * 6, False),
     ],
 )
-def test_effects_stay_that_simulations_and_features_need(rise, spread, gain, kept):
-    effects = {'offset': {}, 'heavy_tails': {}}
-    gains = {'offset': (9.0, 9.0), 'heavy_tails': gain}
-    some = Proposal(effects, [effects] * RECORDINGS, [], 0.0, 0.0, {}, gains)
-    far = np.tile([10.0, 0, 0, 0], (RECORDINGS, 1))
-    rises = {name: np.zeros((RECORDINGS, 4)) for name in effects}
-    rises['offset'][:, 0] = 3.0
-    rises['heavy_tails'][:, 0] = rise + spread * np.array([-1, 1, -1, 1, -1, 1])
-    found = rounds.needed(rounds.ExplainedSet(some, far), rises)
-    assert list(found.proposal.effects) == list(found.rises)
-    assert 'offset' in found.rises
-    assert ('heavy_tails' in found.proposal.effects) == kept
-    assert all(('heavy_tails' in own) == kept for own in found.proposal.without)
+def test_effects_stay_that_simulations_need(rise, kept):
+    rises = {
+        'offset': np.full(RECORDINGS, 3.0),
+        'heavy_tails': np.array(rise),
+        'saturation': np.full(RECORDINGS, -5.0),
+    }
+    weak = rounds.unneeded(rises, 10.0)
+    assert weak == ['saturation', *['heavy_tails'] * (not kept)]
 
 
 @pytest.mark.parametrize('modulation', [True, False])

@@ -92,8 +92,7 @@ class Campaign:
         )
         model = Model(evidence, columns, np.array(one.prior), held=self.held)
         left = [c for c in self.candidates if c.effect not in now]
-        some = proposals(model, best, members, left, self.posed)
-        return [replace(p, sigma=(1 + best.sigma) * (1 + p.sigma) - 1) for p in some]
+        return proposals(model, best, members, left, self.posed)
 
     def formed(self, best: Proposal) -> list[Proposal]:
         """Return a set with the forms that its recordings show, if there are any."""
@@ -111,7 +110,8 @@ class Campaign:
             return []
         motions = [looked.samples.motion for looked in forms.explained.looked]
         effects, without = forms.explained.effects, list(forms.explained.now)
-        return [replace(best, effects=effects, without=without, motions=motions, label='forms')]
+        formed = replace(best, effects=effects, without=without, motions=motions)
+        return [replace(formed, label='forms', fitted=None)]
 
     def taking_off(self, best: ExplainedSet) -> dict[str, np.ndarray]:
         """Return by how much recordings are farther apart without each effect, (R, 4)."""
@@ -158,7 +158,13 @@ def refine(campaign: Campaign, begin: Sequence[Proposal]) -> ExplainedSet:
             break
         some = campaign.proposed(now.proposal)
     best = _nearest(visited, ROUNDS.nearer)
-    return needed(best, campaign.taking_off(best))
+    best = needed(campaign, best)
+    rises = campaign.taking_off(best)
+    names = sorted(rises, key=lambda name: -rises[name][:, 0].mean())
+    in_order = replace(
+        best.proposal, effects={name: best.proposal.effects[name] for name in names}
+    )
+    return replace(best, proposal=in_order, rises={name: rises[name] for name in names})
 
 
 def _whole(far: np.ndarray) -> np.ndarray:
@@ -173,25 +179,44 @@ def surely(rise: np.ndarray) -> float:
     return float(rise.mean() / (rise.std(ddof=1) / math.sqrt(len(rise)) + 1e-9))
 
 
-def needed(best: ExplainedSet, rises: Mapping[str, np.ndarray]) -> ExplainedSet:
+def unneeded(rises: Mapping[str, np.ndarray], left: float) -> list[str]:
     """
-    Return a set without the effects that it does not need.
+    Return the effects that a set does not need, the least needed first.
 
-    Simulations have to show that an effect is needed, `rises` as of `ExplainedSet`, and features
-    as well, unless the effect takes off much of what is left.
+    `rises` is by how much recordings are farther apart without each effect, (R,): surely, and by a
+    part of the mean distance that is `left`.
     """
-    left, proposal = best.apart.mean(), best.proposal
-    kept = []
-    for name in sorted(rises, key=lambda name: -rises[name][:, 0].mean()):
-        rise, (gain, t) = _whole(rises[name]), proposal.gains.get(name, (0.0, 0.0))
-        shown = surely(rise)
-        _LOG.debug('%s: rise %.2f t %.1f, gain %.2f t %.1f', name, rise.mean(), shown, gain, t)
-        both = gain >= ROUNDS.kept * ROUNDS.gain and t >= ROUNDS.t and shown + t >= ROUNDS.both
-        if shown >= ROUNDS.t and (both or rise.mean() >= ROUNDS.large * left):
-            kept.append(name)
-    less = _without(proposal, set(rises) - set(kept))
-    in_order = replace(less, effects={name: less.effects[name] for name in kept})
-    return replace(best, proposal=in_order, rises={name: rises[name] for name in kept})
+    means = {name: float(rise.mean()) for name, rise in rises.items()}
+    weak = [
+        name
+        for name, mean in means.items()
+        if mean < ROUNDS.least * left or surely(rises[name]) < ROUNDS.sure
+    ]
+    return sorted(weak, key=means.__getitem__)
+
+
+def needed(campaign: Campaign, best: ExplainedSet) -> ExplainedSet:
+    """
+    Take effects off a set that it does not need, one after the other; see `unneeded`.
+
+    The other effects are as they are then or fitted again, whichever is nearer.
+    """
+    names = list(best.proposal.effects)
+    while names:
+        less = {name: best.proposal.less(name) for name in names}
+        every = iter(campaign.judged([one for some in less.values() for one in some]))
+        judged = {
+            name: min((next(every) for _ in some), key=lambda one: one.apart.mean())
+            for name, some in less.items()
+        }
+        rises = {name: one.apart - best.apart for name, one in judged.items()}
+        for name, rise in rises.items():
+            _LOG.debug('%s: %.2f t %.1f', name, rise.mean(), surely(rise))
+        weak = unneeded(rises, float(best.apart.mean()))
+        if not weak:
+            break
+        best, names = judged[weak[0]], weak[1:]
+    return best
 
 
 def _without(one: Proposal, names: Collection[str]) -> Proposal:

@@ -74,13 +74,6 @@ class Thresholds:
         1.0, 'loss', 'that a decidable effect must leave, and the tolerance of checks', DEVELOPMENT
     )
     next_gain: float = constant(1.5, 'loss', 'the next effect must take off', DEVELOPMENT)
-    next_fraction: float = constant(
-        0.01,
-        'excess loss',
-        'as well: of a large gap, the form of the cause leaves some',
-        'test_gap_search.py: 0.0054 of a bias beside a depth scale of 5 %; 0.006 loses a flight '
-        'of test_truth_real.py, 0.01 a scale of python -m bench.gap_many --count 8 --seeds 9',
-    )
     term_cost: float = constant(0.5, 'loss', 'of each fitted parameter', DEVELOPMENT)
     pose_terms: int = constant(2, '', 'parameters that a common pose error counts for, besides')
     weak_cost: float = constant(
@@ -163,15 +156,15 @@ class Rounds:
     reach: float = constant(2.0, 'steps', 'that a number may move in a round')
     as_near: float = constant(0.1, 'of the distance', 'within which the loss decides', MANY)
     nearer: float = constant(0.02, 'of the distance', 'within which the loss decides at last')
-    both: float = constant(
-        2.5, '', 'sum of t of the simulations and t of the features that keeps an effect', MANY
+    least: float = constant(
+        0.04, 'of what is left', 'that an effect takes off beside the others', MANY
     )
-    large: float = constant(
-        0.2,
-        'of what is left',
-        'that an effect takes off which simulations alone keep',
-        'test_gap_real.py: 0.25, saturation of a Kinect; python -m bench.gap_many --count 8,12: '
-        '0.15 and less, effects that a camera lacks',
+    sure: float = constant(
+        0.95,
+        '',
+        't over recordings, of that; one recording that shows it gives 1',
+        'test_gap_search.py: 0.9 of an offset beside a depth scale; python -m bench.gap_many: '
+        '1.0 of true effects',
     )
     true: float = constant(0.8, '', 'probability that is given to effects that rounds add')
 

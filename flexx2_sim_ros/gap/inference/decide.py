@@ -233,16 +233,16 @@ def hidden_could_explain(
     """
     Return whether an undecided effect explains about as much as the effects found.
 
-    It may do so alone, or as a part of a selection from all `candidates`, which include those of
-    the undecided effects, `hidden`. `singles` has each candidate alone.
+    It may do so alone, or in place of some of them in a selection from all `candidates`, which
+    include those of the undecided effects, `hidden`. `singles` has each candidate alone.
     """
     enough = trials.thresholds.alternative * found.gain
     if any(
         one.gain >= enough and {c.effect for c in one.fit.candidates} & hidden for one in singles
     ):
         return True
-    best = select(trials, candidates, singles).chosen
-    return bool({c.effect for c in best.fit.candidates} & hidden)
+    best = {c.effect for c in select(trials, candidates, singles).chosen.fit.candidates}
+    return bool(best & hidden) and not {c.effect for c in found.fit.candidates} <= best
 
 
 def _as_in_catalogue(trials: Trials, found: Choice) -> Choice:

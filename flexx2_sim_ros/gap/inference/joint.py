@@ -7,7 +7,7 @@ without each effect, and each other effect besides. The steps are those of Gauss
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from flexx2_sim_ros.effects import registry
@@ -16,7 +16,7 @@ from flexx2_sim_ros.gap.features.catalogue import Candidate, CandidateTerm, Colu
 from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, of_camera
 from flexx2_sim_ros.gap.inference.fitting import nuisances_of
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.inference.selection import FittedSet, Gains, grown, pruned, Trials
+from flexx2_sim_ros.gap.inference.selection import FittedSet, grown, pruned, Trials
 import numpy as np
 
 Table = dict[str, dict[str, Any]]
@@ -45,11 +45,11 @@ class Proposal:
     * `effects`: settings by effect.
     * `without`: (R,) the same, fitted without each recording.
     * `motions`: (6 + 3 P,) where each recording's camera and planes are then.
-    * `sigma`: relative error of the base sigma_z.
+    * `sigma`: relative error of the base sigma_z, of all rounds together.
     * `loss`: on left-out recordings, with the cost of parameters; per recording.
     * `forms`: each effect as it is in the catalogue.
-    * `gains`: the loss a recording that each effect takes off beside the others, and how clearly
-      (t over recordings); empty where that was not measured.
+    * `fitted`: the set with its numbers free, and the one around which it was fitted; None where
+      it is not as it was fitted.
     """
 
     effects: Table
@@ -58,8 +58,20 @@ class Proposal:
     sigma: float
     loss: float
     forms: dict[str, Candidate]
-    gains: Gains = field(default_factory=dict)
     label: str = ''
+    fitted: 'tuple[FittedSet, Proposal] | None' = None
+
+    def less(self, name: str) -> list['Proposal']:
+        """Return the set without an effect: the others as they are, and fitted again."""
+        left = {key: own for key, own in self.effects.items() if key != name}
+        without = [{key: own[key] for key in left} for own in self.without]
+        as_they_are = replace(self, effects=left, without=without, label=f'less {name}')
+        if not self.fitted:
+            return [as_they_are]
+        one, now = self.fitted
+        less = one.less(name)
+        as_they_are = replace(as_they_are, fitted=(less, now))
+        return [as_they_are, _proposal(less, now, f'without {name}')]
 
 
 def around(
@@ -99,33 +111,30 @@ def proposals(
     new = {one.effect: one for one, _ in begin if one not in posed}
     state = FittedSet(trials, trials.choice(posed), {one.name: one.without for one in members})
     as_it_is = _proposal(state, now, 'as it is')
-    out = [replace(as_it_is, effects=now.effects, without=now.without)]
+    as_it_is = replace(as_it_is, effects=now.effects, without=now.without)
+    out = []
     steps = [one.candidate for one in members if one.candidate]
     if steps or new:
         values = [value for _, own in begin for value in own]
         start = [*values, *(term.neutral for one in steps for term in one.terms)]
         parts = [*(one for one, _ in begin), *steps]
         state = replace(state, chosen=trials.choice(parts, np.array(start)), added=new)
+        as_it_is = replace(as_it_is, fitted=(state, now))
         out.append(_proposal(state, now, 'new numbers'))
     most = ROUNDS.added if members else ROUNDS.first
     for larger in grown(state, candidates, most, ROUNDS.gain):
         state = larger
         out.append(_proposal(state, now, f'with {list(state.added)[-1]}'))
-    (_, known), *_ = smaller = pruned(state, ROUNDS.kept * ROUNDS.gain)
-    for one, gains in smaller:
-        gone = set(state.names) - set(one.names)
-        state = one
-        if gone:
-            out.append(_proposal(state, now, f'without {", ".join(gone)}'))
-        out[-1] = replace(out[-1], gains=gains)
-    return [one if one.gains else replace(one, gains=known) for one in out]
+    _, *smaller = pruned(state, ROUNDS.kept * ROUNDS.gain)
+    out += [_proposal(one, now, f'with {", ".join(one.names)}') for one in smaller]
+    return [as_it_is, *out]
 
 
 def nothing(model: Model) -> Proposal:
     """Return the empty set."""
     fit = Trials(model).base
     motions = model.own.found(fit.nuisances)
-    return Proposal({}, [{}] * len(motions), motions, fit.sigma, np.inf, {})
+    return Proposal({}, [{}] * len(motions), motions, 0.0, np.inf, {})
 
 
 def _proposal(one: FittedSet, now: Proposal, label: str) -> Proposal:
@@ -136,11 +145,12 @@ def _proposal(one: FittedSet, now: Proposal, label: str) -> Proposal:
         [{**kept, **of_camera(own)} for own in held_out_effects(model, fit)],
         # Poses are as sure as ever: only what effects do is uncertain by their form.
         model.own.found(nuisances_of(model.widened(1 / ROUNDS.scale), fit)),
-        fit.sigma,
+        (1 + now.sigma) * (1 + fit.sigma) - 1,
         one.loss,
         {name: now.forms[name] for name in one.kept}
         | {name: new.given or new for name, new in one.added.items()},
         label=label,
+        fitted=(one, now),
     )
 
 

@@ -19,8 +19,6 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import advantage
 import numpy as np
 
-Gains = dict[str, tuple[float, float]]
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -196,17 +194,16 @@ def _with_one_more(
     return None
 
 
-def pruned(one: FittedSet, least: float) -> list[tuple[FittedSet, Gains]]:
+def pruned(one: FittedSet, least: float) -> list[FittedSet]:
     """
     Take off effects that the set does not need, the least needed first.
 
-    Return the set before and after each of them, with what its effects gain. Needed is what takes
-    off `least` a recording.
+    Return the set before and after each of them. Needed is what takes off `least` a recording.
     """
     out = []
     while True:
         gains = {name: one.gain(name) for name in one.names}
-        out.append((one, gains))
+        out.append(one)
         weak = [k for k, (gain, t) in gains.items() if gain < least or not one.is_clear(t)]
         if not weak:
             return out
@@ -239,12 +236,10 @@ def select(
     posed = [c for c in candidates if c.kind.role == 'pose']
     posed = posed if model.pose_scatter() > trials.thresholds.scattered else []
     begin, about = FittedSet(trials, trials.choice(posed)), trials.thresholds
-    excess = trials.excess(considered[0] if considered else begin.chosen) / trials.count
-    least = max(about.next_gain, about.next_fraction * excess)
     in_sets = [louder(without_constants(one)) for one in candidates]
     own = {one.fit.candidates[0]: one.fit.values for one in singles}
-    largest = [begin, *grown(begin, in_sets, ROUNDS.first, least, own)][-1]
-    now, _ = pruned(largest, ROUNDS.kept * least)[-1]
+    largest = [begin, *grown(begin, in_sets, ROUNDS.first, about.next_gain, own)][-1]
+    now = pruned(largest, ROUNDS.kept * about.next_gain)[-1]
     parts, values = now.chosen.fit.candidates, now.chosen.fit.values
     names = [one.effect for one in parts]
     if len(names) < 2:
