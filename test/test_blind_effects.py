@@ -251,3 +251,6 @@ def test_random_losses_depend_on_nothing():
         some = where & ~plain(CLOSE).invalid
         # Of 20,000 pixels, a fraction is known to 0.3 %.
         assert seen.invalid[some].mean() == pytest.approx(0.3, abs=0.03)
+    dead = with_inside('random_dropout', CLOSE, lost=0.3, dead=True)
+    alike = (dead.invalid == dead.invalid[0]) | plain(CLOSE).invalid
+    assert alike.all()

@@ -38,12 +38,28 @@ CAMERA = {
     'fixed_pattern': {'pattern': COLUMNS.copy()},
     'grazing_dropout': {'curve': {'knots': [40.0, 60.0], 'values': [0.0, 0.5]}},
 }
+DEAD = np.zeros(SHAPE)
+DEAD[:12, :16] = DEAD[40, ::3] = 1.0
 DIAGNOSED = {
     'wiggling': {'a4': 0.004},
     'fixed_pattern': {'rms': 0.002},
     'grazing_dropout': {'half_deg': 64.0},
     'quantisation': {'step': 0.001},
 }
+
+
+def test_dead_pixels_are_found(tmp_path):
+    """A corner and a row that never return, beside losses at random."""
+    lost = np.where(DEAD, 1.0, 0.05)
+    write_campaign(tmp_path, seed=112, effects={'random_dropout': {'dead': lost}}, **SMALL)
+    found = fitted_forms(tmp_path, {'random_dropout': {'share': 0.08}})
+    (verdict,) = found.explained.verdicts
+    assert verdict.taken
+    (effect,) = found.effects(parse_effects({'random_dropout': {}}))
+    np.testing.assert_array_equal(effect.dead.values > 0.5, DEAD > 0)
+    assert np.median(effect.dead.values) == pytest.approx(0.05, abs=0.01)
+    page = figures(found.explained.verdicts, found.explained.looked, ('before', 'after'))
+    assert 'red is always lost' in page
 
 
 @pytest.fixture(scope='module')

@@ -8,7 +8,6 @@ from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.tables import pixel_map, PixelMap
-from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.formulas.scalars import at, f32, f64, i32, least, most, root, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -104,12 +103,7 @@ class FixedPattern(Effect):
     def apply(self, state: FrameState) -> None:
         """Add the camera's pattern: the map, or one made once from its key."""
         if self.pattern is not None:
-            values = self.pattern.values
-            if values.shape != state.depth.shape:
-                raise InputError(
-                    f'{self.name}.pattern: must have the size of the image, '
-                    f'{state.depth.shape}, got {values.shape}'
-                )
+            values = self.pattern.of_image(state.depth.shape, f'{self.name}.pattern')
             state.add_shift(np.float32(self.strength) * values)
             return
         pattern = state.memory.kept.get(self.name)

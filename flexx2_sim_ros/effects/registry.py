@@ -325,9 +325,9 @@ def for_reports(
 
 def _table_yaml(effect: Effect, name: str, one: Form) -> str:
     table = effect.tables()[name]
-    if isinstance(one, PixelMap):
-        return f'    {name}: {map_file(effect.name)}  # {table.unit}, {table.text}'
     unit = f', {table.unit}' if table.unit else ''
+    if isinstance(one, PixelMap):
+        return f'    {name}: {map_file(effect.name)}  # {table.text}{unit}'
     if not isinstance(one, Curve):
         number = yaml.safe_dump([one]).removeprefix('- ').strip()
         return f'    {name}: {number}  # {table.text}{unit}'

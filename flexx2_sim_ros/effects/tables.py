@@ -55,6 +55,14 @@ class PixelMap:
         """Return a hash of the numbers."""
         return hash(self.values.tobytes())
 
+    def of_image(self, shape: tuple[int, ...], where: str) -> np.ndarray:
+        """Return the numbers for an image of this shape; `where` is what errors call the map."""
+        if self.values.shape != shape:
+            raise InputError(
+                f'{where}: must have the size of the image, {shape}, got {self.values.shape}'
+            )
+        return self.values
+
     def at_size(self, height: int, width: int) -> 'PixelMap':
         """Return the map of smaller or larger images of the same view: the nearest pixels."""
         rows, columns = (

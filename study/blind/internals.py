@@ -31,6 +31,7 @@ class Internals:
     * `knee`: charge at which the lag of `amplitude_bias` is halved, 1/m^2
     * `latency_s`: age of the image in `time_offset` at strength 1, seconds
     * `lost`: fraction of the pixels that `random_dropout` loses at strength 1
+    * `dead`: whether these are the same pixels in every frame
     * `bleed_px`: charge that overflows a full well of `saturation` falls by a factor of e in so
       many pixels of its column; 0: it stays there
     * `aspect`: fraction by which `intrinsics_error` makes fy longer than fx, at strength 1
@@ -52,6 +53,7 @@ class Internals:
     knee: float = 0.15
     latency_s: float = 0.05
     lost: float = 0.1
+    dead: bool = False
     bleed_px: float = 0.0
     aspect: float = 0.0
     tangential: float = 0.0

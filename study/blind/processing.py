@@ -69,17 +69,22 @@ class LowSignalDropout(Effect):
 
 
 class RandomDropout(Effect):
-    """Pixels are dropped at random, whatever they see: lost packets, a busy processor."""
+    """Pixels are dropped whatever they see: lost packets, a busy processor; or they are dead."""
 
     name = 'random_dropout'
 
     def draw(self, rng: np.random.Generator) -> None:
         """Set the fraction of the pixels."""
         self._lost = min(self.optics.internals.lost * self.strength, 0.95)
+        if self.optics.internals.dead:
+            self._dead = rng.random(self.optics.shape) < self._lost
         self.parameters = {'share': self._lost}
 
     def mix(self, frame: Frame) -> None:
         """Drop pixels."""
+        if self.optics.internals.dead:
+            frame.invalid |= self._dead
+            return
         frame.invalid |= frame.dice.random(self.optics.shape) < self._lost
 
 

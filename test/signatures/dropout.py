@@ -66,6 +66,10 @@ def random_dropout():
         for where in (U < 112, U >= 112):
             some = np.broadcast_to(where, base.depth.shape) & np.isfinite(base.depth)
             assert abs(np.isnan(frame.depth[some]).mean() - share * strength) < 0.006
+    dead = np.where(U < 112, 0.0, 1.0)
+    frame, base = pair('random_dropout', wall(1.5), np.arange(4), dead=dead)
+    assert np.isnan(frame.depth[:, dead == 1]).all()
+    np.testing.assert_allclose(frame.depth[:, dead == 0], base.depth[:, dead == 0], rtol=1e-6)
 
 
 @signature

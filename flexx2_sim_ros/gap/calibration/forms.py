@@ -81,6 +81,9 @@ class Forms:
     simplex: float = constant(0.12, '', 'first step downhill, as a fraction of the bounds')
     close: float = constant(0.005, '', 'the last step, likewise')
     known: int = constant(50, 'samples', 'a bin with fewer is left out')
+    dead: float = constant(
+        0.5, '', 'share of the frames in which a dead pixel is lost', DEFINITION
+    )
     unlikely: float = constant(1e-3, '', 'least probability of a table that is judged')
 
 

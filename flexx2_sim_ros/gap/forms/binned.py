@@ -253,6 +253,34 @@ def pixel_errors(scene: PlacedScene, effects: dict[str, dict[str, float]]) -> np
     return out
 
 
+def pixels_lost(scene: PlacedScene) -> np.ndarray:
+    """
+    Return which share of a recording's frames each pixel is lost in, (H, W).
+
+    It is NaN where the ground truth is unknown.
+    """
+    depth = scene.recording.depth
+    known = np.broadcast_to(np.isfinite(scene.placed.clean), depth.shape)
+    with np.errstate(invalid='ignore'):
+        return np.asarray((known & np.isnan(depth)).sum(axis=0) / known.sum(axis=0))
+
+
+def dead_of(shares: Sequence[np.ndarray], lost: float) -> np.ndarray | None:
+    """
+    Return the probability of each pixel to be lost, (H, W), where some are dead; None otherwise.
+
+    Dead are pixels that most recordings lose in most frames. `shares` are as from `pixels_lost`,
+    `lost` is the share of all pixels that is lost whatever they see: others lose the rest of it.
+    """
+    with np.errstate(all='ignore'):
+        dead = np.nanmedian(shares, axis=0) > FORMS.dead
+        often = np.nanmean(shares, axis=0)
+    if not dead.any():
+        return None
+    rest = max(lost - often[dead].sum() / dead.size, 0.0) / max(1 - dead.mean(), 1e-9)
+    return np.where(dead, often, min(rest, 1.0))
+
+
 def map_of(errors: Sequence[np.ndarray]) -> np.ndarray:
     """
     Return a map, (H, W) metres, as recordings have it in common, from their `pixel_errors`.

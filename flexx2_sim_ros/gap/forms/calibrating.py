@@ -10,7 +10,7 @@ from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.forms.bias import BIASES, covariate_of, Form, forms_of
 from flexx2_sim_ros.gap.forms.bias_fit import BiasFit, FittedForms
-from flexx2_sim_ros.gap.forms.binned import best_kind, KINDS, map_of, NOISE, pooled
+from flexx2_sim_ros.gap.forms.binned import best_kind, dead_of, KINDS, map_of, NOISE, pooled
 from flexx2_sim_ros.gap.forms.geometry import (
     is_fitted_with_poses,
     is_settled,
@@ -21,6 +21,7 @@ from flexx2_sim_ros.gap.forms.looked import (
     judge,
     look,
     look_again,
+    look_at_lost,
     look_at_pixels,
     look_at_scale,
     Looked,
@@ -29,6 +30,7 @@ from flexx2_sim_ros.gap.forms.looked import (
 )
 from flexx2_sim_ros.gap.forms.proposals import (
     calibratable,
+    DEAD,
     FormProposal,
     FormVerdict,
     judged,
@@ -134,7 +136,7 @@ def calibrate_named(
     if len(looked) < len(used):  # A file was removed meanwhile.
         return None
     if len({one.shape for one in looked}) > 1:  # A map has one number for each pixel.
-        names = [name for name in names if name != PATTERN]
+        names = [name for name in names if name not in (PATTERN, DEAD)]
     work = _Work(simulator, step, quick)
     return Calibrated(_formed(looked, effects, without, names, work), effects)
 
@@ -183,6 +185,11 @@ def _formed(
             before = work.apart(looked, now)
         elif name == PATTERN:
             proposal = _pattern(looked, now, work)
+        elif name == DEAD:
+            dead = _dead(looked, now, work)
+            if dead is None:
+                continue
+            proposal = dead
         elif name in KINDS:
             proposal = _binned(name, looked)
         else:
@@ -317,6 +324,18 @@ def _pattern(looked: Sequence[Looked], now: Sequence[Settings], work: _Work) -> 
         for some in _less_each(errors)
     )
     return FormProposal(PATTERN, 'map of the image', together, tuple(without))
+
+
+def _dead(looked: Sequence[Looked], now: Sequence[Settings], work: _Work) -> FormProposal | None:
+    # None where no pixel is dead.
+    shares = work.simulator.run(look_at_lost, list(zip(looked, now, strict=True)))
+    lost = [min(own[DEAD]['strength'] * own[DEAD]['share'], 1.0) for own in now]
+    each = zip(_less_each(shares), [float(np.mean(lost)), *lost], strict=True)
+    maps = [one for some, share in each if (one := dead_of(some, share)) is not None]
+    if len(maps) <= len(looked):
+        return None
+    together, *without = (_strong(dead=PixelMap(np.round(one, 4))) for one in maps)
+    return FormProposal(DEAD, 'map of dead pixels', together, tuple(without))
 
 
 def _binned(name: str, looked: Sequence[Looked]) -> FormProposal:

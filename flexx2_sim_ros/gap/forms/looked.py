@@ -22,7 +22,15 @@ from flexx2_sim_ros.gap.features.physical import (
 )
 from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 from flexx2_sim_ros.gap.forms.bias_fit import own_motion
-from flexx2_sim_ros.gap.forms.binned import Binned, KINDS, lost_in, NOISE, noise_in, pixel_errors
+from flexx2_sim_ros.gap.forms.binned import (
+    Binned,
+    KINDS,
+    lost_in,
+    NOISE,
+    noise_in,
+    pixel_errors,
+    pixels_lost,
+)
 from flexx2_sim_ros.gap.forms.geometry import slopes_of
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_alike, shift_of, shifters
 from flexx2_sim_ros.gap.forms.scale import columns_of, ScaleColumns
@@ -145,6 +153,14 @@ def look_at_pixels(
     """Return the errors of a recording's pixels that given settings of effects do not explain."""
     scene, _motion, own = _settled(*job, profile, known)
     return pixel_errors(scene, own)
+
+
+def look_at_lost(
+    job: tuple[Looked, Settings], profile: Profile | None, known: Table, **_: Any
+) -> np.ndarray:
+    """Return which share of the frames each pixel of a recording is lost in."""
+    scene, _motion, _own = _settled(*job, profile, known)
+    return pixels_lost(scene)
 
 
 def look_at_scale(

@@ -19,7 +19,7 @@ from flexx2_sim_ros.gap.inference.improvement import measured
 from flexx2_sim_ros.physics.frame_state import Stage
 import numpy as np
 
-PATTERN = 'fixed_pattern'
+PATTERN, DEAD = 'fixed_pattern', 'random_dropout'  # effects that have a map of the image
 # Measures that the distance has no part of, with the change of each that matters.
 _OTHERS = {
     'edge_sigma': FEATURES.tolerances['bias'],
@@ -42,7 +42,7 @@ def calibratable(effects: Settings, quick: bool) -> list[str]:
     ]
     before = [name for name in shaped if registry()[name].stage <= Stage.PHASOR]
     after = [name for name in shaped if name not in before]
-    places = *BIASES, PATTERN, NOISE, *(name for name in KINDS if name != NOISE)
+    places = *BIASES, PATTERN, DEAD, NOISE, *(name for name in KINDS if name != NOISE)
     names = [*before, *(name for name in places if name in effects), *after]
     return [one for one in names if not (quick and is_searched(one)) or shapes_of(one, quick)]
 

@@ -9,7 +9,7 @@ from flexx2_sim_ros.effects.tables import Curve, PixelMap
 from flexx2_sim_ros.gap.forms.bias import covariate_of
 from flexx2_sim_ros.gap.forms.binned import KINDS, NOISE, pooled
 from flexx2_sim_ros.gap.forms.looked import Looked
-from flexx2_sim_ros.gap.forms.proposals import FormProposal, FormVerdict
+from flexx2_sim_ros.gap.forms.proposals import DEAD, FormProposal, FormVerdict
 from flexx2_sim_ros.gap.report.text import spaced
 from flexx2_sim_ros.html_drawing import curves, picture
 import numpy as np
@@ -32,11 +32,9 @@ def figures(
 
 
 def _figure(proposal: FormProposal, looked: Sequence[Looked], names: tuple[str, str]) -> html.Html:
-    pattern = proposal.together.get('pattern')
-    if isinstance(pattern, PixelMap):
-        limit = 1000 * float(np.quantile(np.abs(pattern.values), 0.98)) or 1.0
-        text = f'{spaced(proposal.effect)}: blue {-limit:.2g} to red {limit:+.2g} mm'
-        return html.figure(picture(1000 * pattern.values, limit), text, width=420)
+    maps = [one for one in proposal.together.values() if isinstance(one, PixelMap)]
+    if maps:
+        return _map(proposal.effect, maps[0].values)
     fields = [name for name, value in proposal.together.items() if isinstance(value, Curve)]
     if not fields:
         return _numbers(proposal, names[1])
@@ -57,6 +55,15 @@ def _figure(proposal: FormProposal, looked: Sequence[Looked], names: tuple[str, 
         kinds=('simulated', 'effects'),
         band=factor * np.array([middle - _NINETY * error, middle + _NINETY * error]),
     )
+
+
+def _map(effect: str, values: np.ndarray) -> html.Html:
+    if effect == DEAD:
+        text = f'{spaced(effect)}: red is always lost, white never'
+        return html.figure(picture(values, 1.0), text, width=420)
+    limit = 1000 * float(np.quantile(np.abs(values), 0.98)) or 1.0
+    text = f'{spaced(effect)}: blue {-limit:.2g} to red {limit:+.2g} mm'
+    return html.figure(picture(1000 * values, limit), text, width=420)
 
 
 def _numbers(proposal: FormProposal, title: str) -> html.Html:
