@@ -19,12 +19,12 @@ _REACH = 0.5  # metres: poses may be far off
 _MOST_COST, _BETTER = 0.2, 0.5
 
 
-def common_motion(views: Sequence[PosedImage], accuracy: tuple[float, float], mount: Pose) -> str:
+def common_motion(views: Sequence[PosedImage], covariance: np.ndarray, mount: Pose) -> str:
     """
     Return by which motion of the camera in its body given poses are off; nothing if it is unclear.
 
-    The poses are right within `accuracy`, metres and degrees; `mount` is the pose of the camera in
-    the body as it was given. A latency and a bias of the camera are fitted with the motion.
+    The poses have a (6, 6) covariance; `mount` is the pose of the camera in the body as it was
+    given. A latency and a bias of the camera are fitted with the motion.
 
     """
     if not any(len(view.linear.y) for view in views):
@@ -45,9 +45,8 @@ def common_motion(views: Sequence[PosedImage], accuracy: tuple[float, float], mo
     inverse = np.linalg.inv(information(J, weight) + np.diag(precision))
     score = tile_sums(tile, J * (weight * left)[:, None])  # Errors within one are not independent.
     spread = inverse @ (score.T @ score + np.diag(precision)) @ inverse
-    sigmas = np.repeat([accuracy[0], math.radians(accuracy[1])], 3)
     motion = values[:6]
-    clear = (np.abs(motion) > _CLEAR * np.sqrt(np.diag(spread)[:6] + sigmas**2)).any()
+    clear = (np.abs(motion) > _CLEAR * np.sqrt(np.diag(spread)[:6] + np.diag(covariance))).any()
     before, after = (
         float(np.mean([replace(view, reach=TRUNCATION).cost for view in some]))
         for some in (views, seen)

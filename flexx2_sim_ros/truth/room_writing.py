@@ -126,7 +126,7 @@ def _pose_of(what: RoomSurfaces, footage: Footage, frame: Observation, number: i
     # The pose is fitted again, with the shared errors subtracted.
     request, numbers = what.job.request, what.registered.poses[number]
     pose = Pose.from_numbers(np.array(numbers if np.isfinite(numbers).all() else what.pose))
-    if not what.values or what.registered.accuracy:
+    if not what.values or what.registered.given is not None:
         return pose
     view = view_of(request.room, frame, _PIXELS, pose)
     if what.columns.bounce:

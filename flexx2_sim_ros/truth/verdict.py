@@ -45,10 +45,10 @@ class RoomFit:
 
 def as_given(one: Registered, views: Sequence[PosedImage], off: str) -> RoomFit:
     """Return the verdict of a recording whose poses are used as given; see `common_motion`."""
-    assert one.accuracy is not None
+    assert one.given is not None
     fitting, residual = _misfit(views)
     reasons = tuple(reason for reason in (off, one.why) if reason)
-    return RoomFit('doubtful' if off else 'used', reasons, fitting, residual, one.accuracy)
+    return RoomFit('doubtful' if off else 'used', reasons, fitting, residual, _worst(one.given))
 
 
 def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]:
@@ -107,7 +107,7 @@ def check_room(
         )
     # Some recordings may fit a wrong room by chance: rooms are boxes of about the same size.
     pairs = zip(registered, verdicts, strict=True)
-    fitting = [verdict.fitting for one, verdict in pairs if not one.accuracy]
+    fitting = [verdict.fitting for one, verdict in pairs if one.given is None]
     usual = float(np.median(fitting)) if fitting else 1.0
     if len(refused) > used and usual < _FITTING:
         hint = '' if posed else ', or the wrong --up'
@@ -123,9 +123,13 @@ def _numbers(recording: int, solution: Solution) -> tuple[float, float, tuple[fl
         return 0.0, float('inf'), (float('inf'), float('inf'))
     fitting, residual = _misfit([solution.views[i] for i in mine])
     spread = sum((solution.covariances[i] for i in mine), np.zeros((6, 6))) / len(mine)
-    metres = float(np.sqrt(np.linalg.eigvalsh(spread[:3, :3])[-1]))
-    degrees = float(np.degrees(np.sqrt(np.linalg.eigvalsh(spread[3:, 3:])[-1])))
-    return fitting, residual, (metres, degrees)
+    return fitting, residual, _worst(spread)
+
+
+def _worst(spread: np.ndarray) -> tuple[float, float]:
+    # Standard deviations of a pose along and about its least certain axes, metres and degrees.
+    metres, turn = (np.sqrt(np.linalg.eigvalsh(spread[i : i + 3, i : i + 3])[-1]) for i in (0, 3))
+    return float(metres), float(np.degrees(turn))
 
 
 def _misfit(views: Sequence[PosedImage]) -> tuple[float, float]:
