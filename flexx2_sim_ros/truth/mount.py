@@ -25,7 +25,6 @@ def common_motion(views: Sequence[PosedImage], covariance: np.ndarray, mount: Po
 
     The poses have a (6, 6) covariance; `mount` is the pose of the camera in the body as it was
     given. A latency and a bias of the camera are fitted with the motion.
-
     """
     if not any(len(view.linear.y) for view in views):
         return ''

@@ -221,7 +221,6 @@ def read_trajectory(path: Path) -> Trajectory:
     (metres), srx, sry, srz (radians), see `Trajectory`. Lines without numbers in them are left
     out. Raises `InputError` where there is no such file or it has fewer than two
     poses.
-
     """
     name = f'--trajectory: {shown_path(path)}'
     if not is_regular_file(path):
