@@ -65,7 +65,9 @@ recordings RECORDING: .npz file, bag, or folder of these
 --camera NAME: the camera of a bag that has several
 --profile
 --motion auto|still|moving: whether the camera moved (default: auto, detected)
---room-error METRES: standard deviation of the room's surfaces (default 0.003; 0 with --planes)
+--room-error METRES: standard deviation of the room's surfaces; depth errors below twice this value
+    are no gap (default: how far recordings and room differ where surfaces are smooth, 0.001 to
+    0.003; 0 with --planes)
 --lens-error FRACTION: standard deviation of the focal length, with --board (default 0.003)
 --wall: the sheet of --board is glued flat to a wall, the rest of which is known as well
 --uptime SECONDS: time from power-on to the first frame of the earliest recording; the others
@@ -130,10 +132,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _room_words(table: dict[str, Any]) -> str:
     error, rough = table['room_error_mm'], f'{table["room_rough_mm"]:.1f}'
+    source = '' if table['room_error'] == 'given' else f' ({table["room_error"]})'
     apart = 'by no more than noise' if rough == '0.0' else f'by {rough} mm beyond noise'
     return (
-        f'--room-error: {error:g} mm, so that depth errors below {2 * error:g} mm do not count as '
-        f'a gap; within flat patches, recordings and room differ {apart}'
+        f'--room-error: {error:g} mm{source}, so that depth errors below {2 * error:g} mm do not '
+        f'count as a gap; within flat patches, recordings and room differ {apart}'
     )
 
 
@@ -173,7 +176,7 @@ def _request(arguments: argparse.Namespace) -> Any:
         poses=tuple(_pose('--pose', text) for text in arguments.pose),
         told=_told(arguments),
         up=arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
-        room_error=0.003 if arguments.room_error is None else arguments.room_error,
+        room_error=arguments.room_error,
     )
 
 

@@ -21,7 +21,7 @@ from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.run import Run
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import read_trajectory
-from flexx2_sim_ros.truth.verdict import as_given, check_room, judge, RoomFit
+from flexx2_sim_ros.truth.verdict import as_given, check_room, judge, room_error, RoomFit
 from flexx2_sim_ros.truth.writing import Surfaces, Written
 import numpy as np
 
@@ -40,7 +40,7 @@ class _Placed:
 
 
 class RoomCampaign:
-    """Recordings of a room; see `Campaign`."""
+    """Recordings of a room, for `make_truth`."""
 
     kind, lit = 'scan', True
 
@@ -66,6 +66,9 @@ class RoomCampaign:
         offsets = [one.clock for one in registered if one.clock is not None]
         self.clock = common_offset(offsets) if offsets else None
         self.late = _latency(request, self.clock)
+        self.error, self.error_is = room_error(self.shared.solution)
+        if request.room_error is not None:
+            self.error, self.error_is = request.room_error, 'given'
         self.surfaces = {
             one.number: surfaces
             for i, one in enumerate(self.placed)
@@ -108,6 +111,7 @@ class RoomCampaign:
             solution.columns,
             tuple(map(float, solution.values)),
             covariance,
+            self.error,
             self.late or 0.0 if given is None else 0.0,
         )
 
@@ -126,7 +130,8 @@ class RoomCampaign:
         return {
             'room': str(self.request.room),
             'room_size_m': [round(float(size), 3) for size in self.size],
-            'room_error_mm': self.request.room_error * 1e3,
+            'room_error_mm': self.error * 1e3,
+            'room_error': self.error_is,
         }
 
     def findings(self) -> dict[str, Any]:
