@@ -40,10 +40,7 @@ def test_equal_poses_are_all_in_common():
 
 
 def on_free_planes(effect, folder, **changes):
-    """Diagnose a view of a corner of which nothing was measured; return how far its truth is off.
-
-    It is the mean difference of depth from clean depth, millimetres.
-    """
+    """Diagnose a corner of which nothing was measured; return its gap and how far truth is off."""
     recordings = record(folder / 'in', views=VIEWS[:1], others=(effect,), **changes)
     planes, out = folder / 'planes.yaml', folder / 'out'
     rows = [{'name': name} for name in NAMES]  # The largest of the image.
