@@ -335,9 +335,15 @@ def test_an_accuracy_that_cannot_be_used_is_one_sentence(
     assert words in ' '.join(capsys.readouterr().err.split())
 
 
-def test_odometry_without_a_covariance_has_no_accuracy(bag):
+def test_odometry_without_a_covariance_has_no_accuracy(bag, walk, tmp_path):
+    source = PoseSource(topic='/odom', recorded=True)
     with pytest.raises(InputError, match='must have variances of all six axes, above 0'):
-        camera_trajectory(PoseSource(topic='/odom', recorded=True), bag)
+        camera_trajectory(source, bag)
+    wrong = np.diag(DEVIATIONS**2)
+    wrong[0, 1] = wrong[1, 0] = 1.1 * DEVIATIONS[0] * DEVIATIONS[1]
+    entries = [odometry(int(stamp), Pose(np.eye(3), np.zeros(3)), wrong) for stamp in walk[2]]
+    with pytest.raises(InputError, match='correlations of at most 1'):
+        camera_trajectory(replace(source, topic='/pose'), write(tmp_path / '0', entries))
 
 
 def test_a_camera_whose_transforms_are_all_static_starts_there(tmp_path, walk):

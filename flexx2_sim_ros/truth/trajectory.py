@@ -24,6 +24,7 @@ _COLUMNS = 't', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
 # Standard deviations of a pose, as the covariance of ROS: along and about the axes of its frame.
 _DEVIATIONS = 'sx', 'sy', 'sz', 'srx', 'sry', 'srz'
 _MOST_DEVIATION = np.repeat([1.0, np.pi / 2], 3)  # metres, radians
+_ROUNDING = 1e-6  # of a correlation
 _TIMES = 't', 'time', 'stamp', 'timestamp'
 _SUFFIXES = '.txt', '.csv', '.tum'
 _LONGEST_GAP = 500_000_000  # longest time between two poses for interpolation, nanoseconds
@@ -305,10 +306,13 @@ def _checked(
     if covariances is not None:
         covariances = covariances[good][first]
         variances = np.einsum('nii->ni', covariances)
-        if not ((variances > 0) & (variances < _MOST_DEVIATION**2)).all():
+        good = (variances > 0) & (variances < _MOST_DEVIATION**2)
+        most = np.sqrt(np.maximum(variances[:, None] * variances[..., None], 0))
+        if not (good.all() and (np.abs(covariances) <= most * (1 + _ROUNDING)).all()):
             raise InputError(
-                f'{name}: must have variances of all six axes, above 0 and below (1 m)2 and '
-                f'(90 degrees)2, got {variances.min():.2g} to {variances.max():.2g}'
+                f'{name}: must have variances of all six axes, above 0 and below (1 m)2 and (90 '
+                f'degrees)2, and correlations of at most 1, got variances from '
+                f'{variances.min():.2g} to {variances.max():.2g}'
             )
     return Trajectory(name, stamp, poses, fixed, covariances)
 
