@@ -50,19 +50,25 @@ def seen(normals, distances):
     return depth.min(axis=-1).astype(np.float32), depth.argmin(axis=-1)
 
 
-def record(folder, offset=0.0, views=VIEWS, reflectivity=0.6, others=()):
-    """Write a recording of each view, with an offset and with other effects of usual strength."""
+def record(folder, offset=0.0, views=VIEWS, reflectivity=0.6, others=(), step=1):
+    """
+    Write a recording of each view, with an offset and with other effects of usual strength.
+
+    Of each `step` pixels, across and down, a camera has one.
+    """
     folder.mkdir()
+    matrix = K / [[step], [step], [1]]
     table = {'offset': {'bias': offset}} if offset else {}
     table |= {name: {} for name in others}
     effects = tuple(registry()[name].from_mapping(values) for name, values in table.items())
     for i, (turns, distances) in enumerate(views):
         clean, _ = seen(corner(*turns), distances)
+        clean = np.ascontiguousarray(clean[::step, ::step])
         camera = Camera(MODE, effects=effects, seed=i)
         albedo = np.full_like(clean, reflectivity)
         stamp = np.arange(FRAMES) / 30
-        depth = camera.capture(clean, K, stamp, albedo).depth
-        content = {'depth': depth, 'K': K, 'stamp': stamp, 'usecase': MODE}
+        depth = camera.capture(clean, matrix, stamp, albedo).depth
+        content = {'depth': depth, 'K': matrix, 'stamp': stamp, 'usecase': MODE}
         np.savez(folder / f'corner{i}.npz', **content, reflectivity=albedo)
     return folder
 

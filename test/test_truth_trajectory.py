@@ -16,6 +16,7 @@ from made_bags import header, image, info, make, SECOND, usecase, write
 import numpy as np
 import pytest
 from scans import box, SMALL_K
+from scipy.spatial.transform import Rotation
 from study.blind.meshes import mesh_pose, write_mesh
 from study.blind.rooms import Path as Walk
 from study.blind.scanned import off, ScannedCamera
@@ -186,9 +187,10 @@ def transform(parent, child, stamp, pose):
     )
 
 
-def odometry(stamp, pose):
-    """Return odometry without its velocities and covariances."""
+def odometry(stamp, pose, covariance=None):
+    """Return odometry without its velocities, and a pose with the (6, 6) covariance if any."""
     x, y, z, *turn = pose.numbers()
+    told = np.zeros(36) if covariance is None else covariance
     kind, zero = 'nav_msgs/msg/Odometry', make('geometry_msgs/msg/Vector3', 0.0, 0.0, 0.0)
     place = make(
         'geometry_msgs/msg/Pose',
@@ -199,13 +201,16 @@ def odometry(stamp, pose):
         kind,
         header(stamp, 'odom'),
         'base',
-        make('geometry_msgs/msg/PoseWithCovariance', place, np.zeros(36)),
+        make('geometry_msgs/msg/PoseWithCovariance', place, np.ravel(told)),
         make(
             'geometry_msgs/msg/TwistWithCovariance',
             make('geometry_msgs/msg/Twist', zero, zero),
             np.zeros(36),
         ),
     )
+    if covariance is not None:
+        kind = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+        return '/pose', kind, stamp, make(kind, message.header, message.pose)
     return '/odom', kind, stamp, message
 
 
@@ -259,6 +264,88 @@ def test_poses_come_from_odometry_and_from_transforms(bag, walk):
     assert np.abs(between[:-1, :3] - tf[:-1, :3]).max() < 0.005
 
 
+DEVIATIONS = np.array([0.001, 0.004, 0.002, 0.003, 0.001, 0.005])
+
+
+def motions_of_the_camera(body, rng):
+    """Return (6, 6) covariance of the camera's motions while its body is off, by many draws."""
+    right, moves = body.moved(np.zeros(6)), []
+    camera = Pose(right.R @ MOUNT.R, right.t + right.R @ MOUNT.t)
+    for error in rng.normal(0, DEVIATIONS, (1000, 6)):
+        turn = Rotation.from_rotvec(error[3:]).as_matrix() @ body.R  # axes of the room
+        place = body.t + error[:3]
+        moves.append(camera.motion_to(Pose(turn @ MOUNT.R, place + turn @ MOUNT.t)))
+    return np.cov(np.array(moves).T)
+
+
+def test_poses_say_how_accurate_they_are(tmp_path, walk):
+    """Assert it for columns of a file and for messages, by draws of errors of the body."""
+    folder, camera, stamps = walk
+    told = bodies(camera, wrong=False)
+    lines = ['time,' + HEAD.partition(',')[2] + ',srx,sry,srz,sx,sy,sz']
+    for stamp, pose in zip(stamps, told, strict=True):
+        numbers = [*pose.numbers(), *np.roll(DEVIATIONS, 3)]
+        lines.append(f'{stamp / 1e9:.9f},{text(numbers)}')
+    (tmp_path / 'mocap.csv').write_text('\n'.join(lines))
+    entries = [
+        odometry(int(stamp), pose, np.diag(DEVIATIONS**2))
+        for stamp, pose in zip(stamps, told, strict=True)
+    ]
+    bag = write(tmp_path / '0', [*driver_messages(walk), *entries])
+    rng = np.random.default_rng(1)
+    drawn = np.mean([motions_of_the_camera(pose, rng) for pose in told], axis=0)
+    size = np.sqrt(np.diag(drawn))
+    given = ['--clock-offset', '0', f'--camera-in-body={text(MOUNT.numbers())}']
+    file = ['--trajectory', str(tmp_path / 'mocap.csv')]
+    for name, recording, options in (
+        ('file', folder / 'in', file),
+        ('topic', bag, ['--odometry', '/pose', '--pose-accuracy', 'recorded']),
+    ):
+        table = truth(folder, recording, tmp_path / name, *options, *given)
+        (row,) = table['recordings']
+        assert row['verdict'] == 'used'
+        assert 'told_off_mm' not in row  # They are not fitted.
+        with np.load(tmp_path / name / '0.npz') as archive:
+            covariance = archive['pose_covariance']
+        # A chance below 1e-6: 5.7 standard deviations of a variance of 8 times 1000 draws.
+        assert np.abs((covariance - drawn) / np.outer(size, size)).max() < 0.09
+    both = truth(folder, folder / 'in', tmp_path / 'both', *file, *given, '--pose-accuracy=1e-3,1')
+    assert both['recordings'][0]['pose_sigma_mm'] == 1.0  # What a person says counts more.
+
+
+@pytest.mark.parametrize(
+    ('columns', 'options', 'words'),
+    [
+        (',sx,sy', ['--clock-offset', '0'], 'must have all of the columns sx, sy, sz'),
+        (',sx,sy,sz,srx,sry,srz', [], 'sry, srz: must be given with poses in the room and'),
+        (',sx,sy,sz,srx,sry,srz', ['--clock-offset', '0', '--relative'], 'poses in the room and'),
+        ('', ['--pose-accuracy', 'recorded'], 'must be METRES,DEGREES without --odometry'),
+    ],
+)
+def test_an_accuracy_that_cannot_be_used_is_one_sentence(
+    tmp_path, walk, capsys, columns, options, words
+):
+    path, count = tmp_path / 'mocap.csv', columns.count(',')
+    first, *_, last = walk[2] / 1e9
+    rows = (f'{when},1,2,3,0,0,0,1' + ',0.001' * count for when in (first - 0.1, last + 0.1))
+    path.write_text('\n'.join([HEAD + columns, *rows]))
+    command = ['gap', 'truth', str(walk[0] / 'in'), '--scan', str(walk[0] / 'room.ply')]
+    command += ['--trajectory', str(path), '--out', str(tmp_path / 'out'), '--jobs', '1']
+    assert main([*command, *options]) == 2
+    assert words in ' '.join(capsys.readouterr().err.split())
+
+
+def test_odometry_without_a_covariance_has_no_accuracy(bag, walk, tmp_path):
+    source = PoseSource(topic='/odom', recorded=True)
+    with pytest.raises(InputError, match='must have variances of all six axes, above 0'):
+        camera_trajectory(source, bag)
+    wrong = np.diag(DEVIATIONS**2)
+    wrong[0, 1] = wrong[1, 0] = 1.1 * DEVIATIONS[0] * DEVIATIONS[1]
+    entries = [odometry(int(stamp), Pose(np.eye(3), np.zeros(3)), wrong) for stamp in walk[2]]
+    with pytest.raises(InputError, match='correlations of at most 1'):
+        camera_trajectory(replace(source, topic='/pose'), write(tmp_path / '0', entries))
+
+
 def test_a_camera_whose_transforms_are_all_static_starts_there(tmp_path, walk):
     """Assert that a tripod's pose on /tf_static is enough, although the camera moves a little."""
     folder, camera, stamps = walk
@@ -288,6 +375,10 @@ def test_odometry_of_its_own_frame_gives_the_motion(tmp_path, bag, walk):
         (f'{HEAD}\n0,1,2,3,0,0,0,1', 'must have two poses or more, lines of t x y'),
         (f'{HEAD}\n' + '1,1,2,3,0,0,0,1\n' * 2, 'must have poses at two times or more, got 1'),
         (f'{HEAD}\n0,1,2,3,0,0,0,0\n1,1,2,3,0,0,0,0', 'must have quaternions'),
+        (
+            f'{HEAD},sx,sy,sz,srx,sry,srz\n' + '0,1,2,3,0,0,0,1,0,1,1,1,1,1\n1' + ',1' * 13,
+            'of all six',
+        ),
         (f'{HEAD}\n0,1,2,3,0,0,0,1e308\n1,1,2,3,0,0,0,1e308', 'must have quaternions'),
     ],
 )

@@ -45,15 +45,17 @@ recordings RECORDING: .npz file, bag, or folder of these
     metres), within 0.3 m and 20 degrees; once for all recordings or once for each (default:
     searched in the whole room). If the first number is negative, write --pose=-1,...
 / --trajectory FILE: rough poses with stamps, as of motion capture: text (lines t x y z qx qy qz
-    qw, TUM) or .csv with these columns; seconds, metres, in the room. A folder has a file for each
-    recording, of the same name
-/ --odometry TOPIC: rough poses from the bags: nav_msgs/Odometry or geometry_msgs/PoseStamped
+    qw, TUM) or .csv with these columns; seconds, metres, in the room. A .csv that also has the
+    columns sx sy sz (metres) srx sry srz (radians) says how accurate they are, as --pose-accuracy
+    does. A folder has a file for each recording, of the same name
+/ --odometry TOPIC: rough poses from the bags: nav_msgs/Odometry, or geometry_msgs/PoseStamped or
+    PoseWithCovarianceStamped
 / --tf PARENT,CHILD: rough poses from the bags' TF: the room's frame and the body's
 --camera-in-body X,Y,Z,QX,QY,QZ,QW: pose of the camera (optical frame) in the frame of the tracked
     body (default: the poses are those of the camera)
 --pose-accuracy METRES,DEGREES: standard deviations of these poses, such as 0.002,0.2 of motion
-    capture: they are used as they are, and not fitted (default: they are rough). Needs
-    --clock-offset
+    capture: they are used as they are, and not fitted (default: they are rough, unless their .csv
+    says it). recorded: the covariances of the messages of --odometry. Needs --clock-offset
 --clock-offset SECONDS: how far the clock of the recording is ahead of that of these poses; 0 for
     one clock. What the motion shows beyond it is the latency of the images (default: auto, found
     from the motion, latency included)
@@ -63,7 +65,9 @@ recordings RECORDING: .npz file, bag, or folder of these
 --camera NAME: the camera of a bag that has several
 --profile
 --motion auto|still|moving: whether the camera moved (default: auto, detected)
---room-error METRES: standard deviation of the room's surfaces (default 0.003; 0 with --planes)
+--room-error METRES: standard deviation of the room's surfaces; depth errors below twice this value
+    are no gap (default: how far recordings and room differ where surfaces are smooth, 0.001 to
+    0.003; 0 with --planes)
 --lens-error FRACTION: standard deviation of the focal length, with --board (default 0.003)
 --wall: the sheet of --board is glued flat to a wall, the rest of which is known as well
 --uptime SECONDS: time from power-on to the first frame of the earliest recording; the others
@@ -128,10 +132,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _room_words(table: dict[str, Any]) -> str:
     error, rough = table['room_error_mm'], f'{table["room_rough_mm"]:.1f}'
+    source = '' if table['room_error'] == 'given' else f' ({table["room_error"]})'
     apart = 'by no more than noise' if rough == '0.0' else f'by {rough} mm beyond noise'
     return (
-        f'--room-error: {error:g} mm, so that depth errors below {2 * error:g} mm do not count as '
-        f'a gap; within flat patches, recordings and room differ {apart}'
+        f'--room-error: {error:g} mm{source}, so that depth errors below {2 * error:g} mm do not '
+        f'count as a gap; within flat patches, recordings and room differ {apart}'
     )
 
 
@@ -171,7 +176,7 @@ def _request(arguments: argparse.Namespace) -> Any:
         poses=tuple(_pose('--pose', text) for text in arguments.pose),
         told=_told(arguments),
         up=arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
-        room_error=0.003 if arguments.room_error is None else arguments.room_error,
+        room_error=arguments.room_error,
     )
 
 
@@ -216,7 +221,11 @@ def _told(arguments: argparse.Namespace) -> Any:
     frames = tuple(name.strip('/ ') for name in (arguments.tf or '').split(',') if name)
     if arguments.tf and len(frames) != 2:
         raise InputError(f'--tf: must be two frames, PARENT,CHILD, got {shown(arguments.tf)}')
-    body = arguments.camera_in_body
+    body, recorded = arguments.camera_in_body, arguments.pose_accuracy == 'recorded'
+    if recorded and not arguments.odometry:
+        raise InputError(
+            '--pose-accuracy: must be METRES,DEGREES without --odometry, got recorded'
+        )
     return PoseSource(
         Path(arguments.trajectory) if arguments.trajectory else None,
         arguments.odometry or '',
@@ -224,7 +233,8 @@ def _told(arguments: argparse.Namespace) -> Any:
         _pose('--camera-in-body', body) if body else PoseSource.camera_in_body,
         arguments.clock_offset,
         arguments.relative,
-        _accuracy(arguments.pose_accuracy),
+        None if recorded else _accuracy(arguments.pose_accuracy),
+        recorded,
     )
 
 

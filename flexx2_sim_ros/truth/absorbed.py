@@ -54,7 +54,6 @@ def hidden_by_scan(
 
     What recordings do not tell from their poses (the effect, and why) is confounded: the poses
     then take what they take in a single recording.
-
     """
     rows = never_decided(moving, late)
     single = absorbed('single')

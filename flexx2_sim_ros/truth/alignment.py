@@ -19,7 +19,7 @@ from flexx2_sim_ros.truth.solver import (
 import numpy as np
 
 _NOISE = 2.0  # standard deviations of noise that do not count as a misfit
-_GRAZING = 0.25  # cosine of the incidence angle: 75 degrees
+GRAZING = 0.25  # cosine of the incidence angle: 75 degrees
 _FEWEST = 12  # pixels
 _LONGEST_STEP, _WIDEST_STEP = 0.15, 0.15  # metres, radians
 _CONVERGED = 2e-6
@@ -89,7 +89,6 @@ def unwrapped(residual: np.ndarray, length: np.ndarray, wraps: tuple[float, ...]
 
     A wrap is subtracted where it explains nine tenths of the residual; `length` is that of a ray
     per metre of depth.
-
     """
     out = residual.copy()
     for period in wraps:
@@ -213,7 +212,7 @@ class PosedImage:
         """Return its equations, with robust weights; without hits at a grazing angle."""
         target, hits = self.target, self.hits
         with np.errstate(invalid='ignore'):
-            use = -hits.slant(target.rays) > _GRAZING * target.length
+            use = -hits.slant(target.rays) > GRAZING * target.length
         use &= np.isfinite(self.residual)
         A, error = self.A[use], self.error[use]
         # The error of a mesh is perpendicular to its surface.
@@ -262,7 +261,6 @@ def align(
 
     Residuals beyond `reach`, metres, are truncated. A large value converges from farther away, a
     small one is more robust.
-
     """
     none = np.zeros(len(target.depth))
     found = PosedImage(0, room, target, start, none, reach=reach).settled(steps)

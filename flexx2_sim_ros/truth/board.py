@@ -122,7 +122,6 @@ def find_board(
 
     The scale error is that of the focal length, as a fraction. The fit of the frame before is
     tried first.
-
     """
     powers: tuple[float, ...] = POWERS
     if before is not None:

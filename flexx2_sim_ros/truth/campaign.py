@@ -3,53 +3,27 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.opening import find_recordings
-from flexx2_sim_ros.truth.files import has_truth, sources_of, TruthSource, write_results
+from flexx2_sim_ros.truth.files import has_truth, sources_of, write_results
 from flexx2_sim_ros.truth.from_board import BoardCampaign
 from flexx2_sim_ros.truth.from_planes import PlaneCampaign
 from flexx2_sim_ros.truth.from_room import RoomCampaign
 from flexx2_sim_ros.truth.page import page
 from flexx2_sim_ros.truth.reflectivity import find_scale
 from flexx2_sim_ros.truth.requests import BoardRequest, PlaneRequest, RoomRequest, TruthRequest
-from flexx2_sim_ros.truth.run import no_progress, Progress, Run, running
-from flexx2_sim_ros.truth.writing import read_light, Surfaces, write_recording, Writing, Written
+from flexx2_sim_ros.truth.run import no_progress, Progress, running
+from flexx2_sim_ros.truth.writing import read_light, write_recording, Writing
 
 _LONGEST_COMMAND = 2000  # characters that are stored
 
 
-class Campaign(Protocol):
-    """
-    The recordings of a room, a board or planes.
-
-    `kind` is ``scan``, ``board`` or ``planes``. `lit`: reflectivity is to be taken from gray
-    images. `files` are read besides recordings.
-    """
-
-    kind: str
-    lit: bool
-    files: Sequence[Path]
-
-    def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
-        """
-        Find where the surfaces are, by the number of each recording that is not refused.
-
-        Raises `InputError` where no recording shows them.
-        """
-
-    def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
-        """Return the rows of all recordings for ``truth.yaml``."""
-
-    def about(self) -> dict[str, Any]:
-        """Return the source of the ground truth."""
-
-    def findings(self) -> dict[str, Any]:
-        """Return results for all recordings together."""
-
-
+# `kind` is ``scan``, ``board`` or ``planes``; `lit`: reflectivity is to be taken from gray images;
+# `files` are read besides recordings. `rows` comes before `about` and `findings`.
+_Campaign = RoomCampaign | BoardCampaign | PlaneCampaign
 _KINDS: dict[type[TruthRequest], Any] = {
     RoomRequest: RoomCampaign,
     BoardRequest: BoardCampaign,
@@ -79,7 +53,7 @@ def make_truth(request: TruthRequest, progress: Progress = no_progress) -> dict[
         When an input cannot be used, or no recording shows the surfaces. Nothing is written then.
 
     """
-    campaign: Campaign = _KINDS[type(request)](request)
+    campaign: _Campaign = _KINDS[type(request)](request)
     sources = sources_of(request, campaign.files)
     with running(request, progress) as run:
         surfaces = campaign.place(run, sources)

@@ -96,7 +96,6 @@ def render_plane(
     Render a plane, which is given as of `ImagePlane`.
 
     It is accurate to `plane_error` along its normal, metres. All pixels but ``where`` are outside.
-
     """
     along = image.directions @ (inverse / np.linalg.norm(inverse))
     with np.errstate(invalid='ignore', divide='ignore'):

@@ -113,7 +113,6 @@ def sources_of(request: TruthRequest, inputs: Sequence[Path]) -> list[TruthSourc
     A file of a folder that cannot be read stays: the run refuses it, and goes on. Raises
     `InputError` where a folder has none, one that was named cannot be read, its file cannot be
     written, or a file that is read, one of `inputs` too, would be overwritten.
-
     """
     paths = recordings_of(request.recordings)
     targets = [request.out / name for name in names_of(paths)]

@@ -199,7 +199,7 @@ def _judged(image: Observation, clean: Clean, pose: Pose, plane: np.ndarray) -> 
 
 
 class BoardCampaign:
-    """Recordings of a board; see `Campaign`."""
+    """Recordings of a board, for `make_truth`."""
 
     kind, lit = 'board', False
 

@@ -66,19 +66,17 @@ class Judged:
         return [
             {
                 'name': surface.name,
-                'distance_m': round(float(placed.distances[k]), 5),
+                'distance_m': round(away, 5),
                 'normal': [round(float(value), 5) for value in placed.normals[k]],
                 'sigma_mm': round(float(distances[k]) * 1e3, 2),
                 'sigma_deg': round(float(np.degrees(spread[3 * k + 1 : 3 * k + 3].max())), 3),
-                'residual_mm': _off(surface, placed, k) if told else None,
+                'residual_mm': round((surface.distance - away) * 1e3, 2) if told else None,
                 'bend_mm': round(surface.bend * 1e3, 2),
             }
-            for k, (surface, told) in enumerate(zip(self.surfaces, self.taped, strict=True))
+            for k, (surface, told, away) in enumerate(
+                zip(self.surfaces, self.taped, placed.distances.tolist(), strict=True)
+            )
         ]
-
-
-def _off(surface: ImagePlane, placed: PlacedPlanes, k: int) -> float:
-    return round((surface.distance - float(placed.distances[k])) * 1e3, 2)
 
 
 @dataclass(frozen=True)
@@ -188,7 +186,7 @@ def _fitted(surfaces: list[ImagePlane], image: Observation) -> PlacedPlanes:
 
 
 class PlaneCampaign:
-    """Recordings of planes; see `Campaign`."""
+    """Recordings of planes, for `make_truth`."""
 
     kind, lit = 'planes', True
 

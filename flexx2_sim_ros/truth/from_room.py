@@ -21,7 +21,7 @@ from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.run import Run
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import read_trajectory
-from flexx2_sim_ros.truth.verdict import as_given, check_room, judge, RoomFit
+from flexx2_sim_ros.truth.verdict import as_given, check_room, judge, room_error, RoomFit
 from flexx2_sim_ros.truth.writing import Surfaces, Written
 import numpy as np
 
@@ -40,7 +40,7 @@ class _Placed:
 
 
 class RoomCampaign:
-    """Recordings of a room; see `Campaign`."""
+    """Recordings of a room, for `make_truth`."""
 
     kind, lit = 'scan', True
 
@@ -66,6 +66,9 @@ class RoomCampaign:
         offsets = [one.clock for one in registered if one.clock is not None]
         self.clock = common_offset(offsets) if offsets else None
         self.late = _latency(request, self.clock)
+        self.error, self.error_is = room_error(self.shared.solution)
+        if request.room_error is not None:
+            self.error, self.error_is = request.room_error, 'given'
         self.surfaces = {
             one.number: surfaces
             for i, one in enumerate(self.placed)
@@ -92,11 +95,10 @@ class RoomCampaign:
         # The room from the poses of a recording; None if it is refused.
         solution, verdict = self.shared.solution, self.verdicts[number]
         mine = [k for k, view in enumerate(solution.views) if view.recording == number]
-        given = one.where.accuracy
-        if given:
+        given = one.where.given
+        if given is not None:
             pose = next(pose for pose in one.where.poses if np.isfinite(pose).all())
-            sigmas = np.array(given) * (1, np.radians(1))
-            covariance = np.diag(np.repeat(sigmas**2, 3))
+            covariance = given
         elif verdict.state != 'refused' and mine:
             pose = tuple(solution.views[mine[0]].pose.numbers())
             covariance = np.mean([solution.full_covariance(k) for k in mine], axis=0)
@@ -109,7 +111,8 @@ class RoomCampaign:
             solution.columns,
             tuple(map(float, solution.values)),
             covariance,
-            0.0 if given else self.late or 0.0,
+            self.error,
+            self.late or 0.0 if given is None else 0.0,
         )
 
     def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
@@ -127,7 +130,8 @@ class RoomCampaign:
         return {
             'room': str(self.request.room),
             'room_size_m': [round(float(size), 3) for size in self.size],
-            'room_error_mm': self.request.room_error * 1e3,
+            'room_error_mm': self.error * 1e3,
+            'room_error': self.error_is,
         }
 
     def findings(self) -> dict[str, Any]:
@@ -138,7 +142,9 @@ class RoomCampaign:
             **({} if self.rough is None else {'room_rough_mm': round(self.rough * 1e3, 2)}),
             'shared': self.shared.findings,
             'cannot_decide': _cannot_decide(self.shared, registered, late is not None),
-            'absorbed': {} if all(one.accuracy for one in registered) else absorbed('scan'),
+            'absorbed': {}
+            if all(one.given is not None for one in registered)
+            else absorbed('scan'),
         }
 
 
@@ -182,14 +188,14 @@ def _fit(
     # are those whose poses are used as they were given.
     registered = [one.where for one in placed]
     pairs = zip(parts, registered, strict=True)
-    alone = solve([view for part, one in pairs if not one.accuracy for view in part], NO_ERRORS)
+    alone = solve([view for part, one in pairs if one.given is None for view in part], NO_ERRORS)
     first = judge(registered, alone)
     good = [view for view in alone.views if first[view.recording].state != 'refused']
     shared = estimate(good) if good else Shared(alone, {})
     final = judge(registered, shared.solution) if good else first
     off = _off_together(parts, placed)
     for i, one in enumerate(placed):
-        if one.where.accuracy:
+        if one.where.given is not None:
             final[i] = as_given(one.where, parts[i], off)
         elif first[i].state == 'refused':
             final[i] = first[i]
@@ -198,12 +204,13 @@ def _fit(
 
 def _off_together(parts: Sequence[Sequence[PosedImage]], placed: Sequence[_Placed]) -> str:
     # Whether given poses are all off by one motion of the camera in the body.
-    told, accuracies = placed[0].job.request.told, [one.where.accuracy for one in placed]
-    accuracy = next(filter(None, accuracies), None)
-    if told is None or accuracy is None:
+    told, pairs = placed[0].job.request.told, list(zip(parts, placed, strict=True))
+    given = [one.where.given for one in placed if one.where.given is not None]
+    if told is None or not given:
         return ''
-    views = [view for i, part in enumerate(parts) if accuracies[i] for view in part]
-    return common_motion(views, accuracy, Pose.from_numbers(np.array(told.camera_in_body)))
+    views = [view for part, one in pairs if one.where.given is not None for view in part]
+    mount = Pose.from_numbers(np.array(told.camera_in_body))
+    return common_motion(views, np.mean(given, axis=0), mount)
 
 
 def _row(
@@ -268,7 +275,7 @@ def _cannot_decide(
         for effect, finding in shared.findings.items()
         if effect in _HIDDEN_UNLESS_FITTED and finding['verdict'] == 'confounded'
     }
-    fitted = [one for one in registered if not one.accuracy]
+    fitted = [one for one in registered if one.given is None]
     if not fitted:
         return []
     out = hidden_by_scan(any(one.moving for one in fitted), late, confounded)

@@ -19,16 +19,37 @@ _REACH = 0.5  # metres: poses may be far off
 _MOST_COST, _BETTER = 0.2, 0.5
 
 
-def common_motion(views: Sequence[PosedImage], accuracy: tuple[float, float], mount: Pose) -> str:
+def common_motion(views: Sequence[PosedImage], covariance: np.ndarray, mount: Pose) -> str:
     """
     Return by which motion of the camera in its body given poses are off; nothing if it is unclear.
 
-    The poses are right within `accuracy`, metres and degrees; `mount` is the pose of the camera in
-    the body as it was given. A latency and a bias of the camera are fitted with the motion.
-
+    The poses have a (6, 6) covariance; `mount` is the pose of the camera in the body as it was
+    given.
     """
     if not any(len(view.linear.y) for view in views):
         return ''
+    motion, variance, seen = fitted_motion(views)
+    clear = (np.abs(motion) > _CLEAR * np.sqrt(variance + np.diag(covariance))).any()
+    before, after = (
+        float(np.mean([replace(view, reach=TRUNCATION).cost for view in some]))
+        for some in (views, seen)
+    )
+    if not clear or after > min(_MOST_COST, _BETTER * before):
+        return ''
+    metres, turn = np.linalg.norm(motion[:3]), math.degrees(np.linalg.norm(motion[3:]))
+    better = ','.join(f'{number:.4g}' for number in mount.moved(motion).numbers())
+    return (
+        f'the given poses are all off by {metres * 1e3:.0f} mm and {turn:.1f} degrees: measure '
+        f'--camera-in-body again (what the recordings show: {better})'
+    )
+
+
+def fitted_motion(views: Sequence[PosedImage]) -> tuple[np.ndarray, np.ndarray, list[PosedImage]]:
+    """
+    Return the motion of the camera in its body that fits best, its variances, and the views so.
+
+    Motion and variances are (6,). A latency and a bias of the camera are fitted with it.
+    """
     bounce = any(view.bounce.any() for view in views)
     columns = replace(NO_ERRORS, bias=True, bounce=bounce)
     precision = np.concatenate([np.repeat(_PRIOR, [3, 3, 1]) ** -2.0, columns.precision])
@@ -45,21 +66,7 @@ def common_motion(views: Sequence[PosedImage], accuracy: tuple[float, float], mo
     inverse = np.linalg.inv(information(J, weight) + np.diag(precision))
     score = tile_sums(tile, J * (weight * left)[:, None])  # Errors within one are not independent.
     spread = inverse @ (score.T @ score + np.diag(precision)) @ inverse
-    sigmas = np.repeat([accuracy[0], math.radians(accuracy[1])], 3)
-    motion = values[:6]
-    clear = (np.abs(motion) > _CLEAR * np.sqrt(np.diag(spread)[:6] + sigmas**2)).any()
-    before, after = (
-        float(np.mean([replace(view, reach=TRUNCATION).cost for view in some]))
-        for some in (views, seen)
-    )
-    if not clear or after > min(_MOST_COST, _BETTER * before):
-        return ''
-    metres, turn = np.linalg.norm(motion[:3]), math.degrees(np.linalg.norm(motion[3:]))
-    better = ','.join(f'{number:.4g}' for number in mount.moved(motion).numbers())
-    return (
-        f'the given poses are all off by {metres * 1e3:.0f} mm and {turn:.1f} degrees: measure '
-        f'--camera-in-body again (what the recordings show: {better})'
-    )
+    return values[:6], np.diag(spread)[:6], seen
 
 
 def _at(view: PosedImage, columns: ErrorColumns, values: np.ndarray) -> PosedImage:

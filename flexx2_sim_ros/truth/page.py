@@ -71,7 +71,7 @@ def _about(results: Mapping[str, Any]) -> tuple[str, ...]:
         more = f', {size} mm; focal length within {results["lens_error"]:.1%} (given).'
         return 'Board: ', element('code', results['board']), more
     size = ' x '.join(f'{value:g}' for value in results['room_size_m'])
-    more = f', {size} m, accuracy {results["room_error_mm"]:g} mm (given).'
+    more = f', {size} m, accuracy {results["room_error_mm"]:g} mm ({results["room_error"]}).'
     return 'Room: ', element('code', results['room']), more
 
 

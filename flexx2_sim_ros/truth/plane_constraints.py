@@ -164,7 +164,6 @@ def turned(surfaces: list[ImagePlane], constraints: Constraints) -> tuple[str, l
 
     The first is an angle that says that it shows other planes than the file means, or nothing; the
     others are a finding.
-
     """
     normals = {surface.name: surface.normal for surface in surfaces}
     notes = []

@@ -321,7 +321,6 @@ def find_markers(
     Return (4, 2) corners of markers, pixels, by their number from the first one.
 
     Markers have a black border of so many modules. Those that are seen twice are left out.
-
     """
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX

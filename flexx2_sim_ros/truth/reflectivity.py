@@ -77,7 +77,6 @@ def surfaces(clean: Clean, rays: np.ndarray) -> np.ndarray:
 
     Inverse depth is an affine function of the pixel on a plane. It bends at depth jumps and
     creases.
-
     """
     inside = clean.known & np.isfinite(clean.depth)
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -173,7 +172,6 @@ def with_reflectivity(clean: Clean, gray: np.ndarray, rays: np.ndarray, scale: G
     Another surface gets the median of its pixels. Pixels without light (0), saturated (NaN) and
     steep ones and borders get the value of their surface, or of the nearest one. Ground truth is
     unchanged where most of the image shows no surface.
-
     """
     shown = _shown(gray, clean, rays)
     if shown is None:

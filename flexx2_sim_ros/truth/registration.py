@@ -18,7 +18,12 @@ from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.requests import Placing, RoomRequest
 from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.search import find, look_around, Panoramas
-from flexx2_sim_ros.truth.trajectory import camera_trajectory, CameraTrajectory, Trajectory
+from flexx2_sim_ros.truth.trajectory import (
+    camera_trajectory,
+    CameraTrajectory,
+    covariance_of,
+    Trajectory,
+)
 import numpy as np
 
 _KEY_FRAMES = 6  # frames of a moving recording in the joint fit
@@ -33,8 +38,8 @@ _NOWHERE = (math.nan,) * 7
 _PLAIN = 0.5  # reflectivity where it is unknown
 _MOST_BOUNCE = 0.3  # metres: more is another surface, behind an edge
 MOST_METRES = 0.01  # standard deviation of a pose that is held by what its camera sees
-TOLD = 0.3, 20.0  # metres and degrees that a rough pose may be wrong by
 ASSUMED = 0.01, 0.5  # metres and degrees: standard deviations of given poses that are not told
+TOLD = 0.3, 20.0  # metres and degrees that a rough pose may be wrong by
 _NOT_HELD = (
     'what it sees does not hold its pose, so that the given poses are used as they are, and taken '
     f'to be right within {ASSUMED[0] * 1e3:g} mm and {ASSUMED[1]:g} degrees (--pose-accuracy)'
@@ -74,7 +79,7 @@ class Registered:
       given in the room's frame.
     * `clock`: offset to the clock of the given poses; None without such poses, and for a still
       recording.
-    * `accuracy`: standard deviations, metres and degrees, if `poses` are those that were given.
+    * `given`: (6, 6) covariance of `poses` if they are those that were given, as of `Solution`.
     * `why`: why they are, if nobody has asked for it.
     """
 
@@ -86,7 +91,7 @@ class Registered:
     seconds: float
     told: tuple[float, float] | None = None
     clock: ClockOffset | None = None
-    accuracy: tuple[float, float] | None = None
+    given: np.ndarray | None = None
     why: str = ''
 
 
@@ -110,12 +115,13 @@ def register(job: Job) -> Registered:
     footage = observe(reader, request.profile, motion)
     told = [None] * len(reader.stamp_ns) if given is None else _told(given, footage)
     as_told = _as_told(given, told)
-    if given is not None and given.source.accuracy is not None:
+    if given is not None and given.told:
         if not as_told:
             raise InputError(
-                '--pose-accuracy: must be given with poses in the room and --clock-offset SECONDS'
+                f'{given.told}: must be given with poses in the room and --clock-offset SECONDS'
             )
-        return _as_given(as_told, footage.moving, given.source.accuracy)
+        covariance = given.covariance(_their_stamps(given, reader.stamp_ns))
+        return _as_given(as_told, footage.moving, covariance)
     found, first, mirrored = _search(job, footage, _start(job.guess, given, told))
     clock = None
     if footage.moving:
@@ -132,7 +138,8 @@ def register(job: Job) -> Registered:
     if as_told and strays(distance) and not _held(request.room, footage, fits):
         # What a camera of few pixels sees may not hold its pose.
         seconds = time.perf_counter() - begin
-        return replace(_as_given(as_told, footage.moving, ASSUMED), seconds=seconds, why=_NOT_HELD)
+        assumed = _as_given(as_told, footage.moving, covariance_of(ASSUMED))
+        return replace(assumed, seconds=seconds, why=_NOT_HELD)
     poses = tuple(tuple(one.pose.numbers()) for one in fits)
     costs = tuple(one.cost for one in fits)
     seconds = time.perf_counter() - begin
@@ -142,10 +149,10 @@ def register(job: Job) -> Registered:
 
 
 def _as_given(
-    poses: tuple[tuple[float, ...], ...], moving: bool, accuracy: tuple[float, float]
+    poses: tuple[tuple[float, ...], ...], moving: bool, covariance: np.ndarray
 ) -> Registered:
     costs = tuple(0.0 if np.isfinite(one).all() else math.inf for one in poses)
-    return Registered(poses, costs, math.inf, moving, math.inf, 0.0, accuracy=accuracy)
+    return Registered(poses, costs, math.inf, moving, math.inf, 0.0, given=covariance)
 
 
 def _held(room: Path, footage: Footage, fits: Sequence[AlignedPose]) -> bool:
@@ -166,11 +173,19 @@ def _as_told(
 
 def _moves(given: CameraTrajectory, stamp_ns: np.ndarray) -> bool:
     # An image that changes little may hide a motion: the sky, or a camera of few pixels.
-    poses = given.at(stamp_ns - round((given.source.clock_offset or 0.0) * 1e9))
+    poses = given.at(_their_stamps(given, stamp_ns))
     known = [Pose.from_numbers(one) for one in poses if np.isfinite(one).all()]
     motions = np.array([known[0].motion_to(one) for one in known]).reshape(-1, 2, 3)
     away = (np.linalg.norm(motions, axis=2) > _STANDS).any(axis=1)
     return bool(away.sum() > len(away) / 10)
+
+
+def _their_stamps(
+    given: CameraTrajectory, stamp_ns: np.ndarray, found: float | None = None
+) -> np.ndarray:
+    # By the clock of the given poses, with the offset that was found or told.
+    offset = given.source.clock_offset if found is None else found
+    return stamp_ns - round((offset or 0.0) * 1e9)
 
 
 def _told(
@@ -178,8 +193,7 @@ def _told(
 ) -> list[Pose | None]:
     # The given rough pose of each frame, with the offset of clocks that was found or given. A
     # moving camera may find an offset later, so that all poses may be missing.
-    offset = given.source.clock_offset if found is None else found
-    there = footage.reader.stamp_ns - round((offset or 0.0) * 1e9)
+    there = _their_stamps(given, footage.reader.stamp_ns, found)
     poses = given.at(there)
     can_wait = footage.moving and given.source.clock_offset is None
     if not can_wait and not np.isfinite(poses).all(axis=1).any():

@@ -90,8 +90,9 @@ class RoomRequest(TruthRequest):
         Rough poses: none, one for all recordings, or one for each.
     up : str
         Direction of the room that is up; see `search.UPS`.
-    room_error : float
-        Standard deviation of the room's surfaces along their normals, metres.
+    room_error : float or None
+        Standard deviation of the room's surfaces along their normals, metres (None: estimated from
+        the recordings, see `verdict.room_error`).
     told : PoseSource or None
         Source of rough poses: motion capture, odometry or TF.
 
@@ -100,7 +101,7 @@ class RoomRequest(TruthRequest):
     room: Path
     poses: tuple[tuple[float, ...], ...] = ()
     up: str = '+z'
-    room_error: float = 0.003
+    room_error: float | None = None
     told: PoseSource | None = None
 
 

@@ -25,8 +25,8 @@ class RoomSurfaces:
 
     `pose` is that of a still recording from the joint fit, see `Pose.numbers`; `covariance` (6, 6)
     its covariance. `columns` are the errors that all recordings share, `values` their
-    coefficients. `latency` is how late images are by their stamps, seconds. Frames get the ground
-    truth of their stamps.
+    coefficients. `room_error` is how accurate the room is, metres; `latency` how late images are
+    by their stamps, seconds. Frames get the ground truth of their stamps.
     """
 
     job: Job
@@ -35,6 +35,7 @@ class RoomSurfaces:
     columns: ErrorColumns
     values: tuple[float, ...]
     covariance: np.ndarray
+    room_error: float
     latency: float = 0.0
 
     @property
@@ -51,8 +52,8 @@ class RoomSurfaces:
 
     def render(self, pose: Pose, footage: Footage) -> Clean:
         """Return the room from a pose."""
-        request = self.job.request
-        return render(load_room(request.room), pose, footage.still.rays, request.room_error)
+        room = load_room(self.job.request.room)
+        return render(room, pose, footage.still.rays, self.room_error)
 
     def truth(self, footage: Footage) -> GroundTruth:
         """Return the room of each frame, or from the pose of a still recording."""
@@ -74,7 +75,6 @@ def roughness(clean: Clean, image: Observation) -> float:
 
     It is the standard deviation along the normal, metres: the median over patches, each without
     its mean and tilt. NaN with too few patches.
-
     """
     height, width = (side - side % _PATCH for side in clean.depth.shape)
     blocks, error, flat = [], difference(clean, image), clean.known & image.smooth
@@ -126,7 +126,7 @@ def _pose_of(what: RoomSurfaces, footage: Footage, frame: Observation, number: i
     # The pose is fitted again, with the shared errors subtracted.
     request, numbers = what.job.request, what.registered.poses[number]
     pose = Pose.from_numbers(np.array(numbers if np.isfinite(numbers).all() else what.pose))
-    if not what.values or what.registered.accuracy:
+    if not what.values or what.registered.given is not None:
         return pose
     view = view_of(request.room, frame, _PIXELS, pose)
     if what.columns.bounce:

@@ -36,7 +36,6 @@ def running(request: TruthRequest, progress: Progress) -> Iterator['Run']:
 
     Intermediate results stay in the folder if the run is interrupted, and are removed when it
     ends.
-
     """
     new = not request.out.exists()
     try:

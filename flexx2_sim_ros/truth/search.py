@@ -79,7 +79,6 @@ def find(
 
     Without a guess, it is searched in the panoramas of the room, whose direction `up` is one of
     `UPS`. Raises `InputError` where the room then has no free place: a single wall.
-
     """
     if guess is not None:
         starts = [guess.moved(motion) for motion in _around()]
@@ -124,13 +123,8 @@ def _distinct(fits: list[AlignedPose], most: int) -> list[AlignedPose]:
 
 def _around() -> list[np.ndarray]:
     # The guess itself, then shifted and turned along each axis.
-    motions = [np.zeros(6)]
-    for axis in range(6):
-        for sign in (-1, 1):
-            motion = np.zeros(6)
-            motion[axis] = sign * (_SHIFT if axis < 3 else _TURN)
-            motions.append(motion)
-    return motions
+    motions = np.diag(np.repeat([_SHIFT, _TURN], 3))
+    return [np.zeros(6), *(sign * motion for motion in motions for sign in (-1, 1))]
 
 
 def _differ(one: Pose, other: Pose, place: float = _SAME_PLACE, turn: float = _SAME_TURN) -> bool:

@@ -11,14 +11,20 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.recording import bag_messages
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.opening import BAG_FILES, is_bag
+from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.transforms import FARTHEST, listed, pose_of, stamp_of, transforms_between
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 ODOMETRY = 'nav_msgs/msg/Odometry'
 POSE = 'geometry_msgs/msg/PoseStamped'
+COVARIANT = 'geometry_msgs/msg/PoseWithCovarianceStamped'
 IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _COLUMNS = 't', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'
+# Standard deviations of a pose, as the covariance of ROS: along and about the axes of its frame.
+_DEVIATIONS = 'sx', 'sy', 'sz', 'srx', 'sry', 'srz'
+_MOST_DEVIATION = np.repeat([1.0, np.pi / 2], 3)  # metres, radians
+_ROUNDING = 1e-6  # of a correlation
 _TIMES = 't', 'time', 'stamp', 'timestamp'
 _SUFFIXES = '.txt', '.csv', '.tum'
 _LONGEST_GAP = 500_000_000  # longest time between two poses for interpolation, nanoseconds
@@ -47,7 +53,9 @@ class PoseSource:
         Whether the poses are in a frame of their own; then only motions are used.
     accuracy : tuple of float or None
         Standard deviations of the poses, metres and degrees: they are used as they are. None: they
-        are rough, and fitted to the recordings.
+        are rough, and fitted to the recordings, if the file does not say it.
+    recorded : bool
+        Whether the covariances of the topic's messages say it.
 
     """
 
@@ -58,6 +66,7 @@ class PoseSource:
     clock_offset: float | None = None
     relative: bool = False
     accuracy: tuple[float, float] | None = None
+    recorded: bool = False
 
     def file_of(self, recording: Path) -> Path:
         """Return the file with the poses of a recording: in a folder, that of the same name."""
@@ -74,13 +83,15 @@ class Trajectory:
     Poses with stamps; `name` is for messages.
 
     `stamp_ns` is (N,) int64, rising; `poses` (N, 7) x, y, z in metres, qx, qy, qz, qw. `fixed`:
-    one pose holds for all times.
+    one pose holds for all times. `covariances`: (N, 6, 6) of the poses, or None: metres and
+    radians, along and about the axes of their frame.
     """
 
     name: str
     stamp_ns: np.ndarray
     poses: np.ndarray
     fixed: bool = False
+    covariances: np.ndarray | None = None
 
     def at(self, stamp_ns: np.ndarray) -> np.ndarray:
         """Interpolate (T, 7) poses by (T,) int64 stamps, NaN where no pose is near in time."""
@@ -132,6 +143,32 @@ class CameraTrajectory:
             poses = _compose(poses, link.at(stamp_ns))
         return _compose(poses, np.tile(self.source.camera_in_body, (len(poses), 1)))
 
+    @property
+    def told(self) -> str:
+        """Return what says how accurate the poses are; nothing if they are rough."""
+        body = self.chain[0]
+        if self.source.accuracy is not None or self.source.recorded:
+            return '--pose-accuracy'
+        return '' if body.covariances is None else f'{body.name}: {", ".join(_DEVIATIONS)}'
+
+    def covariance(self, stamp_ns: np.ndarray) -> np.ndarray:
+        """Return the mean (6, 6) covariance of poses, optical frame, where it is `told`."""
+        body, mount = self.chain[0], Pose.from_numbers(np.array(self.source.camera_in_body))
+        if self.source.accuracy is not None:
+            return covariance_of(self.source.accuracy)
+        assert body.covariances is not None
+        out = []
+        after = np.searchsorted(body.stamp_ns, stamp_ns).clip(0, len(body.stamp_ns) - 1)
+        for numbers, own in zip(body.at(stamp_ns), body.covariances[after], strict=True):
+            if np.isfinite(numbers).all():
+                turn = Pose.from_numbers(numbers).R
+                lever = np.eye(6)  # A body that turns moves its camera.
+                lever[:3, 3:] = np.cross(turn @ mount.t, np.eye(3))
+                slope = np.kron(np.eye(2), (turn @ mount.R).T) @ lever
+                out.append(slope @ own @ slope.T)
+        mean = np.mean(out, axis=0)
+        return np.asarray(mean + mean.T) / 2
+
     def no_overlap(self, stamp_ns: np.ndarray) -> InputError:
         """Return the error that no pose is at these (T,) stamps."""
         moving = next(one for one in self.chain if not one.fixed)
@@ -146,6 +183,12 @@ class CameraTrajectory:
 def camera_trajectory(source: PoseSource, path: Path, camera: str = '') -> CameraTrajectory:
     """Read a camera's poses; of several robots' TF, that of the camera's namespace is used."""
     return CameraTrajectory(path, tuple(_chain(source, path, camera)), source)
+
+
+def covariance_of(accuracy: tuple[float, float]) -> np.ndarray:
+    """Return the (6, 6) covariance of poses of these standard deviations, metres and degrees."""
+    sigmas = np.array(accuracy) * (1, np.radians(1))
+    return np.diag(np.repeat(sigmas**2, 3))
 
 
 def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
@@ -165,7 +208,7 @@ def _chain(source: PoseSource, path: Path, camera: str) -> list[Trajectory]:
         option = '--odometry' if source.topic else '--tf'
         raise InputError(f'{option}: must be given with bags only, got {shown_path(path)}')
     if source.topic:
-        return [_of_topic(path, source.topic)]
+        return [_of_topic(path, source.topic, source.recorded)]
     return _of_frames(path, source.frames, camera)
 
 
@@ -175,10 +218,10 @@ def read_trajectory(path: Path) -> Trajectory:
     Read poses with stamps from a text file.
 
     Each line is ``t x y z qx qy qz qw`` (TUM; seconds, metres; ``#`` begins a comment); the first
-    line of a ``.csv`` names these columns in any order, among others. Lines without numbers in
-    them are left out. Raises `InputError` where there is no such file or it has fewer than two
+    line of a ``.csv`` names these columns in any order, among others, and may name sx, sy, sz
+    (metres), srx, sry, srz (radians), see `Trajectory`. Lines without numbers in them are left
+    out. Raises `InputError` where there is no such file or it has fewer than two
     poses.
-
     """
     name = f'--trajectory: {shown_path(path)}'
     if not is_regular_file(path):
@@ -199,7 +242,10 @@ def read_trajectory(path: Path) -> Trajectory:
             f'{name}: must have two poses or more, lines of {" ".join(_COLUMNS)} in seconds and '
             f'metres, got {len(rows)}'
         )
-    return _checked(name, [row[0] for row in rows], np.array([row[1] for row in rows]))
+    numbers = np.array([row[1] for row in rows])
+    deviations = numbers[:, 7:]
+    covariances = deviations[..., None] ** 2 * np.eye(6) if deviations.size else None
+    return _checked(name, [row[0] for row in rows], numbers[:, :7], covariances=covariances)
 
 
 def _columns(name: str, path: Path) -> tuple[int, ...]:
@@ -213,7 +259,13 @@ def _columns(name: str, path: Path) -> tuple[int, ...]:
             f'{name}: must have the columns {", ".join(_COLUMNS)} in its first line, got '
             f'{shown(",".join(head))}'
         )
-    return tuple(head.index(word) for word in wanted)
+    told = [word for word in _DEVIATIONS if word in head]
+    if told and len(told) < len(_DEVIATIONS):
+        raise InputError(
+            f'{name}: must have all of the columns {", ".join(_DEVIATIONS)} or none of them, got '
+            f'{", ".join(told)}'
+        )
+    return tuple(head.index(word) for word in (*wanted, *told))
 
 
 def _numbers(row: Sequence[str], columns: tuple[int, ...]) -> tuple[int, list[float]] | None:
@@ -230,7 +282,11 @@ def _numbers(row: Sequence[str], columns: tuple[int, ...]) -> tuple[int, list[fl
 
 
 def _checked(
-    name: str, stamps: Sequence[int], poses: np.ndarray, fixed: bool = False
+    name: str,
+    stamps: Sequence[int],
+    poses: np.ndarray,
+    fixed: bool = False,
+    covariances: np.ndarray | None = None,
 ) -> Trajectory:
     good = np.isfinite(poses).all(axis=1)  # Motion capture that has lost the body.
     stamp, first = np.unique(np.array(stamps, np.int64)[good], return_index=True)
@@ -247,25 +303,39 @@ def _checked(
         raise InputError(
             f'{name}: x, y, z: must be metres, at most {FARTHEST:g} from the origin, got {far:.4g}'
         )
-    return Trajectory(name, stamp, poses, fixed)
+    if covariances is not None:
+        covariances = covariances[good][first]
+        variances = np.einsum('nii->ni', covariances)
+        good = (variances > 0) & (variances < _MOST_DEVIATION**2)
+        most = np.sqrt(np.maximum(variances[:, None] * variances[..., None], 0))
+        if not (good.all() and (np.abs(covariances) <= most * (1 + _ROUNDING)).all()):
+            raise InputError(
+                f'{name}: must have variances of all six axes, above 0 and below (1 m)2 and (90 '
+                f'degrees)2, and correlations of at most 1, got variances from '
+                f'{variances.min():.2g} to {variances.max():.2g}'
+            )
+    return Trajectory(name, stamp, poses, fixed, covariances)
 
 
-def _of_topic(path: Path, topic: str) -> Trajectory:
-    bag = Bag(path)
+def _of_topic(path: Path, topic: str, recorded: bool) -> Trajectory:
+    bag, kinds = Bag(path), (POSE, ODOMETRY, COVARIANT)
     kind = bag.topics.get(topic)
-    if kind not in (ODOMETRY, POSE):
-        known = [one for one, of in bag.topics.items() if of in (ODOMETRY, POSE)]
+    if kind not in kinds[recorded:]:
+        known = [one for one, of in bag.topics.items() if of in kinds[recorded:]]
         raise InputError(
             f'--odometry: must be a topic of odometry or poses with stamps in '
             f'{shown_path(path)}, one of {listed(known)}, got {shown(topic)}'
         )
-    stamps, poses = [], []
+    stamps, poses, covariances = [], [], []
     for _, _, _, data in bag.messages({topic}):
         message = bag_messages.decode(kind, data, f'{shown_path(path)}: {topic}')
         stamps.append(stamp_of(message))
-        pose = message.pose.pose if kind == ODOMETRY else message.pose
+        pose = message.pose if kind == POSE else message.pose.pose
         poses.append(pose_of(pose.position, pose.orientation))
-    return _checked(f'{shown_path(path)}: {topic}', stamps, np.array(poses))
+        if recorded:
+            covariances.append(np.reshape(message.pose.covariance, (6, 6)))
+    told = np.array(covariances) if recorded else None
+    return _checked(f'{shown_path(path)}: {topic}', stamps, np.array(poses), covariances=told)
 
 
 def _of_frames(path: Path, frames: tuple[str, ...], camera: str) -> list[Trajectory]:

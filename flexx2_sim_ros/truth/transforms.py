@@ -51,14 +51,12 @@ def transforms_between(
     Frames of topics in different namespaces (``/robot1/tf``, ``/robot2/tf``) may have the same
     names and are never mixed: where several have these frames, the namespace of the camera is
     used. Raises `InputError` where there are none, or they are of several robots.
-
     """
     trees, name = _read(bag), shown_path(bag.path)
     links = _links(trees, parent, child, camera, name)
     if not links:
-        frames = {
-            one for tree in trees.values() for links in tree.values() for one in _ends(links)
-        }
+        every = (link for tree in trees.values() for one in tree.values() for link in one.values())
+        frames = {name for link in every for name in (link.child, link.parent)}
         raise InputError(
             f'--tf: must be two frames of {name}, the second under the first, got '
             f'{shown(parent)},{shown(child)}; it has {listed(frames)}'
@@ -156,10 +154,6 @@ def _check(link: FrameTransforms, name: str) -> None:
             f'{"differ" if link.fixed else "jump to and fro"}: those of two robots with the same '
             'frames?'
         )
-
-
-def _ends(links: Mapping[str, FrameTransforms]) -> set[str]:
-    return {name for link in links.values() for name in (link.child, link.parent)}
 
 
 def listed(names: Collection[str]) -> str:

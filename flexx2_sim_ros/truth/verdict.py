@@ -5,11 +5,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.truth.alignment import PosedImage
+from flexx2_sim_ros.truth.alignment import GRAZING, PosedImage
 from flexx2_sim_ros.truth.joint import Solution
 from flexx2_sim_ros.truth.registration import MOST_METRES, Registered, strays, TOLD
+from flexx2_sim_ros.truth.solver import robust_sigma, tile_sums
 import numpy as np
 
+# How accurate a room is, metres: what is assumed where recordings do not show it, and the least
+# that they can show: surfaces that are all too near look like an offset of the camera. ASSUMED
+_USUAL_ERROR, _LEAST_ERROR = 0.003, 0.001
+_LEAST_TILES, _IN_TILE = 30, 4  # beyond those that the fit takes; pixels. ASSUMED
+_MEDIAN_SPREAD = 2.3  # relative standard deviation of a robust variance, times the root of tiles
+_SURELY = 2.0  # standard deviations
 # A pixel fits if its residual is at most this many metres and standard deviations.
 _FITS, _FITS_NOISE = 0.05, 3.0
 _LEAST__FITTING = 0.6
@@ -43,12 +50,50 @@ class RoomFit:
     deviation: tuple[float, float]
 
 
+def room_error(solution: Solution) -> tuple[float, str]:
+    """
+    Return how accurate a room is, metres, from what smooth surfaces of all recordings show.
+
+    It is how far the recordings differ from it along normals, beyond noise and the errors that
+    they share. With it comes what it is: estimated; or assumed, and why, with few surfaces, and
+    where they differ more than a usual scan does, since that may be an error of the camera.
+    """
+    tiles = np.vstack([_tiles(view) for view in solution.views] or [np.zeros((0, 3))])
+    freedom = len(tiles) - 6 * len(solution.views) - len(solution.values)
+    if freedom < _LEAST_TILES:
+        return _USUAL_ERROR, 'assumed: few flat patches are seen'
+    mean, within, noise = tiles.T
+    between = float(robust_sigma(mean)) ** 2
+    doubt = _SURELY * _MEDIAN_SPREAD * between / np.sqrt(freedom)
+    parts = between - float(np.median(noise)), float(np.median(within))
+    error = float(np.sqrt(sum(max(part, 0.0) for part in parts) + doubt))
+    if error > _USUAL_ERROR:
+        apart = f'recordings and room differ by {error * 1e3:.1f} mm on flat patches'
+        return _USUAL_ERROR, f'assumed: {apart}, which may be an error of the camera'
+    return float(np.ceil(max(error, _LEAST_ERROR) * 1e4 - 1e-6) / 1e4), (
+        'estimated: surfaces that are all too near, or too far, are not seen'
+    )
+
+
+def _tiles(view: PosedImage) -> np.ndarray:
+    # (M, 3) of blocks of pixels: the mean error along the normal, the variance within beyond that
+    # of noise, and the variance of the mean by noise.
+    slant = -view.hits.slant(view.rays)
+    error, noise = view.error * slant, (view.target.sigma * slant) ** 2
+    good = np.isfinite(error) & (slant > GRAZING * view.target.length)
+    values = np.stack([np.ones(len(error)), error, error**2, noise], axis=1)
+    sums = tile_sums(view.target.tile[good], values[good])
+    count, first, second, noise = sums[sums[:, 0] >= _IN_TILE].T
+    within = (second - first**2 / count) / (count - 1) - noise / count
+    return np.stack([first / count, within, noise / count**2], axis=1)
+
+
 def as_given(one: Registered, views: Sequence[PosedImage], off: str) -> RoomFit:
     """Return the verdict of a recording whose poses are used as given; see `common_motion`."""
-    assert one.accuracy is not None
+    assert one.given is not None
     fitting, residual = _misfit(views)
     reasons = tuple(reason for reason in (off, one.why) if reason)
-    return RoomFit('doubtful' if off else 'used', reasons, fitting, residual, one.accuracy)
+    return RoomFit('doubtful' if off else 'used', reasons, fitting, residual, _worst(one.given))
 
 
 def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]:
@@ -107,7 +152,7 @@ def check_room(
         )
     # Some recordings may fit a wrong room by chance: rooms are boxes of about the same size.
     pairs = zip(registered, verdicts, strict=True)
-    fitting = [verdict.fitting for one, verdict in pairs if not one.accuracy]
+    fitting = [verdict.fitting for one, verdict in pairs if one.given is None]
     usual = float(np.median(fitting)) if fitting else 1.0
     if len(refused) > used and usual < _FITTING:
         hint = '' if posed else ', or the wrong --up'
@@ -123,9 +168,13 @@ def _numbers(recording: int, solution: Solution) -> tuple[float, float, tuple[fl
         return 0.0, float('inf'), (float('inf'), float('inf'))
     fitting, residual = _misfit([solution.views[i] for i in mine])
     spread = sum((solution.covariances[i] for i in mine), np.zeros((6, 6))) / len(mine)
-    metres = float(np.sqrt(np.linalg.eigvalsh(spread[:3, :3])[-1]))
-    degrees = float(np.degrees(np.sqrt(np.linalg.eigvalsh(spread[3:, 3:])[-1])))
-    return fitting, residual, (metres, degrees)
+    return fitting, residual, _worst(spread)
+
+
+def _worst(spread: np.ndarray) -> tuple[float, float]:
+    # Standard deviations of a pose along and about its least certain axes, metres and degrees.
+    metres, turn = (np.sqrt(np.linalg.eigvalsh(spread[i : i + 3, i : i + 3])[-1]) for i in (0, 3))
+    return float(metres), float(np.degrees(turn))
 
 
 def _misfit(views: Sequence[PosedImage]) -> tuple[float, float]:

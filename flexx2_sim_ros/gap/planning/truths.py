@@ -12,7 +12,7 @@ from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
 from flexx2_sim_ros.gap.planning.scenes import render
 import numpy as np
 
-_SCAN_ERROR = 0.003  # metres: the default of `flexx2 gap truth --room-error`
+_SCAN_ERROR = 0.003  # metres: what `flexx2 gap truth` assumes where recordings do not show it
 _LOOSE = 0.1, 5.0  # metres, degrees: planes without measurements
 _LEAST_PLANE = 0.01  # fraction of the image that a plane must cover
 _LEAST_PIXELS = 8  # across an image, as of the smallest cameras
