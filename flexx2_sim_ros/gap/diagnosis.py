@@ -9,7 +9,7 @@ from typing import Any
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import check_outputs
-from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.camera import flexx2, Profile
 from flexx2_sim_ros.effects import Effect, of_role, parse_effects, registry
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.registry import check_map_files
@@ -25,7 +25,7 @@ from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.forms.looked import Simulator
 from flexx2_sim_ros.gap.inference.decidable import decidable_candidates
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
-from flexx2_sim_ros.gap.inference.disagreement import disagreement
+from flexx2_sim_ros.gap.inference.disagreement import disagreement, likelier_mode
 from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
@@ -164,6 +164,7 @@ def diagnose(
         effects, decision = named.effects, named.decision
         table['settings'] = _settings(found[0], seed, usual, model.held, told)
         posed = bool(model.own.posed.any())
+        table['likelier_mode'] = likelier_mode(model, found[0].mode, profile or flexx2())
         table['not_considered'] = _not_considered(without, known, no_phases, posed, hidden)
         if decision.verdict == 'unknown' and ResidualPatch.name not in known:
             step = stepper(progress, 'simulating the correction', 0.96, 0.02, len(used))

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 import logging
-import math
 from typing import Any
 
 from flexx2_sim_ros.camera import Profile
@@ -19,6 +18,7 @@ from flexx2_sim_ros.gap.forms.looked import Simulator
 from flexx2_sim_ros.gap.inference.joint import around, nothing, Parts, Proposal, proposals, Table
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.selection import louder, without_constants
+from flexx2_sim_ros.gap.inference.uncertainty import t_of
 from flexx2_sim_ros.gap.work import noisier, Simulations, summarise_all
 from flexx2_sim_ros.jobs import bind, Map
 import numpy as np
@@ -172,13 +172,6 @@ def _whole(far: np.ndarray) -> np.ndarray:
     return far[:, 0] + far[:, 3]
 
 
-def surely(rise: np.ndarray) -> float:
-    """Return how clearly a distance rises: Student's t over recordings, 0 with one."""
-    if len(rise) < 2:
-        return 0.0
-    return float(rise.mean() / (rise.std(ddof=1) / math.sqrt(len(rise)) + 1e-9))
-
-
 def unneeded(rises: Mapping[str, np.ndarray], left: float) -> list[str]:
     """
     Return the effects that a set does not need, the least needed first.
@@ -190,7 +183,7 @@ def unneeded(rises: Mapping[str, np.ndarray], left: float) -> list[str]:
     weak = [
         name
         for name, mean in means.items()
-        if mean < ROUNDS.least * left or surely(rises[name]) < ROUNDS.sure
+        if mean < ROUNDS.least * left or t_of(rises[name]) < ROUNDS.sure
     ]
     return sorted(weak, key=means.__getitem__)
 
@@ -211,7 +204,7 @@ def needed(campaign: Campaign, best: ExplainedSet) -> ExplainedSet:
         }
         rises = {name: one.apart - best.apart for name, one in judged.items()}
         for name, rise in rises.items():
-            _LOG.debug('%s: %.2f t %.1f', name, rise.mean(), surely(rise))
+            _LOG.debug('%s: %.2f t %.1f', name, rise.mean(), t_of(rise))
         weak = unneeded(rises, float(best.apart.mean()))
         if not weak:
             break

@@ -3,7 +3,7 @@
 from flexx2_sim_ros.gap.calibration.data import BINNING, GROUND_TRUTH, READING, REGISTRATION
 from flexx2_sim_ros.gap.calibration.features import FEATURES, MEASURES, SIMULATION
 from flexx2_sim_ros.gap.calibration.forms import FORMS
-from flexx2_sim_ros.gap.calibration.inference import LOSS, ROUNDS, THRESHOLDS, WHERE
+from flexx2_sim_ros.gap.calibration.inference import LOSS, MODE, ROUNDS, THRESHOLDS, UNLIKE, WHERE
 
 SECTIONS = (
     READING,
@@ -16,6 +16,8 @@ SECTIONS = (
     LOSS,
     THRESHOLDS,
     ROUNDS,
+    UNLIKE,
+    MODE,
     WHERE,
     FORMS,
 )

@@ -186,6 +186,24 @@ class Unlike:
 
 
 @dataclass(frozen=True)
+class OtherMode:
+    """From when on the noise is rather that of another mode of the camera."""
+
+    gain: float = constant(
+        0.4,
+        'loss',
+        'a recording, of noise over distance',
+        'test_gap_disagreement.py: 0.6 to 1.1 of other modes, at most 0.2 of effects; none in ten '
+        'cameras of python -m bench.gap_many --count 4,8,12',
+    )
+    t: float = constant(1.2, '', 'over recordings, of that', MANY)
+    slant: float = constant(30.0, 'deg', 'of surfaces, at which modes are compared')
+    factors: tuple[float, float, int] = constant(
+        (-2.0, 2.0, 81), 'ln', 'factors on the variance that have other causes', DEFINITION
+    )
+
+
+@dataclass(frozen=True)
 class Where:
     """How differences are located."""
 
@@ -233,3 +251,4 @@ THRESHOLDS = Thresholds()
 WHERE = Where()
 ROUNDS = Rounds()
 UNLIKE = Unlike()
+MODE = OtherMode()

@@ -1,20 +1,29 @@
 """
-Whether recordings are alike, or some of them have an effect that the others lack.
+Whether recordings are alike, or some have an effect that others lack; and the mode that they tell.
 
-That is so where a setting of the camera was changed midway, or where recordings are of two
+They are not alike where a setting of the camera was changed midway, or where recordings are of two
 cameras. For each effect the recordings are put on two sides: those that it brings nearer, and
 those that it moves away, at the values that suit the first side.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+import math
 from typing import Any
 
-from flexx2_sim_ros.gap.calibration.inference import UNLIKE
+from flexx2_sim_ros.gap.calibration.inference import MODE, UNLIKE
+from flexx2_sim_ros.gap.data.axes import axes_of
 from flexx2_sim_ros.gap.features.catalogue import Candidate
+from flexx2_sim_ros.gap.features.features import LAYOUT
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit, losses_at
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.uncertainty import t_of
+from flexx2_sim_ros.profiles.modes import Mode, Profile
 import numpy as np
+
+_ROWS = [
+    i for i, one in enumerate(LAYOUT) if (one.channel, one.axis) == ('log_variance', 'distance')
+]
 
 
 @dataclass(frozen=True)
@@ -115,3 +124,31 @@ def _sides(
     return Disagreement(
         candidate.effect, tuple(has.tolist()), (alike - now.total) / len(model.gap)
     )
+
+
+def likelier_mode(model: Model, told: Mode, profile: Profile) -> str:
+    """
+    Return the mode of a camera whose noise over distance recordings show; empty if it is `told`.
+
+    A factor on the noise that is the same at all distances has other causes: the mode has to do
+    better than the best of these.
+    """
+    edges = np.array(axes_of(profile)['distance'].edges)
+    middles = np.sqrt(edges[1:] * edges[:-1])
+    at = np.concatenate([edges[:1], middles, edges[-1:]])
+    slant = math.radians(MODE.slant)
+
+    def losses(shift: np.ndarray | float) -> np.ndarray:
+        rest = model.gap[:, _ROWS] - shift
+        loss = np.log1p(rest**2 / model.scale2[:, _ROWS]) * model.weights[:, _ROWS]
+        return np.asarray(loss.sum(axis=1), float)
+
+    usual = min((losses(factor) for factor in np.linspace(*MODE.factors)), key=np.sum)
+    usual_sigma = told.noise.sigma_z(at, slant)
+    found = '', 0.0
+    for mode in profile.modes:
+        if mode.noise_of == mode.name and mode.noise != told.noise:
+            better = usual - losses(2 * np.log(mode.noise.sigma_z(at, slant) / usual_sigma))
+            if better.mean() > max(found[1], MODE.gain) and t_of(better) > MODE.t:
+                found = mode.name, float(better.mean())
+    return found[0]

@@ -15,11 +15,19 @@ def advantage(one: Fit, other: Fit) -> float:
     It is Student's t, as in a paired t-test: the mean difference of the losses of held-out
     recordings over its standard error. It is 0 for a single recording.
     """
-    difference = improvements(one, other)
-    if len(difference) < 2:
+    return t_of(improvements(one, other), THRESHOLDS.least_error)
+
+
+def t_of(differences: np.ndarray, least: float = 1e-9) -> float:
+    """
+    Return Student's t of (R,) differences of recordings; 0 of a single one.
+
+    `least` is added to their standard error.
+    """
+    if len(differences) < 2:
         return 0.0
-    error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) + THRESHOLDS.least_error
-    return float(difference.mean()) / error
+    error = float(differences.std(ddof=1)) / math.sqrt(len(differences)) + least
+    return float(differences.mean()) / error
 
 
 def improvements(one: Fit, other: Fit) -> np.ndarray:
