@@ -1,7 +1,7 @@
 """Fit the effects of a diagnosis together, around the simulation that has them, in rounds."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 import logging
 import math
 from typing import Any
@@ -34,12 +34,10 @@ class ExplainedSet:
     * `proposal`: the set; its sigma is that of all rounds together.
     * `far`: (R, 4) how far each recording is from its simulation with values that were fitted
       without it; see `how_far`.
-    * `rises`: (R, 4) by how much that rises without each effect, the largest distance first.
     """
 
     proposal: Proposal
     far: np.ndarray
-    rises: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def apart(self) -> np.ndarray:
@@ -120,7 +118,7 @@ class Campaign:
         return {name: one.far - best.far for name, one in judged}
 
 
-def explain(campaign: Campaign, model: Model, begin: Parts) -> ExplainedSet:
+def explain(campaign: Campaign, model: Model, begin: Parts) -> Proposal:
     """
     Return the set of effects that explains the recordings.
 
@@ -135,7 +133,7 @@ def explain(campaign: Campaign, model: Model, begin: Parts) -> ExplainedSet:
     return refine(campaign, proposals(model, nothing(model), [], candidates, begin)[1:])
 
 
-def refine(campaign: Campaign, begin: Sequence[Proposal]) -> ExplainedSet:
+def refine(campaign: Campaign, begin: Sequence[Proposal]) -> Proposal:
     """
     Fit a set of effects again, add to it and take off it, as long as simulations come nearer.
 
@@ -173,12 +171,12 @@ def surely(rise: np.ndarray) -> float:
     return float(rise.mean() / (rise.std(ddof=1) / math.sqrt(len(rise)) + 1e-9))
 
 
-def needed(best: ExplainedSet, rises: Mapping[str, np.ndarray]) -> ExplainedSet:
+def needed(best: ExplainedSet, rises: Mapping[str, np.ndarray]) -> Proposal:
     """
-    Return a set without the effects that it does not need.
+    Return a set without the effects that it does not need, the largest rise first.
 
-    Simulations have to show that an effect is needed, `rises` as of `ExplainedSet`, and features
-    as well, unless the effect takes off much of what is left.
+    Simulations have to show that an effect is needed, by `rises` as from `Campaign.taking_off`,
+    and features as well, unless the effect takes off much of what is left.
     """
     left, proposal = best.apart.mean(), best.proposal
     kept = []
@@ -190,8 +188,7 @@ def needed(best: ExplainedSet, rises: Mapping[str, np.ndarray]) -> ExplainedSet:
         if shown >= ROUNDS.t and (both or rise.mean() >= ROUNDS.large * left):
             kept.append(name)
     less = _without(proposal, set(rises) - set(kept))
-    in_order = replace(less, effects={name: less.effects[name] for name in kept})
-    return replace(best, proposal=in_order, rises={name: rises[name] for name in kept})
+    return replace(less, effects={name: less.effects[name] for name in kept})
 
 
 def _without(one: Proposal, names: Collection[str]) -> Proposal:

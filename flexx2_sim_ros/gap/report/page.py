@@ -12,7 +12,7 @@ from flexx2_sim_ros.gap.report.attribution import (
     attribution,
     disagreeing,
     HEADS,
-    poses_hide,
+    lengths,
     shown_by_one,
 )
 from flexx2_sim_ros.gap.report.charts import charts, maps
@@ -33,7 +33,7 @@ from flexx2_sim_ros.gap.report.words import (
     REFUSED,
     sentences,
 )
-from flexx2_sim_ros.html_drawing import bar
+from flexx2_sim_ros.html_drawing import part_bar
 from flexx2_sim_ros.html_page import html_page
 
 _STYLE = (
@@ -70,7 +70,7 @@ def page(
         html.element('p', html.tag(*_VERDICTS[table['verdict']]), ' ', _from(used)),
         html.heading(headline(table), 1),
         _effects(table),
-        _said([*disagreeing(table), *sentences(table)]),
+        _said([*disagreeing(table), *shown_by_one(table), *sentences(table)]),
         _forms(calibrated),
         sizes_section(table),
         processed_section(table) if 'processed' in table else '',
@@ -102,30 +102,31 @@ def _effects(table: dict[str, Any]) -> html.Html:
     if not table['effects']:
         return html.Html()
     forms = {row['name']: row['form'] for row in calibrations(table) if row['taken']}
-    found = [row['takes_off']['distance']['mean'] for row in table['effects'] if row['takes_off']]
-    most, rows = max([0.0, *found]), []
-    *named, left = attribution(table)
-    for row, (name, *cells) in zip(table['effects'], named, strict=True):
-        values = forms.get(row['name']) or ', '.join(
-            f'{key} {value:.4g}' for key, value in row['parameters'].items()
-        )
-        off = row['takes_off']
-        size = '' if off is None else bar(max(off['distance']['mean'], 0), None, most)
-        rows.append(html.row([html.element('b', name), *cells, size, values]))
-    rows.append(html.row([*left, '', ''], 'dim'))
+    values = [
+        forms.get(row['name'])
+        or ', '.join(f'{key} {value:.4g}' for key, value in row['parameters'].items())
+        for row in table['effects']
+    ]
+    sizes, rows = lengths(table), []
+    for i, ((name, *cells), size) in enumerate(zip(attribution(table), sizes, strict=True)):
+        drawn = part_bar(size, sizes[-1])
+        if i < len(values):
+            rows.append(html.row([html.element('b', name), *cells, drawn, values[i]]))
+        else:
+            rows.append(html.row([name, *cells, drawn, ''], 'dim'))
     meaning = (
-        '<b>Probability</b> that the camera has the effect. <b>Takes off</b>: by how much '
-        'recordings are farther from the simulation when this effect is switched off and the '
-        'others stay, mean over recordings with its 90 % interval; noise: its variance and '
-        'correlations, in tolerances; bars: depth and lost pixels, in tolerances. What effects '
-        'take off need not add up: some do the same. <b>Not explained</b>: what is left, less '
-        'what two runs of the simulator differ by. '
+        '<b>Probability</b> that the camera has the effect. <b>Takes off</b>: by how much the '
+        'simulation comes nearer when the effect is switched on, mean over two orders of the '
+        'effects, the largest first and the smallest first, and over recordings, with its 90 % '
+        'interval. The rows add up to the last one. Noise: its variance and correlations, in '
+        'tolerances; bars: depth and lost pixels, in tolerances. <b>Absorbed by poses</b>: what '
+        'the fitted poses take off, and poses in other scenes do not. <b>Not explained</b>: what '
+        'is left, less what two simulations differ by. '
         '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
         'effects; docs/effects.md explains their parameters.'
     )
     return html.join(
         html.table([*HEADS, 'depth and lost pixels', 'parameters'], rows, 'attribution'),
-        html.note(' '.join([*shown_by_one(table), poses_hide(table)])),
         html.folded('What the columns mean', html.note(html.Html(meaning))),
     )
 

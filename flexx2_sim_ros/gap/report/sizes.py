@@ -5,7 +5,7 @@ from typing import Any
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, with_ends
 from flexx2_sim_ros.gap.report.text import short, spaced
-from flexx2_sim_ros.gap.report.words import camera_effects, MEANINGS, MEASURES
+from flexx2_sim_ros.gap.report.words import camera_effects, MEANINGS, MEASURES, SIZES
 from flexx2_sim_ros.html_drawing import bar
 
 _MATTERS = 1.0  # tolerances, of a distance; a definition
@@ -20,11 +20,7 @@ def sizes_section(table: dict[str, Any]) -> html.Html:
     return html.join(
         html.heading('How large the gap is'),
         _sizes(table['gap'], added),
-        html.note(
-            'How much recordings and simulation differ, mean over recordings: smaller is better.'
-            f'{fitted} Two simulations: two runs of the simulator with other noise, as an exact '
-            'simulation would differ, too. Each row of bars has its own scale.'
-        ),
+        html.note(f'{SIZES}{fitted}'),
         html.definitions('What the rows mean', MEANINGS),
     )
 

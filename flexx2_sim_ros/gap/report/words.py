@@ -36,6 +36,11 @@ _MEANINGS = {
     'same distribution',
 }
 MEANINGS = {MEASURES[key][0]: meaning for key, meaning in _MEANINGS.items()}
+SIZES = (
+    'How much recordings and simulation differ, mean over recordings: smaller is better. Two '
+    'simulations: two runs of the simulator with other noise, as an exact simulation would '
+    'differ, too. Each row of bars has its own scale.'
+)
 # Why effects that were found are not named.
 REFUSED = {
     'improbable': 'none of the effects found is probable enough',
