@@ -159,12 +159,8 @@ def test_frames_of_pure_noise_leave_the_page_below_4_mb():
     assert len(frames(table, some, axes_of(flexx2()))) < 3.9e6
 
 
-def test_the_recordings_with_the_largest_gap_come_first_and_open():
-    page = page_of(5)
-    names = re.findall(r'<h3>&lt;(\d)&gt;', page)
-    assert names == ['4', '3', '0', '1', '2']
-    assert page.index('<details>') > page.index('<h3>&lt;4')
-    assert page.index('<details>') < page.index('<h3>&lt;0')
+def test_the_recordings_with_the_largest_gap_come_first():
+    assert re.findall(r'<h3>&lt;(\d)&gt;', page_of(5)) == ['4', '3', '2', '1', '0']
 
 
 def test_a_reduction_of_less_than_half_a_percent_has_no_sign():

@@ -1,13 +1,15 @@
 """Which part of the gap each named effect takes off, as rows of a table."""
 
+import re
 from typing import Any
 
 from flexx2_sim_ros.gap.features.confirm import NOISE
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
+from flexx2_sim_ros.gap.report.words import sentences
 import numpy as np
 
 _MOSTLY = 0.8  # of what an effect takes off
-_MOST_NAMES = 4
+_MOST_NAMES, _MOST_SENTENCES = 4, 3
 HEADS = 'effect', 'probability', 'takes off: depth', 'lost pixels', 'noise'
 _UNITS = {'mm': ' mm', 'invalid_percent': ' %', 'noise': ''}
 _OTHERS = {'absorbed_by_poses': 'absorbed by poses', 'not_explained': 'not explained'}
@@ -46,6 +48,14 @@ def lengths(table: dict[str, Any]) -> list[float]:
 
 def _others(gap: dict[str, Any]) -> dict[str, Any]:
     return {key: gap[key] for key in _OTHERS if any(one['mean'] for one in gap[key].values())}
+
+
+def said(table: dict[str, Any]) -> tuple[list[str], list[str]]:
+    """Return the lines below the table, of at most three sentences, and the others."""
+    lines = [*disagreeing(table), *shown_by_one(table), *sentences(table)]
+    ends = np.cumsum([len(re.findall(r'[.?](?: |$)', line)) for line in lines])
+    count = max(int((ends <= _MOST_SENTENCES).sum()), 1)
+    return lines[:count], lines[count:]
 
 
 def disagreeing(table: dict[str, Any]) -> list[str]:

@@ -101,7 +101,7 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> html.Html:
             figures.append(
                 _map(image, limit, f'{text}: {label.partition(",")[0]}', label.partition(', ')[2])
             )
-    return html.join(html.heading('On the image'), html.beside(*figures))
+    return html.folded('Errors on the image', html.beside(*figures))
 
 
 def _map(image: np.ndarray, limit: float, text: str, unit: str) -> html.Html:
@@ -145,8 +145,8 @@ def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> html.Ht
                 6 * FEATURES.tolerances[channel] * factor,
             )
         )
-    return html.join(
-        html.heading('Real against simulated'),
+    return html.folded(
+        'Errors along distance, brightness and other quantities',
         html.beside(*figures),
         html.note(
             'Mean over the pixels of all recordings, for the curves that differ most. sigma_z is '

@@ -8,13 +8,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.calibrating import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.report.attribution import (
-    attribution,
-    disagreeing,
-    HEADS,
-    lengths,
-    shown_by_one,
-)
+from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, lengths, said
 from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.form_figures import figures
@@ -27,11 +21,9 @@ from flexx2_sim_ros.gap.report.words import (
     calibrations,
     camera_effects,
     headline,
-    MOST_SENTENCES,
     not_considered,
     refusals,
     REFUSED,
-    sentences,
 )
 from flexx2_sim_ros.html_drawing import part_bar
 from flexx2_sim_ros.html_page import html_page
@@ -41,6 +33,7 @@ _STYLE = (
     + """
 .attribution td:not(:first-child):not(:last-child), .sizes td + td { white-space: nowrap; }
 .attribution td:last-child { min-width: 13rem; }
+body > details > summary { font-size: 1.1rem; font-weight: 600; }
 """
 )
 # Words and tag of each verdict.
@@ -66,11 +59,13 @@ def page(
     """Return the page as HTML, all text escaped and all pictures inside."""
     used = sum(row['used'] for row in table['recordings'])
     explained = bool(camera_effects(table))
+    first, rest = said(table)
     body = [
         html.element('p', html.tag(*_VERDICTS[table['verdict']]), ' ', _from(used)),
         html.heading(headline(table), 1),
         _effects(table),
-        _said([*disagreeing(table), *shown_by_one(table), *sentences(table)]),
+        html.paragraphs(first),
+        html.folded('More about this result', html.paragraphs(rest)) if rest else '',
         _forms(calibrated),
         sizes_section(table),
         processed_section(table) if 'processed' in table else '',
@@ -88,14 +83,6 @@ def page(
 
 def _from(used: int) -> html.Html:
     return html.element('small', f'from {used} recording{"s" * (used != 1)}')
-
-
-def _said(lines: Sequence[str]) -> html.Html:
-    # The first sentences, and the others folded.
-    first, rest = (
-        html.paragraphs(some) for some in (lines[:MOST_SENTENCES], lines[MOST_SENTENCES:])
-    )
-    return html.join(first, html.folded('More about this result', rest) if rest else '')
 
 
 def _effects(table: dict[str, Any]) -> html.Html:
@@ -135,8 +122,8 @@ def _forms(calibrated: Calibrated | None) -> html.Html:
     taken = [one for one in calibrated.explained.verdicts if one.taken] if calibrated else []
     if calibrated is None or not taken:
         return html.Html()
-    return html.join(
-        html.heading('Curves and maps'),
+    return html.folded(
+        'Curves and maps that were fitted',
         html.beside(
             figures(taken, calibrated.explained.looked, ('form of the catalogue', 'as fitted'))
         ),
@@ -148,12 +135,12 @@ def _forms(calibrated: Calibrated | None) -> html.Html:
 
 
 def _where(table: dict[str, Any]) -> html.Html:
-    title = html.heading('Where the gap lies')
+    title = 'Where the gap lies'
     if not table['where']:
         found = 'No region differs by more than the tolerance.'
         if table['verdict'] == 'too_little':
             found = 'Too few depths to compare.'
-        return html.join(title, html.element('p', found))
+        return html.folded(title, html.element('p', found))
     listed = table['where'][:_MOST_PLACES]
     doubts = ''
     if any(cell['q_value'] > _DOUBTFUL for cell in listed):
@@ -165,7 +152,7 @@ def _where(table: dict[str, Any]) -> html.Html:
     more = len(table['where']) - len(listed)
     others = f' diagnosis.json has {more} more rows.' if more else ''
     rows = [(group(cell), html.join(difference(cell), _doubt(cell['q_value']))) for cell in listed]
-    return html.join(
+    return html.folded(
         title,
         html.table(['pixels', 'real minus simulated'], rows),
         html.note(f'Mean over the pixels that differ.{doubts}{others}'),
@@ -195,8 +182,8 @@ def _considered(table: dict[str, Any], decision: Decision) -> html.Html:
         else:
             why = 'improves the fit less' if taken or refused else 'improves the fit too little'
         rows.append([spaced(name), percent(min(fraction, 1)), why])
-    return html.join(
-        html.heading('Effects that were considered'),
+    return html.folded(
+        'Effects that were considered',
         html.table(['effect', 'alone, improves the fit by', 'result'], rows),
         html.note('The other effects improve the fit even less.'),
         html.paragraphs(not_considered(table)),
@@ -227,4 +214,4 @@ def _recordings(table: dict[str, Any]) -> html.Html:
         'frames, camera',
         'fitted pose minus given pose: right, down, forward; pitch, yaw, roll',
     )
-    return html.join(html.heading('Recordings'), html.table(heads, rows))
+    return html.folded('Recordings', html.table(heads, rows))

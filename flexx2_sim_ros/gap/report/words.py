@@ -48,7 +48,6 @@ REFUSED = {
     'hidden': 'an effect that the ground truth hides explains the gap about as well',
     'larger': 'the effects found make the gap larger when they are simulated',
 }
-MOST_SENTENCES = 3  # that a first screen has
 _SAME_NOISE = 0.02  # of sigma_z
 
 
@@ -75,8 +74,8 @@ def imitation(table: dict[str, Any]) -> list[str]:
     if table['verdict'] != 'partly' or not camera_effects(table):
         return []
     return [
-        'The named effects may only imitate a cause that is not in the catalogue. Then they do '
-        'not remove the gap in other scenes. Check them there: flexx2 gap check.'
+        'The named effects may only imitate a cause that is not in the catalogue: check them in '
+        'other scenes with flexx2 gap check.'
     ]
 
 
@@ -184,7 +183,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     if table['verdict'] == 'unknown':
         out = [*_unnamed(table), *out]
     if camera_effects(table):
-        out = [*imitation(table), *out, *reduction(gap)]
+        out = [*imitation(table), *out, *reduction(gap)[1:]]  # The first is in the table.
         out += [*_noise_level(gap['noise_factor']), *_calibrated(table)]
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         out.append(
