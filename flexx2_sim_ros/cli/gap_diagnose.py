@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, said
     from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
     from flexx2_sim_ros.gap.report.sizes import processed_in_short
-    from flexx2_sim_ros.gap.report.words import headline, remarks
+    from flexx2_sim_ros.gap.report.words import headline, remarks, significance
     from flexx2_sim_ros.processing import load_chain
 
     console = common.messages()
@@ -73,6 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     console.print(headline(table), style='bold')
+    common.print_lines(console, filter(None, [significance(table)]))
     if table['effects']:
         shown = Table(*HEADS, box=SIMPLE_HEAD, pad_edge=False)
         for row in attribution(table):

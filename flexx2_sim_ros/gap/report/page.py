@@ -24,6 +24,7 @@ from flexx2_sim_ros.gap.report.words import (
     not_considered,
     refusals,
     REFUSED,
+    significance,
 )
 from flexx2_sim_ros.html_drawing import part_bar
 from flexx2_sim_ros.html_page import html_page
@@ -61,7 +62,7 @@ def page(
     explained = bool(camera_effects(table))
     first, rest = said(table)
     body = [
-        html.element('p', html.tag(*_VERDICTS[table['verdict']]), ' ', _from(used)),
+        html.element('p', html.tag(*_VERDICTS[table['verdict']]), ' ', _from(used, table)),
         html.heading(headline(table), 1),
         _effects(table),
         html.paragraphs(first),
@@ -81,8 +82,9 @@ def page(
     return html_page(f'Sim-to-real gap: {table["verdict"]}', _STYLE, '\n'.join(body))
 
 
-def _from(used: int) -> html.Html:
-    return html.element('small', f'from {used} recording{"s" * (used != 1)}')
+def _from(used: int, table: dict[str, Any]) -> html.Html:
+    told = f'from {used} recording{"s" * (used != 1)}', significance(table)
+    return html.element('small', ', '.join(filter(None, told)))
 
 
 def _effects(table: dict[str, Any]) -> html.Html:

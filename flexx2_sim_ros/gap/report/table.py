@@ -28,6 +28,7 @@ from flexx2_sim_ros.gap.inference.improvement import (
 )
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import Patch
+from flexx2_sim_ros.gap.inference.probability import p_value
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.report.age import age_table, arrival_of, with_delay
@@ -304,7 +305,9 @@ def _gap(
     by_distance = bool(shown) or hidden or (bool(posed) and all(posed))
     loss = _loss(model, decision, confirmed, motions, dropped)
     headline = measures['distance'] if by_distance else loss
+    support = decision.support
     out: dict[str, Any] = {
+        'p_value': round(p_value(support, calibrated()), 4) if model.seen.any() else None,
         'shrink': headline['shrink'],
         'interval': _interval(decision, headline),
         'measured_by': 'distance' if by_distance else 'loss',

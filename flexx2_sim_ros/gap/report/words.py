@@ -139,6 +139,12 @@ def headline(table: dict[str, Any]) -> str:
     return f'{added} to the simulation removes {removed}.{rest}'
 
 
+def significance(table: dict[str, Any]) -> str:
+    """Return the p-value of the simulation being the camera, as text; empty if there is none."""
+    value = table['gap'].get('p_value')
+    return '' if value is None else f'p = {short(value)} of no gap'
+
+
 def _hides_cause(table: dict[str, Any]) -> bool:
     # Whether an effect that the ground truth hides may be the cause of an unknown gap.
     hidden = {row['name'] for row in table['not_decidable']}
