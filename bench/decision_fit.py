@@ -24,7 +24,7 @@ from flexx2_sim_ros.gap.inference.probability import (
     has_gap,
     judge,
 )
-from flexx2_sim_ros.gap.inference.support import Support, support_from
+from flexx2_sim_ros.gap.inference.support import EffectSupport, Support
 import numpy as np
 from sklearn.linear_model import LogisticRegression, QuantileRegressor
 from sklearn.model_selection import cross_val_predict, GroupKFold
@@ -110,6 +110,15 @@ def campaign(line):
         bool(true - set(planned['without'])),
         reduction,
     )
+
+
+def support_from(table):
+    """Return the evidence that `Support.as_table` wrote."""
+    rows = {
+        name: tuple(EffectSupport(**one) for one in table[name])
+        for name in ('chosen', 'considered', 'rivals')
+    }
+    return Support(**{**table, **rows, 'improved': tuple(table['improved'])})
 
 
 def calibrate(campaigns):

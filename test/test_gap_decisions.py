@@ -4,13 +4,13 @@ from dataclasses import replace
 
 from bench.decision_campaigns import MOST, plan, QUIET
 from bench.decision_counts import counted
-from bench.decision_fit import calibrate, campaign, DiagnosedCampaign
+from bench.decision_fit import calibrate, campaign, DiagnosedCampaign, support_from
 from bench.decision_lines import keep, KEPT, kept_arguments
 from bench.journal import entries
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.decisions import calibrated, FILE, Margin, read_decisions
 from flexx2_sim_ros.gap.inference.probability import gap_evidence, judge, p_value
-from flexx2_sim_ros.gap.inference.support import EffectSupport, Support, support_from
+from flexx2_sim_ros.gap.inference.support import EffectSupport, Support
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
 import pytest

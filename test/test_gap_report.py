@@ -452,7 +452,7 @@ def test_what_effects_take_off_is_a_table_with_what_is_left():
         ('not explained', '', '1 mm', '100 %', '60 (50 to 70)'),
         # Two tolerances of 0.04, and one of 0.1.
         ('two simulations', '', '1 mm', '100 %', '60'),
-        ('recording and simulation', '', '5 mm', '500 %', '300'),
+        ('together', '', '5 mm', '500 %', '300'),
     ]
     assert lengths(table) == [5.69, 5.69, 3.0, 1.0, 5.0]
     table['gap']['absorbed_by_poses'] = table['gap']['not_explained']

@@ -54,7 +54,12 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, said
     from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
     from flexx2_sim_ros.gap.report.sizes import processed_in_short
-    from flexx2_sim_ros.gap.report.words import headline, remarks, significance
+    from flexx2_sim_ros.gap.report.words import (
+        headline,
+        not_considered,
+        on_recordings,
+        significance,
+    )
     from flexx2_sim_ros.processing import load_chain
 
     console = common.messages()
@@ -73,13 +78,14 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     console.print(headline(table), style='bold')
-    common.print_lines(console, filter(None, [significance(table)]))
+    common.print_lines(console, significance(table))
     if table['effects']:
         shown = Table(*HEADS, box=SIMPLE_HEAD, pad_edge=False)
         for row in attribution(table):
             shown.add_row(*map(printable, row))
         console.print(shown)
-    lines = [*said(table)[0], *age_words(table['age']), *remarks(table)]
+    lines = [*said(table)[0], *age_words(table['age'])]
+    lines += [*not_considered(table), *on_recordings(table['recordings'])]
     common.print_lines(console, dict.fromkeys(lines))
     if arguments.process:
         common.print_lines(console, [processed_in_short(table)])

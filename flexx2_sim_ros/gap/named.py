@@ -101,8 +101,7 @@ def simulate_named(
 
 def _in_order(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
     # (R, 4) of each effect, the largest first.
-    names = parts[0] if parts else ()
-    each = {name: np.array([one[name] for one in parts]) for name in names}
+    each = {name: np.array([one[name] for one in parts]) for some in parts[:1] for name in some}
     return dict(sorted(each.items(), key=lambda pair: -pair[1][:, 0].mean()))
 
 

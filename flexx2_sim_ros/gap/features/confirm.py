@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 from flexx2_sim_ros.gap.calibration.features import FEATURES, SIMULATION
@@ -185,16 +186,12 @@ def parts(
     each is the mean of what the distance falls by then: Shapley's value from two of all orders.
     `far` returns the distance with some of them.
     """
-    names = list(effects)
-    found: dict[frozenset[str], np.ndarray] = {}
-    out = {}
+    names, out = list(effects), dict[str, np.ndarray]()
+    known = cache(lambda on: far({name: effects[name] for name in names if name in on}))
     for order in (names, names[::-1]):
         some = [frozenset(order[:count]) for count in range(len(names) + 1)]
-        for key in some:
-            if key not in found:
-                found[key] = far({name: effects[name] for name in names if name in key})
         for name, less, more in zip(order, some, some[1:], strict=False):
-            out[name] = out.get(name, 0.0) + (found[less] - found[more]) / 2
+            out[name] = out.get(name, 0.0) + (known(less) - known(more)) / 2
     return out
 
 

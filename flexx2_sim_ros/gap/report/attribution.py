@@ -30,7 +30,7 @@ def attribution(table: dict[str, Any]) -> list[tuple[str, ...]]:
         for row in table['effects']
     ]
     rows += [(_OTHERS[key], '', *_taken(part)) for key, part in _others(gap).items()]
-    for key, text in (('null', 'two simulations'), ('before', 'recording and simulation')):
+    for key, text in (('null', 'two simulations'), ('before', 'together')):
         noise = sum(gap[unit][key] / tolerance for unit, tolerance in NOISE.items())
         values = gap['wasserstein_mm'][key], 100 * gap['invalid_rate'][key], noise
         shown = zip(values, _UNITS.values(), strict=True)
@@ -104,4 +104,4 @@ def with_ends(one: dict[str, Any], unit: str) -> str:
 
 def _rounded(number: float) -> str:
     # Tenths are as much as intervals allow.
-    return short(round(number, 1) + 0.0)
+    return short(number if abs(number) >= 1 else round(number, 1) + 0.0)

@@ -1,9 +1,11 @@
 """The report of a diagnosis: one HTML page that needs no other file."""
 
 from collections.abc import Sequence
+import re
 from typing import Any
 
 from flexx2_sim_ros import html_parts as html
+from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.calibrating import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
@@ -32,9 +34,12 @@ from flexx2_sim_ros.html_page import html_page
 _STYLE = (
     FRAMES_STYLE
     + """
-.attribution td:not(:first-child):not(:last-child), .sizes td + td { white-space: nowrap; }
+.attribution td:not(:last-child), .sizes td + td { white-space: nowrap; }
+.attribution .bar { width: 8rem; } .attribution .dim rect { fill: var(--gray); }
+.attribution tr:last-child td { border-top: 1px solid var(--line); }
 .attribution td:last-child { min-width: 13rem; }
-body > details > summary { font-size: 1.1rem; font-weight: 600; }
+body > details > summary { font-size: 1.1rem; font-weight: 600; margin: .5rem 0; }
+@media (max-width: 40rem) { .attribution .bar { width: 4.5rem; } }
 """
 )
 # Words and tag of each verdict.
@@ -46,6 +51,17 @@ _VERDICTS = {
     'not_decidable': ('not decidable', 'doubtful'),
     'too_little': ('too little data', ''),
 }
+_MEANING = html.Html(
+    '<b>Probability</b> that the camera has the effect. <b>Takes off</b>: by how much the '
+    'simulation comes nearer when the effect is switched on, mean over two orders of the '
+    'effects, the largest first and the smallest first, and over recordings, with its 90 % '
+    'interval. The rows add up to the last one. Noise: its variance and correlations, in '
+    'tolerances; bars: depth and lost pixels, in tolerances. <b>Absorbed by poses</b>: what '
+    'the fitted poses take off, and poses in other scenes do not. <b>Not explained</b>: what '
+    'is left, less what two simulations differ by. '
+    '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
+    'effects; docs/effects.md explains their parameters.'
+)
 _MOST_PLACES = 12
 _DOUBTFUL = 0.05  # rows of `where` with a larger false discovery rate are marked
 
@@ -59,13 +75,17 @@ def page(
 ) -> str:
     """Return the page as HTML, all text escaped and all pictures inside."""
     used = sum(row['used'] for row in table['recordings'])
+    told = ', '.join([f'from {used} recording{"s" * (used != 1)}', *significance(table)])
     explained = bool(camera_effects(table))
     first, rest = said(table)
     body = [
-        html.element('p', html.tag(*_VERDICTS[table['verdict']]), ' ', _from(used, table)),
-        html.heading(headline(table), 1),
+        html.element(
+            'p', html.tag(*_VERDICTS[table['verdict']]), ' ', html.element('small', told)
+        ),
+        html.heading(_typeset(headline(table)), 1),
         _effects(table),
         html.paragraphs(first),
+        html.folded('What the columns mean', html.note(_MEANING)) if table['effects'] else '',
         html.folded('More about this result', html.paragraphs(rest)) if rest else '',
         _forms(calibrated),
         sizes_section(table),
@@ -74,7 +94,7 @@ def page(
         _where(table),
         frames(table, confirmed, model.evidence[0].axes),
         maps(confirmed, explained),
-        charts(confirmed, explained, model.evidence[0].axes),
+        charts(model.evidence, confirmed, explained),
         _considered(table, decision),
         _recordings(table),
         html.made_by(table, 'docs/diagnosis.md'),
@@ -82,42 +102,30 @@ def page(
     return html_page(f'Sim-to-real gap: {table["verdict"]}', _STYLE, '\n'.join(body))
 
 
-def _from(used: int, table: dict[str, Any]) -> html.Html:
-    told = f'from {used} recording{"s" * (used != 1)}', significance(table)
-    return html.element('small', ', '.join(filter(None, told)))
+def _typeset(text: str) -> str:
+    # With arrows, and no line break before a unit.
+    return re.sub(r'(?<=\d) (?=%|mm)', '\u00a0', text).replace('->', '\u2192')
 
 
 def _effects(table: dict[str, Any]) -> html.Html:
     if not table['effects']:
         return html.Html()
     forms = {row['name']: row['form'] for row in calibrations(table) if row['taken']}
-    values = [
-        forms.get(row['name'])
-        or ', '.join(f'{key} {value:.4g}' for key, value in row['parameters'].items())
-        for row in table['effects']
-    ]
+    values = [forms.get(row['name']) or _parameters(row) for row in table['effects']]
     sizes, rows = lengths(table), []
-    for i, ((name, *cells), size) in enumerate(zip(attribution(table), sizes, strict=True)):
+    for i, ((name, sure, *cells), size) in enumerate(zip(attribution(table), sizes, strict=True)):
         drawn = part_bar(size, sizes[-1])
         if i < len(values):
-            rows.append(html.row([html.element('b', name), *cells, drawn, values[i]]))
+            rows.append(html.row([html.element('b', name), drawn, *cells, sure, values[i]]))
         else:
-            rows.append(html.row([name, *cells, drawn, ''], 'dim'))
-    meaning = (
-        '<b>Probability</b> that the camera has the effect. <b>Takes off</b>: by how much the '
-        'simulation comes nearer when the effect is switched on, mean over two orders of the '
-        'effects, the largest first and the smallest first, and over recordings, with its 90 % '
-        'interval. The rows add up to the last one. Noise: its variance and correlations, in '
-        'tolerances; bars: depth and lost pixels, in tolerances. <b>Absorbed by poses</b>: what '
-        'the fitted poses take off, and poses in other scenes do not. <b>Not explained</b>: what '
-        'is left, less what two simulations differ by. '
-        '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
-        'effects; docs/effects.md explains their parameters.'
-    )
-    return html.join(
-        html.table([*HEADS, 'depth and lost pixels', 'parameters'], rows, 'attribution'),
-        html.folded('What the columns mean', html.note(html.Html(meaning))),
-    )
+            rows.append(html.row([name, drawn, *cells, sure, ''], 'dim'))
+    return html.table((HEADS[0], 'part', *HEADS[2:], HEADS[1], 'parameters'), rows, 'attribution')
+
+
+def _parameters(row: dict[str, Any]) -> str:
+    units = {one.name: one.unit for one in loadable()[row['name']].parameters()}
+    told = (f'{key} {v:.4g} {units.get(key, "")}' for key, v in row['parameters'].items())
+    return ', '.join(map(str.strip, told))
 
 
 def _forms(calibrated: Calibrated | None) -> html.Html:

@@ -305,9 +305,9 @@ def _gap(
     by_distance = bool(shown) or hidden or (bool(posed) and all(posed))
     loss = _loss(model, decision, confirmed, motions, dropped)
     headline = measures['distance'] if by_distance else loss
-    support = decision.support
+    p = p_value(decision.support, calibrated()) if model.seen.any() else None
     out: dict[str, Any] = {
-        'p_value': round(p_value(support, calibrated()), 4) if model.seen.any() else None,
+        'p_value': p and round(p, 4),
         'shrink': headline['shrink'],
         'interval': _interval(decision, headline),
         'measured_by': 'distance' if by_distance else 'loss',

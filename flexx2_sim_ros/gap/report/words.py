@@ -139,10 +139,10 @@ def headline(table: dict[str, Any]) -> str:
     return f'{added} to the simulation removes {removed}.{rest}'
 
 
-def significance(table: dict[str, Any]) -> str:
-    """Return the p-value of the simulation being the camera, as text; empty if there is none."""
+def significance(table: dict[str, Any]) -> list[str]:
+    """Return the p-value of the simulation being the camera, as text; nothing without one."""
     value = table['gap'].get('p_value')
-    return '' if value is None else f'p = {short(value)} of no gap'
+    return [] if value is None else [f'p = {short(value)} for "no gap"']
 
 
 def _hides_cause(table: dict[str, Any]) -> bool:
@@ -211,7 +211,9 @@ def sentences(table: dict[str, Any]) -> list[str]:
         out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
         out += correction(table)
-    return out + ground_truth(table) + not_decidable(table) + age_words(table['age'])
+    truth = accuracy([row['truth'] for row in table['recordings'] if row['used']])
+    out += [f'Accuracy of the ground truth: {truth}.'] if truth else []
+    return out + not_decidable(table) + age_words(table['age'])
 
 
 def _calibrated(table: dict[str, Any]) -> list[str]:
@@ -286,11 +288,11 @@ def correction(table: dict[str, Any]) -> list[str]:
 def difference(gap: dict[str, Any], added: str = 'the effects') -> str:
     """Return how far recordings and simulation are apart, in physical units, in one sentence."""
     invalid = gap['invalid_rate']
-    units = ['wasserstein_mm']
-    if max(invalid['before'], invalid['after']) > invalid['tolerance']:
-        units.append('invalid_rate')
+    lost = max(invalid['before'], invalid['after']) > invalid['tolerance']
+    shown = ('wasserstein_mm', 'invalid_rate')[: 1 + lost]
+    units = [(unit, MEASURES[unit]) for unit in shown]
     before, after, null = (
-        ', '.join(_in_unit(unit, gap[unit][key]) for unit in units)
+        ', '.join(f'{name} {short(f * gap[unit][key])} {u}' for unit, (name, u, f) in units)
         for key in ('before', 'after', 'null')
     )
     return (
@@ -324,11 +326,6 @@ def _percentage(gap: dict[str, Any]) -> str:
     )
 
 
-def _in_unit(measure: str, value: float) -> str:
-    name, symbol, factor = MEASURES[measure]
-    return f'{name} {short(factor * value)} {symbol}'
-
-
 def _elsewhere(interval: list[float] | None) -> str:
     # The reduction to expect on other scenes.
     if interval is None:
@@ -354,12 +351,6 @@ def not_decidable(table: dict[str, Any]) -> list[str]:
     ]
 
 
-def ground_truth(table: dict[str, Any]) -> list[str]:
-    """Return one line on the accuracy of the ground truth, or none if it is taken as exact."""
-    said = accuracy([row['truth'] for row in table['recordings'] if row['used']])
-    return [f'Accuracy of the ground truth: {said}.'] if said else []
-
-
 def accuracy(truths: list[dict[str, Any]]) -> str:
     """Return the accuracy of the ground truth as text; empty if it is taken as exact."""
 
@@ -378,11 +369,6 @@ def accuracy(truths: list[dict[str, Any]]) -> str:
     if any(one['planes'] for one in truths):
         parts.append(f'planes to {span("offset", 1000)} mm and {span("tilt", 1)} deg')
     return ', '.join(parts)
-
-
-def remarks(table: dict[str, Any]) -> list[str]:
-    """Return notes on recordings and on effects that were not considered, one line each."""
-    return not_considered(table) + on_recordings(table['recordings'])
 
 
 def on_recordings(rows: list[dict[str, Any]]) -> list[str]:
