@@ -9,7 +9,7 @@ from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.features.confirm import Apart, Outcome
 from flexx2_sim_ros.gap.features.features import LAYOUT
 from flexx2_sim_ros.gap.features.grain import repeats
-from flexx2_sim_ros.gap.features.physical import COUNTED, distance, UNITS
+from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
@@ -58,12 +58,7 @@ def all_measured(model: Model, apart: Sequence[Apart]) -> dict[str, Any]:
         unit: measured(np.array([one.physical[unit] for one in apart]), limits[unit])
         for unit in UNITS
     }
-    far = np.array(
-        [
-            [distance({unit: one.physical[unit][k] for unit in COUNTED}) for k in range(3)]
-            for one in apart
-        ]
-    )
+    far = np.array([[one.far(k)[0] for k in range(3)] for one in apart])
     worse = [unit for unit in UNITS if units[unit]['worse']]
     return {'worse': worse, 'distance': measured(far, 1.0), **units}
 
