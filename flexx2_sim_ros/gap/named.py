@@ -146,8 +146,8 @@ def _with_forms(
     now = list(formed.now)
     wrong = as_wrong_as_fitted(formed.effects, now)
     # Each recording with forms that were not fitted to it.
-    jobs = list(zip(formed.looked, now, wrong, show, bare, strict=True))
-    both = simulator.run(confirm_settled, jobs, step)
+    each = list(zip(formed.looked, now, wrong, show, bare, strict=True))
+    both = simulator.run(confirm_settled, each, step)
     confirmed, motions = [one for one, _ in both], [motion for _, motion in both]
     poses = elsewhere.poses(effects, motions)
     confirmed = elsewhere.measured(confirmed, poses, wrong, step)
@@ -203,8 +203,8 @@ def processed_table(
     stages = chain.in_metres()
     if any(PROCESSED in note for file in named.used for note in file.notes):
         return {'reason': 'the recordings are processed already, and diagnosed as they are'}
-    each = {'effects': named.own, 'bare': named.bare, 'stages': [stages] * len(named.used)}
-    jobs = jobs_at(named.used, named.motions, **each)
+    used, same = named.used, [stages] * len(named.used)
+    jobs = jobs_at(used, named.motions, effects=named.own, bare=named.bare, stages=same)
     found = named.simulator.run(at_pose, jobs, step, look=process_both_or_why)
     good = [one for one in found if isinstance(one, Processed)]
     if len(good) < len(found):
