@@ -37,7 +37,7 @@ _STYLE = (
 .attribution td:not(:last-child), .sizes td + td { white-space: nowrap; }
 .attribution .bar { width: 8rem; } .attribution .dim rect { fill: var(--gray); }
 .attribution tr:last-child td { border-top: 1px solid var(--line); }
-.attribution td:last-child { min-width: 13rem; }
+.attribution td:last-child { min-width: 11rem; }
 body > details > summary { font-size: 1.1rem; font-weight: 600; margin: .5rem 0; }
 @media (max-width: 40rem) { .attribution .bar { width: 4.5rem; } }
 """
