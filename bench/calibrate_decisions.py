@@ -71,6 +71,7 @@ import yaml
 _PICTURE = config_dir().parent / 'docs' / 'decisions.png'
 _MOST_ERRORS = 0.03
 _FOLDS = 5
+_DIGITS = 3  # of log odds
 _NO_END = 1e9  # minutes
 _ALL = ('all',)  # of ``--anew``
 _AT_ONCE = 8  # campaigns of a process before the time is looked at
@@ -328,6 +329,7 @@ def _yaml(rule, lines, checked, error, chosen):
         'gap': {
             **logistic('gap', rule.thresholds.probability),
             **{key: getattr(rule.thresholds, name) for name, key in KEYS.items()},
+            'nulls': [round(one, _DIGITS) for one in rule.nulls],
         },
         'effect': logistic('effect', rule.least_effect),
         'alternative': logistic('rival', rule.least_alternative),
@@ -346,7 +348,7 @@ def _yaml(rule, lines, checked, error, chosen):
         '# The rule of the verdict (docs/diagnosis_evidence.md), written by the command below;\n'
         '# `checked` was measured on campaigns that the rule was not fitted to.\n'
     )
-    return head + yaml.safe_dump(table, sort_keys=False)
+    return head + yaml.safe_dump(table, sort_keys=False, default_flow_style=None, width=90)
 
 
 def _draw(pairs):

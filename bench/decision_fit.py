@@ -24,7 +24,7 @@ from flexx2_sim_ros.gap.inference.probability import (
     has_gap,
     judge,
 )
-from flexx2_sim_ros.gap.inference.support import Support, support_from
+from flexx2_sim_ros.gap.inference.support import EffectSupport, Support
 import numpy as np
 from sklearn.linear_model import LogisticRegression, QuantileRegressor
 from sklearn.model_selection import cross_val_predict, GroupKFold
@@ -112,6 +112,15 @@ def campaign(line):
     )
 
 
+def support_from(table):
+    """Return the evidence that `Support.as_table` wrote."""
+    rows = {
+        name: tuple(EffectSupport(**one) for one in table[name])
+        for name in ('chosen', 'considered', 'rivals')
+    }
+    return Support(**{**table, **rows, 'improved': tuple(table['improved'])})
+
+
 def calibrate(campaigns):
     """
     Fit the rule.
@@ -126,11 +135,10 @@ def calibrate(campaigns):
     """
     rows = [gap_evidence(one.support) for one in campaigns]
     gap, gap_odds = _logistic(rows, [one.present for one in campaigns], range(len(rows)))
-    nothing = Logistic(0.0, {})
     rule = Decisions(
         gap,
-        effect=nothing,
-        rival=nothing,
+        effect=Logistic(0.0, {}),
+        rival=Logistic(0.0, {}),
         thresholds=_thresholds(campaigns, gap_odds),
         least_effect=0.0,
         least_alternative=0.0,
@@ -150,7 +158,9 @@ def calibrate(campaigns):
     count = sum(one.present for one in campaigns)
     rule = replace(rule, least_alternative=_least_alternative(gaps))
     rule = replace(rule, least_effect=_least_effect(gaps, count, rule))
-    return replace(rule, margins=_margins(campaigns, rule))
+    nothing = [one.support for one in campaigns if not one.present]
+    scores = sorted(rule.gap_score(gap_evidence(one), one.depths) for one in nothing)
+    return replace(rule, margins=_margins(campaigns, rule), nulls=tuple(scores))
 
 
 def _of_effects(campaigns, rows):

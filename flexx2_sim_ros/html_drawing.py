@@ -80,15 +80,23 @@ def png_url(file: bytes) -> str:
 def bar(before: float, after: float | None, null: float) -> Html:
     """Return a small SVG bar: before, after if any, and a mark at how simulations differ."""
     top = max(before, after or 0.0, null, 1e-12) / _BAR_WIDTH
-    second = ''
+    drawn = f'<rect y="2" height="5" width="{before / top:.1f}" class="before"/>'
     if after is not None:
-        second = f'<rect y="8" height="5" width="{after / top:.1f}" class="after"/>'
+        drawn += f'<rect y="8" height="5" width="{after / top:.1f}" class="after"/>'
+    mark = f'<rect x="{max(null / top - 1, 0):.1f}" y="0" height="16" width="1.5" class="null"/>'
+    return _bar('before and after', drawn + mark)
+
+
+def part_bar(part: float, whole: float) -> Html:
+    """Return a small SVG bar: a part of a whole, which is as long as the picture is wide."""
+    width = min(max(part / max(whole, 1e-12), 0.0), 1.0) * _BAR_WIDTH
+    return _bar('part', f'<rect y="4" height="8" width="{width:.1f}" class="after"/>')
+
+
+def _bar(label: str, inside: str) -> Html:
     return Html(
         f'<svg class="bar" viewBox="0 0 {_BAR_WIDTH} 16" preserveAspectRatio="none" role="img" '
-        'aria-label="before and after">'
-        f'<rect y="2" height="5" width="{before / top:.1f}" class="before"/>'
-        f'{second}<rect x="{max(null / top - 1, 0):.1f}" y="0" height="16" width="1.5" '
-        'class="null"/></svg>'
+        f'aria-label="{label}">{inside}</svg>'
     )
 
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 from bench.decision_campaigns import MOST, plan, QUIET
 from bench.decision_counts import counted
-from bench.decision_fit import calibrate, campaign, DiagnosedCampaign
+from bench.decision_fit import calibrate, campaign, DiagnosedCampaign, support_from
 from bench.decision_lines import keep, KEPT, kept_arguments
 from bench.journal import entries
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.decisions import calibrated, FILE, Margin, read_decisions
-from flexx2_sim_ros.gap.inference.probability import judge
-from flexx2_sim_ros.gap.inference.support import EffectSupport, Support, support_from
+from flexx2_sim_ros.gap.inference.probability import gap_evidence, judge, p_value
+from flexx2_sim_ros.gap.inference.support import EffectSupport, Support
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
 import pytest
@@ -213,6 +213,27 @@ def test_the_rule_is_what_the_kept_campaigns_give(tmp_path):
     keep(entries(KEPT), kept_arguments(), copy)
     assert entries(copy) == entries(KEPT)
     assert kept_arguments(copy) in (config_dir() / FILE).read_text().replace('\n  ', ' ')
+
+
+def test_the_p_value_ranks_a_campaign_among_those_without_an_effect():
+    """Assert that it is below 0.05 in 5 % of these, each left out, and smaller with an effect."""
+    shipped = calibrated()
+    campaigns = [campaign(line) for line in entries(KEPT)]
+
+    def score(one):
+        return shipped.gap_score(gap_evidence(one), one.depths)
+
+    quiet = sorted((one.support for one in campaigns if not one.present), key=score)
+    np.testing.assert_allclose([*map(score, quiet)], shipped.nulls, atol=1e-3)
+    left_out = [
+        p_value(one, replace(shipped, nulls=shipped.nulls[:k] + shipped.nulls[k + 1 :]))
+        for k, one in enumerate(quiet)
+    ]
+    assert sum(p < 0.05 for p in left_out) == 19  # of 391
+    assert np.mean(left_out) == pytest.approx(0.5, abs=0.01)
+    effects = [p_value(one.support, shipped) for one in campaigns if one.present]
+    assert np.mean(np.array(effects) < 0.05) > 0.6
+    assert p_value(support(60.0, 50.0, 10.0, 8.0), shipped) == 1 / (len(quiet) + 1)
 
 
 def test_a_confidence_that_is_too_high_is_a_calibration_error():

@@ -41,11 +41,14 @@ def diagnose(folder, stages, *more):
 def test_without_stages_it_is_the_gap_of_the_recordings(folder):
     for recording in read_all(folder / 'recordings'):
         for motion in (np.zeros(6), np.array([0.004, -0.003, 0.01, 0.2, 0.1, -0.1])):
-            found = process_both(PlacedScene.at(recording, motion), EFFECTS, [], 3)
-            wanted = apart(recording, motion, EFFECTS, 3)
+            scene = PlacedScene.at(recording, motion)
+            found = process_both(scene, EFFECTS, [], 3)
+            wanted = apart(scene, EFFECTS, 3)
             for unit, values in wanted.physical.items():
                 assert found.apart.physical[unit] == values
-            assert set(found.rises) == set(EFFECTS)
+            assert set(found.parts) == set(EFFECTS)
+            whole = found.apart.far(0) - found.apart.far(1)
+            np.testing.assert_allclose(sum(found.parts.values()), whole, atol=1e-9)
 
 
 def test_a_diagnosis_says_what_is_left_after_processing(folder, capsys):

@@ -51,15 +51,20 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.camera.compiling import compiling_said
     from flexx2_sim_ros.gap import diagnose
     from flexx2_sim_ros.gap.report.age import age_words
-    from flexx2_sim_ros.gap.report.attribution import attribution, disagreeing, HEADS, shown_by_one
+    from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, said
     from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
     from flexx2_sim_ros.gap.report.sizes import processed_in_short
-    from flexx2_sim_ros.gap.report.words import headline, MOST_SENTENCES, remarks, sentences
+    from flexx2_sim_ros.gap.report.words import (
+        headline,
+        not_considered,
+        on_recordings,
+        significance,
+    )
     from flexx2_sim_ros.processing import load_chain
 
     console = common.messages()
-    said = compiling_said(lambda: console.print(_COMPILING))
-    with common.progress_bar(console) as progress, said:
+    compiling = compiling_said(lambda: console.print(_COMPILING))
+    with common.progress_bar(console) as progress, compiling:
         table = diagnose(
             arguments.campaign,
             without=arguments.without,
@@ -73,15 +78,15 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
         )
     console.print(headline(table), style='bold')
+    common.print_lines(console, significance(table))
     if table['effects']:
         shown = Table(*HEADS, box=SIMPLE_HEAD, pad_edge=False)
         for row in attribution(table):
             shown.add_row(*map(printable, row))
         console.print(shown)
-        common.print_lines(console, shown_by_one(table))
-    first = [*disagreeing(table), *sentences(table)][:MOST_SENTENCES]
-    age = age_words(table['age'])
-    common.print_lines(console, dict.fromkeys([*first, *age, *remarks(table)]))
+    lines = [*said(table)[0], *age_words(table['age'])]
+    lines += [*not_considered(table), *on_recordings(table['recordings'])]
+    common.print_lines(console, dict.fromkeys(lines))
     if arguments.process:
         common.print_lines(console, [processed_in_short(table)])
     if arguments.cost:

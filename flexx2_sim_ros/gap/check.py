@@ -14,9 +14,9 @@ from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import given_effects, in_one_table, Table
-from flexx2_sim_ros.gap.features.confirm import simulated as simulations
-from flexx2_sim_ros.gap.features.physical import distances, histogram, UNITS
-from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene
+from flexx2_sim_ros.gap.features.confirm import apart_in, seen_in, simulated
+from flexx2_sim_ros.gap.features.physical import UNITS
+from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.gap.given_effects import fit_without_and_with, FittedRecordings
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
@@ -224,13 +224,8 @@ def _physical(
     gaps = []
     for motion, table in zip(motions, ({}, effects), strict=True):
         scene = PlacedScene.at(recording, motion)
-        real, *simulated = (
-            histogram(depth, scene.covariates, scene.sums(depth), at_edges=counts_edges(effects))
-            for depth in (recording.depth, *simulations(scene, table, seed))
-        )
-        gaps.append([distances(real, one) for one in simulated])
-    null = distances(simulated[1], simulated[0])
-    return {
-        unit: [*(float(np.mean([one[unit] for one in some])) for some in gaps), null[unit]]
-        for unit in UNITS
-    }
+        depths = recording.depth, *simulated(scene, table, seed)
+        real, *some = (seen_in(scene, depth, effects) for depth in depths)
+        gaps.append(apart_in(real, some, some).physical)
+    before, after = gaps
+    return {unit: [before[unit][0], *after[unit][1:]] for unit in UNITS}

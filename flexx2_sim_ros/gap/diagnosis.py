@@ -22,6 +22,7 @@ from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
 from flexx2_sim_ros.gap.data.prior import USUAL
 from flexx2_sim_ros.gap.explained import explained, found_set
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
+from flexx2_sim_ros.gap.features.confirm import confirm
 from flexx2_sim_ros.gap.forms.looked import Simulator
 from flexx2_sim_ros.gap.inference.decidable import decidable_candidates
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
@@ -35,11 +36,12 @@ from flexx2_sim_ros.gap.report.table import makes_larger, patch_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.rounds import Campaign
 from flexx2_sim_ros.gap.work import (
+    at_pose,
     find,
+    jobs_at,
     portion,
     Progress,
     search_inside,
-    simulate_set,
     Simulations,
     stepper,
     summarise_all,
@@ -229,11 +231,8 @@ def _correction(
     patch = fit_patch(model, named.decision.base.residual(model))
     without = [of_camera([one]) for one in patch.without]
     motions = model.own.found(named.decision.accepted.nuisances)
-    jobs = [
-        (file, tuple(motion), own, own, False, None)
-        for file, motion, own in zip(used, motions, without, strict=True)
-    ]
-    patched = named.simulator.run(simulate_set, jobs, step)
+    jobs = jobs_at(used, motions, effects=without, wrong=without)
+    patched = named.simulator.run(at_pose, jobs, step, look=confirm)
     table = patch_table(patch, model, patched)
     return [patch.effect] if table['offered'] else [], table
 

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.effects import Effect, parse_effects
-from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.decide import Decision, with_effects
-from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects, of_camera
-from flexx2_sim_ros.gap.inference.joint import Proposal, Table
+from flexx2_sim_ros.gap.inference.effects import fitted_effects, held_out_effects
+from flexx2_sim_ros.gap.inference.joint import Table
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.rounds import Campaign, explain
 import numpy as np
@@ -21,8 +20,6 @@ class FoundSet:
     * `fitted`, `held_out`: fitted to all recordings, and without each recording.
     * `motions`: where the camera of each recording is with them.
     * `sigma`: relative error of the base sigma_z.
-    * `rises`: by how much recordings are farther apart without each effect; see
-      `rounds.ExplainedSet`.
     """
 
     decision: Decision
@@ -30,7 +27,6 @@ class FoundSet:
     held_out: list[list[Effect]]
     motions: list[np.ndarray]
     sigma: float
-    rises: dict[str, np.ndarray]
 
 
 def found_set(decision: Decision, model: Model) -> FoundSet:
@@ -38,13 +34,7 @@ def found_set(decision: Decision, model: Model) -> FoundSet:
     fit = decision.accepted
     motions = model.own.found(fit.nuisances)
     fitted, held_out = fitted_effects(model, fit), held_out_effects(model, fit)
-    return FoundSet(decision, fitted, held_out, motions, fit.sigma, {})
-
-
-def _proposal(one: FoundSet, chosen: Sequence[Candidate]) -> Proposal:
-    without = [of_camera(own) for own in one.held_out]
-    forms = {candidate.effect: candidate for candidate in chosen}
-    return Proposal(of_camera(one.fitted), without, one.motions, one.sigma, 0.0, forms)
+    return FoundSet(decision, fitted, held_out, motions, fit.sigma)
 
 
 def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
@@ -57,17 +47,13 @@ def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
     before = found_set(decision, model)
     posed = [one for one in decision.accepted.candidates if one.kind.role == 'pose']
     chosen = [one for one in decision.accepted.candidates if one.kind.role != 'pose']
-    if not chosen:
-        return before
-    if len(chosen) == 1 or len(campaign.found) == 1:
+    if len(chosen) < 2 or len(campaign.found) == 1:
         # As decided: what else is seen of one cause may be its form, and one recording has no
         # other that says what is needed.
-        (decided,) = campaign.judged([_proposal(before, chosen)])
-        return replace(before, rises=campaign.taking_off(decided))
+        return before
     undecided = {one.effect for one in decision.undecided} - {one.effect for one in chosen}
     left = [one for one in campaign.candidates if one.effect not in undecided]
-    best = explain(replace(campaign, candidates=left), model, decision.accepted.parts)
-    one = best.proposal
+    one = explain(replace(campaign, candidates=left), model, decision.accepted.parts)
     if not one.effects:
         return before
     forms = [*(one.forms[name] for name in one.effects), *posed]
@@ -90,5 +76,4 @@ def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
         held_out=[own(*pair) for pair in zip(one.without, typical.held_out, strict=True)],
         motions=one.motions,
         sigma=one.sigma,
-        rises=best.rises,
     )

@@ -8,11 +8,12 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.prior import USUAL
+from flexx2_sim_ros.gap.features.confirm import confirm
 from flexx2_sim_ros.gap.features.simulation import counts_edges
 from flexx2_sim_ros.gap.given_effects import fit_without_and_with
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import simulated_losses
-from flexx2_sim_ros.gap.work import find, simulate_set
+from flexx2_sim_ros.gap.work import at_pose, find, jobs_at
 from flexx2_sim_ros.jobs import bind, workers
 import numpy as np
 
@@ -76,14 +77,10 @@ def measure(
         )
         motions = [after for _, after in fitted.motions()]
         table = table_of(one for one in parsed if one.role != 'pose')
-        simulated = mapped(
-            bind(simulate_set, profile=profile, seed=seed),
-            [
-                (file, tuple(motion), table, table, False, None)
-                for file, motion in zip(fitted.found, motions, strict=True)
-            ],
-            lambda: None,
-        )
+        tables = [table] * len(motions)
+        work = bind(at_pose, look=confirm, profile=profile, seed=seed)
+        there = jobs_at(fitted.found, motions, effects=tables, wrong=tables)
+        simulated = mapped(work, there, lambda: None)
     without, given = zip(fitted.models, fitted.fits, strict=True)
     losses = simulated_losses(without, given, simulated, motions, counts_edges(table))
     before, after, null = (float(one) for one in losses.sum(axis=0))

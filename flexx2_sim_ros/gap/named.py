@@ -1,32 +1,25 @@
 """What a diagnosis names, and what simulating it gives."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.explained import FoundSet
-from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.features.processed import Processed
+from flexx2_sim_ros.gap.features.confirm import apart, confirm, measured_parts, Outcome
+from flexx2_sim_ros.gap.features.processed import process_both_or_why, Processed
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_named, Calibrated
 from flexx2_sim_ros.gap.forms.looked import confirm_settled, Settings, Simulator
 from flexx2_sim_ros.gap.forms.proposals import rounds
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
-from flexx2_sim_ros.gap.inference.improvement import all_measured, taken_off
+from flexx2_sim_ros.gap.inference.improvement import all_measured, remaining, taken_off
 from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, verdict_of
-from flexx2_sim_ros.gap.work import (
-    measure_apart,
-    measure_processed,
-    noisier,
-    Progress,
-    simulate_set,
-    stepper,
-)
+from flexx2_sim_ros.gap.work import at_pose, jobs_at, noisier, Progress, stepper
 from flexx2_sim_ros.processing import Chain
 from flexx2_sim_ros.recording.reader import PROCESSED
 import numpy as np
@@ -47,6 +40,7 @@ class Named:
     * `simulator`: of these.
     * `own`: of each recording, the effects of the camera in `confirmed`: parameters by name.
     * `bare`: where each one is without effects, as for `confirm.confirm`.
+    * `parts`: (R, 4) what each effect takes off each recording, as from `confirm.parts`.
     """
 
     found: FoundSet
@@ -59,6 +53,7 @@ class Named:
     simulator: Simulator
     own: list[Settings]
     bare: list[np.ndarray | None]
+    parts: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def decision(self) -> Decision:
@@ -69,8 +64,8 @@ class Named:
         self, model: Model, used: list[Found], left_out: list[tuple[str, str]]
     ) -> dict[str, Any]:
         """Return the table of the diagnosis, as far as it is about the named effects."""
-        one, rises = self.found, self.found.rises
-        out = diagnosis_table(model, one.decision, one.fitted, self.first, used, left_out, rises)
+        one, parts = self.found, self.parts
+        out = diagnosis_table(model, one.decision, one.fitted, self.first, used, left_out, parts)
         if self.forms is not None:
             out = calibrated_table(
                 out, model, one.decision, self.forms, self.confirmed, self.motions
@@ -79,7 +74,7 @@ class Named:
         for i, own in enumerate(one.held_out):  # Used recordings are first.
             row = out['recordings'][i]
             row['effects_without'] = table_of(own)
-            row['takes_off_here'] = {name: float(rise[i, 0]) for name, rise in rises.items()}
+            row['takes_off_here'] = {name: float(part[i, 0]) for name, part in parts.items()}
         return out
 
 
@@ -92,10 +87,32 @@ def simulate_named(
     progress: Progress,
 ) -> Named:
     """
-    Simulate the recordings with the effects that were found, and fit their forms.
+    Simulate the recordings with the effects that were found, fit their forms, measure their parts.
 
     `used` are the files of the recordings; `which` are the forms to fit, as for `diagnose`.
     """
+    named = _with_forms(model, found, used, simulator, which, progress)
+    there = [one.apart for one in named.confirmed]
+    jobs = jobs_at(named.used, named.motions, effects=named.own, known=there)
+    step = stepper(progress, 'switching effects on one by one', 0.96, 0.02, len(jobs))
+    parts = named.simulator.run(at_pose, jobs, step, look=measured_parts) if any(named.own) else []
+    return replace(named, parts=_in_order(parts))
+
+
+def _in_order(parts: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    # (R, 4) of each effect, the largest first.
+    each = {name: np.array([one[name] for one in parts]) for some in parts[:1] for name in some}
+    return dict(sorted(each.items(), key=lambda pair: -pair[1][:, 0].mean()))
+
+
+def _with_forms(
+    model: Model,
+    found: FoundSet,
+    used: list[Found],
+    simulator: Simulator,
+    which: str,
+    progress: Progress,
+) -> Named:
     motions, fitted, held_out = found.motions, found.fitted, found.held_out
     used, noisy = noisier(used, simulator.profile, 1 + found.sigma)
     simulator = replace(simulator, profile=noisy)
@@ -108,8 +125,8 @@ def simulate_named(
     poses = elsewhere.poses(fitted, motions)
     # At other poses, `measured` simulates the wrong effects, and not this.
     here = wrong if poses is None else without
-    jobs = list(zip(used, map(tuple, motions), without, here, show, bare, strict=True))
-    first = simulator.run(simulate_set, jobs, step)
+    jobs = jobs_at(used, motions, effects=without, wrong=here, show=show, bare=bare)
+    first = simulator.run(at_pose, jobs, step, look=confirm)
     first = elsewhere.measured(first, poses, wrong, step)
     rest = used, simulator, without, bare
     plain_ones = Named(found, fitted, first, None, first, motions, *rest)
@@ -129,8 +146,8 @@ def simulate_named(
     now = list(formed.now)
     wrong = as_wrong_as_fitted(formed.effects, now)
     # Each recording with forms that were not fitted to it.
-    jobs = list(zip(formed.looked, now, wrong, show, bare, strict=True))
-    both = simulator.run(confirm_settled, jobs, step)
+    each = list(zip(formed.looked, now, wrong, show, bare, strict=True))
+    both = simulator.run(confirm_settled, each, step)
     confirmed, motions = [one for one, _ in both], [motion for _, motion in both]
     poses = elsewhere.poses(effects, motions)
     confirmed = elsewhere.measured(confirmed, poses, wrong, step)
@@ -169,9 +186,9 @@ class _Elsewhere:
         # as wrong as their fit leaves open.
         if poses is None or not any(wrong):
             return list(outcomes)
-        jobs = list(zip(self.used, map(tuple, poses), wrong, self.bare, strict=True))
-        apart = self.simulator.run(measure_apart, jobs, step)
-        return [replace(one, elsewhere=far) for one, far in zip(outcomes, apart, strict=True)]
+        jobs = jobs_at(self.used, poses, effects=wrong, bare=self.bare)
+        found = self.simulator.run(at_pose, jobs, step, look=apart)
+        return [replace(one, elsewhere=far) for one, far in zip(outcomes, found, strict=True)]
 
 
 def processed_table(
@@ -186,19 +203,19 @@ def processed_table(
     stages = chain.in_metres()
     if any(PROCESSED in note for file in named.used for note in file.notes):
         return {'reason': 'the recordings are processed already, and diagnosed as they are'}
-    jobs = list(zip(named.used, map(tuple, named.motions), named.own, named.bare, strict=True))
-    found = named.simulator.run(measure_processed, jobs, step, stages=stages)
+    used, same = named.used, [stages] * len(named.used)
+    jobs = jobs_at(used, named.motions, effects=named.own, bare=named.bare, stages=same)
+    found = named.simulator.run(at_pose, jobs, step, look=process_both_or_why)
     good = [one for one in found if isinstance(one, Processed)]
     if len(good) < len(found):
         return {'reason': next(one for one in found if isinstance(one, str))}
-    names = [one.name for one in named.effects if one.name in good[0].rises]
+    here, parts = [one.apart for one in good], _in_order([one.parts for one in good])
     return {
         'stages': [one.name for one in stages],
         'not_measured': [one.name for one in chain.stages[len(stages) :]],
-        **all_measured(model, [one.apart for one in good]),
-        'effects': {
-            name: taken_off(np.array([one.rises[name] for one in good])) for name in names
-        },
+        **all_measured(model, here),
+        **remaining(here, here),
+        'effects': {name: taken_off(part) for name, part in parts.items()},
     }
 
 

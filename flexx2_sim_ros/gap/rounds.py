@@ -1,9 +1,8 @@
 """Fit the effects of a diagnosis together, around the simulation that has them, in rounds."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 import logging
-from typing import Any
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import parse_effects
@@ -34,12 +33,10 @@ class ExplainedSet:
     * `proposal`: the set; its sigma is that of all rounds together.
     * `far`: (R, 4) how far each recording is from its simulation with values that were fitted
       without it; see `how_far`.
-    * `rises`: (R, 4) by how much that rises without each effect, the largest distance first.
     """
 
     proposal: Proposal
     far: np.ndarray
-    rises: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def apart(self) -> np.ndarray:
@@ -113,14 +110,8 @@ class Campaign:
         formed = replace(best, effects=effects, without=without, motions=motions)
         return [replace(formed, label='forms', fitted=None)]
 
-    def taking_off(self, best: ExplainedSet) -> dict[str, np.ndarray]:
-        """Return by how much recordings are farther apart without each effect, (R, 4)."""
-        some = [_without(best.proposal, [name]) for name in best.proposal.effects]
-        judged = zip(best.proposal.effects, self.judged(some), strict=True)
-        return {name: one.far - best.far for name, one in judged}
 
-
-def explain(campaign: Campaign, model: Model, begin: Parts) -> ExplainedSet:
+def explain(campaign: Campaign, model: Model, begin: Parts) -> Proposal:
     """
     Return the set of effects that explains the recordings.
 
@@ -135,7 +126,7 @@ def explain(campaign: Campaign, model: Model, begin: Parts) -> ExplainedSet:
     return refine(campaign, proposals(model, nothing(model), [], candidates, begin)[1:])
 
 
-def refine(campaign: Campaign, begin: Sequence[Proposal]) -> ExplainedSet:
+def refine(campaign: Campaign, begin: Sequence[Proposal]) -> Proposal:
     """
     Fit a set of effects again, add to it and take off it, as long as simulations come nearer.
 
@@ -157,14 +148,7 @@ def refine(campaign: Campaign, begin: Sequence[Proposal]) -> ExplainedSet:
         if now.apart.mean() > (1 + ROUNDS.as_near) * least:
             break
         some = campaign.proposed(now.proposal)
-    best = _nearest(visited, ROUNDS.nearer)
-    best = needed(campaign, best)
-    rises = campaign.taking_off(best)
-    names = sorted(rises, key=lambda name: -rises[name][:, 0].mean())
-    in_order = replace(
-        best.proposal, effects={name: best.proposal.effects[name] for name in names}
-    )
-    return replace(best, proposal=in_order, rises={name: rises[name] for name in names})
+    return needed(campaign, _nearest(visited, ROUNDS.nearer)).proposal
 
 
 def _whole(far: np.ndarray) -> np.ndarray:
@@ -210,15 +194,6 @@ def needed(campaign: Campaign, best: ExplainedSet) -> ExplainedSet:
             break
         best, names = judged[weak[0]], weak[1:]
     return best
-
-
-def _without(one: Proposal, names: Collection[str]) -> Proposal:
-    def left(table: dict[str, Any]) -> dict[str, Any]:
-        return {name: value for name, value in table.items() if name not in names}
-
-    without = [left(own) for own in one.without]
-    label = f'less {", ".join(names)}'
-    return replace(one, effects=left(one.effects), without=without, label=label)
 
 
 def _nearest(some: Sequence[ExplainedSet], within: float = ROUNDS.as_near) -> ExplainedSet:

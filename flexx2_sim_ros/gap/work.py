@@ -12,14 +12,11 @@ from flexx2_sim_ros.gap.data.campaign import check, Found, nothing_left, of_one_
 from flexx2_sim_ros.gap.data.clues import Clues, clues_of
 from flexx2_sim_ros.gap.data.given import Table
 from flexx2_sim_ros.gap.features.catalogue import Column
-from flexx2_sim_ros.gap.features.confirm import Apart, apart, confirm, Outcome
 from flexx2_sim_ros.gap.features.evidence import Evidence, gather
-from flexx2_sim_ros.gap.features.processed import process_both, Processed
 from flexx2_sim_ros.gap.features.search import Found as Inside
 from flexx2_sim_ros.gap.features.search import search
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.jobs import bind, Map
-from flexx2_sim_ros.processing import Stage
 from flexx2_sim_ros.recording.opening import find_recordings
 import numpy as np
 
@@ -167,40 +164,26 @@ def summarise_all(
     return used, evidence, unusable
 
 
-def simulate_set(
-    job: tuple[Found, tuple[float, ...], dict[str, Any], dict[str, Any], bool, np.ndarray | None],
+def at_pose(
+    job: tuple[Found, Sequence[float], dict[str, Any]],
+    look: Callable[..., Any],
     profile: Profile | None,
     seed: int,
     known: Table | None = None,
-) -> Outcome:
-    """Compare a recording with its simulation with effects, at the fitted pose; see `confirm`."""
-    found, motion, effects, wrong, show, bare = job
+) -> Any:
+    """
+    Return what `look` finds in the scene of a recording, such as `confirm`.
+
+    The job is the recording, where its camera and its planes are, and further arguments by name.
+    """
+    found, motion, more = job
     scene = PlacedScene.at(read(found, profile, known), np.array(motion))
-    return confirm(scene, effects, wrong, seed, show, bare)
+    return look(scene, seed=seed, **more)
 
 
-def measure_processed(
-    job: tuple[Found, tuple[float, ...], dict[str, Any], np.ndarray | None],
-    profile: Profile | None,
-    seed: int,
-    known: Table | None = None,
-    stages: Sequence[Stage] = (),
-) -> Processed | str:
-    """Compare a recording with its simulation after processing, or say why not."""
-    found, motion, effects, bare = job
-    scene = PlacedScene.at(read(found, profile, known), np.array(motion))
-    try:
-        return process_both(scene, effects, stages, seed, bare)
-    except InputError as error:
-        return str(error)
-
-
-def measure_apart(
-    job: tuple[Found, tuple[float, ...], dict[str, Any], np.ndarray | None],
-    profile: Profile | None,
-    seed: int,
-    known: Table | None = None,
-) -> Apart:
-    """Return how far a recording is from its simulation with effects, at a pose; see `apart`."""
-    found, motion, effects, bare = job
-    return apart(read(found, profile, known), np.array(motion), effects, seed, bare)
+def jobs_at(
+    found: Sequence[Found], motions: Sequence[Sequence[float] | np.ndarray], **more: Sequence[Any]
+) -> list[tuple[Found, tuple[float, ...], dict[str, Any]]]:
+    """Return jobs for `at_pose`; each of `more` has a value for each recording."""
+    each = [dict(zip(more, values, strict=True)) for values in zip(*more.values(), strict=True)]
+    return list(zip(found, map(tuple, motions), each, strict=True))

@@ -5,6 +5,7 @@ They were calibrated on simulated campaigns; the file names the command, the see
 of errors that it reached.
 """
 
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -37,10 +38,14 @@ class Logistic:
     constant: float
     weights: Mapping[str, float]
 
+    def log_odds(self, evidence: Mapping[str, float]) -> float:
+        """Return the logarithm of the odds, given the evidence by name."""
+        weighted = (weight * evidence[name] for name, weight in self.weights.items())
+        return self.constant + sum(weighted)
+
     def probability(self, evidence: Mapping[str, float]) -> float:
         """Return the probability, 0..1, given the evidence by name."""
-        odds = self.constant
-        odds += sum(weight * evidence[name] for name, weight in self.weights.items())
+        odds = self.log_odds(evidence)
         return 1 / (1 + math.exp(-min(max(odds, -500.0), 500.0)))
 
 
@@ -112,6 +117,7 @@ class Decisions:
     * `least_effect`: probability from which on effects are named.
     * `least_alternative`: probability from which on an effect is listed as an alternative.
     * `margins`: the first one that a campaign belongs to counts.
+    * `nulls`: `gap_score` of the campaigns without an effect, ascending.
     """
 
     gap: Logistic
@@ -121,6 +127,21 @@ class Decisions:
     least_effect: float
     least_alternative: float
     margins: tuple[Margin, ...]
+    nulls: tuple[float, ...] = ()
+
+    def gap_score(self, evidence: Mapping[str, float], depths: float) -> float:
+        """
+        Return the log odds of a gap that mean as much in a campaign with most depths.
+
+        `depths` are per recording.
+        """
+        fewer = fewer_by(depths, self.thresholds.most_depths)
+        return self.gap.log_odds(evidence) - self.thresholds.odds_per_fewer * fewer
+
+    def p_value(self, evidence: Mapping[str, float], depths: float) -> float:
+        """Return the conformal p-value: the rank of `gap_score` among `nulls`, itself counted."""
+        at_least = len(self.nulls) - bisect_left(self.nulls, self.gap_score(evidence, depths))
+        return (1 + at_least) / (1 + len(self.nulls))
 
     def widened(
         self,
@@ -191,6 +212,7 @@ def read_decisions(path: Path) -> Decisions:
                 )
                 for row in table['reduction']
             ),
+            tuple(sorted(map(float, table['gap']['nulls']))),
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InputError(

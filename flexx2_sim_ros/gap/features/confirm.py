@@ -1,11 +1,11 @@
 """A set of effects, really simulated: what is left of the gap then."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 from flexx2_sim_ros.gap.calibration.features import FEATURES, SIMULATION
-from flexx2_sim_ros.gap.data.registration import RecordingData
 from flexx2_sim_ros.gap.features.features import features, lattice_spectrum, static_grain
 from flexx2_sim_ros.gap.features.physical import distance, distances, histogram, Measures, UNITS
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
@@ -34,6 +34,11 @@ class Apart(NamedTuple):
 
     physical: dict[str, list[float]]
     gap: float
+
+    def far(self, which: int) -> np.ndarray:
+        """Return (4,) as from `how_far`: before (0), after (1), or of two simulations (2)."""
+        values = {unit: several[which] for unit, several in self.physical.items()}
+        return np.array(in_tolerances(values))
 
 
 @dataclass(frozen=True)
@@ -86,7 +91,7 @@ def confirm(
     effects: dict[str, Any],
     wrong: dict[str, Any],
     seed: int,
-    show: bool,
+    show: bool = False,
     bare: np.ndarray | None = None,
 ) -> Outcome:
     """
@@ -142,23 +147,52 @@ def confirm(
 
 
 def apart(
-    recording: RecordingData,
-    motion: np.ndarray,
-    effects: dict[str, Any],
-    seed: int,
-    bare: np.ndarray | None = None,
+    scene: PlacedScene, effects: dict[str, Any], seed: int, bare: np.ndarray | None = None
 ) -> Apart:
-    """
-    Return how far a recording is from its simulations at a pose; parameters as for `confirm`.
-
-    The random numbers are those of `confirm`.
-    """
-    scene = PlacedScene.at(recording, motion)
+    """Return how far a recording is from its simulations; parameters and seeds as of `confirm`."""
     before, after = (
         [seen_in(scene, depth, effects) for depth in simulated(where, table, seed)]
         for where, table in ((placed_without(scene, bare), {}), (scene, effects))
     )
-    return apart_in(seen_in(scene, recording.depth, effects), before, after)
+    return apart_in(seen_in(scene, scene.recording.depth, effects), before, after)
+
+
+def measured_parts(
+    scene: PlacedScene, effects: dict[str, Any], seed: int, known: Apart
+) -> dict[str, np.ndarray]:
+    """
+    Return what each effect takes off the distance of a recording and its simulation; see `parts`.
+
+    The random numbers are those of `confirm`; `known` is what it found in this scene.
+    """
+    real = seen_in(scene, scene.recording.depth, effects)
+
+    def far(some: dict[str, Any]) -> np.ndarray:
+        if len(some) in (0, len(effects)):
+            return known.far(int(bool(some)))
+        seen = [seen_in(scene, depth, effects) for depth in simulated(scene, some, seed)]
+        return apart_in(real, seen, seen).far(0)
+
+    return parts(effects, far)
+
+
+def parts(
+    effects: dict[str, Any], far: Callable[[dict[str, Any]], np.ndarray]
+) -> dict[str, np.ndarray]:
+    """
+    Return what each effect takes off a distance; these parts add up to what all take off.
+
+    The effects are switched on one after the other, in their order and in the reverse. The part of
+    each is the mean of what the distance falls by then: Shapley's value from two of all orders.
+    `far` returns the distance with some of them.
+    """
+    names, out = list(effects), dict[str, np.ndarray]()
+    known = cache(lambda on: far({name: effects[name] for name in names if name in on}))
+    for order in (names, names[::-1]):
+        some = [frozenset(order[:count]) for count in range(len(names) + 1)]
+        for name, less, more in zip(order, some, some[1:], strict=False):
+            out[name] = out.get(name, 0.0) + (known(less) - known(more)) / 2
+    return out
 
 
 def how_far(scene: PlacedScene, effects: dict[str, Any], seed: int) -> list[float]:

@@ -13,7 +13,7 @@ from flexx2_sim_ros.gap.data.registration import Placed
 from flexx2_sim_ros.gap.features.confirm import (
     Apart,
     apart_in,
-    in_tolerances,
+    parts,
     placed_without,
     Seen,
     seen_in,
@@ -28,12 +28,12 @@ class Processed(NamedTuple):
     """
     A recording against its simulations, all of them processed.
 
-    `apart` is without and with the effects; `rises`, (3,), by how much it is farther from the
-    simulation without each effect: see `confirm.how_far`.
+    `apart` is without and with the effects; `parts`, (4,), what each effect takes off: see
+    `confirm.parts`.
     """
 
     apart: Apart
-    rises: dict[str, np.ndarray]
+    parts: dict[str, np.ndarray]
 
 
 def process_both(
@@ -66,14 +66,22 @@ def process_both(
         )
     before = look_at(placed_without(scene, bare), {})
     after = look_at(scene, effects) if effects else before
-    apart, rises = apart_in(real, before, after), {}
-    with_all = in_tolerances({unit: values[1] for unit, values in apart.physical.items()})
-    for name in effects:
-        rest = look_at(scene, {key: own for key, own in effects.items() if key != name})
-        left = apart_in(real, before, rest).physical
-        farther = in_tolerances({unit: values[1] for unit, values in left.items()})
-        rises[name] = np.array(farther) - with_all
-    return Processed(apart, rises)
+    apart = apart_in(real, before, after)
+
+    def far(some: dict[str, Any]) -> np.ndarray:
+        if len(some) in (0, len(effects)):
+            return apart.far(int(bool(some)))
+        return apart_in(real, before, look_at(scene, some)).far(1)
+
+    return Processed(apart, parts(effects, far))
+
+
+def process_both_or_why(scene: PlacedScene, **more: Any) -> Processed | str:
+    """Return what `process_both` does, or why it cannot."""
+    try:
+        return process_both(scene, **more)
+    except InputError as error:
+        return str(error)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.features.confirm import Apart, Outcome
 from flexx2_sim_ros.gap.features.features import LAYOUT
 from flexx2_sim_ros.gap.features.grain import repeats
-from flexx2_sim_ros.gap.features.physical import COUNTED, distance, UNITS
+from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
@@ -19,8 +19,8 @@ _REPEAT = next(i for i, one in enumerate(LAYOUT) if one.channel == 'repeat')
 _AT_EDGES = np.array(
     [one.axis in ('edge', 'concavity') or one.channel.startswith('jump_') for one in LAYOUT]
 )
-# What an effect takes off: the distance in tolerances; of it depth and lost pixels.
-TAKEN = 'distance', 'mm', 'invalid_percent', 'noise'
+# Of a gap, as from `confirm.how_far`.
+_PARTS = 'distance', 'mm', 'invalid_percent', 'noise'
 
 
 def tolerances(model: Model) -> dict[str, float]:
@@ -58,12 +58,7 @@ def all_measured(model: Model, apart: Sequence[Apart]) -> dict[str, Any]:
         unit: measured(np.array([one.physical[unit] for one in apart]), limits[unit])
         for unit in UNITS
     }
-    far = np.array(
-        [
-            [distance({unit: one.physical[unit][k] for unit in COUNTED}) for k in range(3)]
-            for one in apart
-        ]
-    )
+    far = np.array([[one.far(k)[0] for k in range(3)] for one in apart])
     worse = [unit for unit in UNITS if units[unit]['worse']]
     return {'worse': worse, 'distance': measured(far, 1.0), **units}
 
@@ -150,15 +145,25 @@ def measured(values: np.ndarray, tolerance: float) -> dict[str, Any]:
     return out
 
 
-def taken_off(rise: np.ndarray | None) -> dict[str, Any] | None:
-    """
-    Return what an effect takes off: means over recordings, each with a 90 % interval.
-
-    `rise` is (R, 4) as from `rounds.ExplainedSet`.
-    """
-    if rise is None:
-        return None
+def taken_off(part: np.ndarray) -> dict[str, Any]:
+    """Return a part of the gap, (R, 4): means over recordings, each with a 90 % interval."""
     return {
         name: {'mean': float(column.mean()), 'interval': mean_interval(column)}
-        for name, column in zip(TAKEN, rise.T, strict=True)
+        for name, column in zip(_PARTS, part.T, strict=True)
     }
+
+
+def remaining(elsewhere: Sequence[Apart], fitted: Sequence[Apart]) -> dict[str, Any]:
+    """
+    Return the parts of the gap `elsewhere` that no effect takes off, each as from `taken_off`.
+
+    With those of the effects, and with what two simulations differ by, they add up to what a
+    recording and its simulation differ by.
+
+    * `absorbed_by_poses`: what the `fitted` poses take off.
+    * `not_explained`: what is left, less what two simulations differ by.
+    """
+    pairs = list(zip(elsewhere, fitted, strict=True))
+    absorbed = np.array([there.far(0) - here.far(0) for there, here in pairs])
+    left = np.array([here.far(1) - there.far(2) for there, here in pairs])
+    return {'absorbed_by_poses': taken_off(absorbed), 'not_explained': taken_off(left)}

@@ -83,6 +83,16 @@ def _loss_shows_gap(support: Support, probability: float, rule: Decisions) -> bo
     return large or probability >= least.probability_from(depths)
 
 
+def p_value(support: Support, rule: Decisions) -> float:
+    """
+    Return in which part of the campaigns without an effect the evidence of a gap is as large.
+
+    It is a p-value of "the simulation is the camera". Poses are no part of the camera, and do not
+    count.
+    """
+    return rule.p_value(gap_evidence(support), support.depths)
+
+
 def agreement(support: Support) -> float:
     """
     Return how much the recordings agree that the chosen effects improve the simulation.

@@ -1,6 +1,6 @@
 """How strongly the recordings support each effect: the evidence that a decision rests on."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,15 +77,6 @@ class Support:
             'improved': [_rounded(one) for one in self.improved],
             **rows,
         }
-
-
-def support_from(table: Mapping[str, Any]) -> Support:
-    """Return the evidence that `Support.as_table` wrote."""
-    rows = {
-        name: tuple(EffectSupport(**one) for one in table[name])
-        for name in ('chosen', 'considered', 'rivals')
-    }
-    return Support(**{**table, **rows, 'improved': tuple(table['improved'])})
 
 
 def _rounded(value: float) -> float:

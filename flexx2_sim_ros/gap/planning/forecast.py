@@ -7,11 +7,11 @@ diagnosed. The latter contains noise, and all by which the real camera differs f
 explanation. Those recordings and the new ones are diagnosed together, by the diagnosis's rules.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from flexx2_sim_ros.effects import Effect, of_role, registry
+from flexx2_sim_ros.effects import of_role, registry
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.gap.data.hidden import Hidden
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
@@ -19,7 +19,7 @@ from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import SIZE
 from flexx2_sim_ros.gap.inference.decidable import decidable_candidates, undecided, unseen
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
-from flexx2_sim_ros.gap.inference.effects import fitted_effects
+from flexx2_sim_ros.gap.inference.effects import fitted_effects, table_of
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.selection import Trials
@@ -87,7 +87,7 @@ def _explanations(
     # effect. An explanation is as likely as exp(gain / 2), with the gain in loss of a `Choice`.
     trials = Trials(model)
     sets = [*_found(trials, decision), *_narrowly_rejected(model, decision)]
-    base, kept = decision.accepted, _table(fitted_effects(model, decision.accepted))
+    base, kept = decision.accepted, table_of(fitted_effects(model, decision.accepted))
     gain = _gain(trials, base)
     hidden = [one.effect for one in decision.undecided]
     if not decision.finds_gap:
@@ -118,7 +118,7 @@ def _found(trials: Trials, decision: Decision) -> list[tuple[Effects, float, Fit
     fits = [decision.chosen] if decision.explains_gap else []
     if decision.finds_gap:
         fits += [one.fit for one in decision.alternatives]
-    return [(_table(fitted_effects(trials.model, fit)), _gain(trials, fit), fit) for fit in fits]
+    return [(table_of(fitted_effects(trials.model, fit)), _gain(trials, fit), fit) for fit in fits]
 
 
 def _narrowly_rejected(model: Model, decision: Decision) -> list[tuple[Effects, float, Fit]]:
@@ -129,7 +129,7 @@ def _narrowly_rejected(model: Model, decision: Decision) -> list[tuple[Effects, 
     known = {decision.accepted.candidates[0].effect} if decision.accepted.candidates else set()
     known |= {one.fit.candidates[-1].effect for one in decision.alternatives}
     return [
-        (_table(fitted_effects(model, one.fit)), one.gain, one.fit)
+        (table_of(fitted_effects(model, one.fit)), one.gain, one.fit)
         for one in decision.considered
         if one.gain > max(best - _NARROWLY, 0) and one.fit.candidates[0].effect not in known
     ]
@@ -137,10 +137,6 @@ def _narrowly_rejected(model: Model, decision: Decision) -> list[tuple[Effects, 
 
 def _gain(trials: Trials, fit: Fit) -> float:
     return trials.choice(fit.candidates, fit.values).gain if fit.candidates else 0.0
-
-
-def _table(effects: Iterable[Effect]) -> Effects:
-    return {effect.name: dict(effect.settings) for effect in effects}
 
 
 _DRAWS = 2

@@ -1,55 +1,61 @@
 """Which part of the gap each named effect takes off, as rows of a table."""
 
+import re
 from typing import Any
 
 from flexx2_sim_ros.gap.features.confirm import NOISE
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
+from flexx2_sim_ros.gap.report.words import sentences
 import numpy as np
 
 _MOSTLY = 0.8  # of what an effect takes off
-_MOST_NAMES = 4
-_LITTLE_MM, _LITTLE_DEG = 0.5, 0.03  # ASSUMED: no effect that matters hides in less
-_PARTS = slice(0, 3), slice(3, 6)  # of a pose: metres, degrees
+_MOST_NAMES, _MOST_SENTENCES = 4, 3
 HEADS = 'effect', 'probability', 'takes off: depth', 'lost pixels', 'noise'
 _UNITS = {'mm': ' mm', 'invalid_percent': ' %', 'noise': ''}
-REST = 'not explained'
+_OTHERS = {'absorbed_by_poses': 'absorbed by poses', 'not_explained': 'not explained'}
 
 
 def attribution(table: dict[str, Any]) -> list[tuple[str, ...]]:
     """
-    Return a row for each named effect, the largest first, and one for what is left of the gap.
+    Return a row for each named effect, the largest first, and those that make up the whole.
 
-    Cells are below `HEADS`; there are none without effects. `table` is that of
-    `flexx2_sim_ros.gap.diagnose`.
+    Cells are below `HEADS`; there are none without effects. The last row is the sum of the others.
+    `table` is that of `flexx2_sim_ros.gap.diagnose`.
     """
     if not table['effects']:
         return []
     gap = table['gap']
-    left = {
-        unit: max(gap[unit]['after'] - gap[unit]['null'], 0.0)
-        for unit in ('wasserstein_mm', 'invalid_rate', *NOISE)
-    }
-    noise = sum(left[unit] / tolerance for unit, tolerance in NOISE.items())
-    rest = zip((left['wasserstein_mm'], 100 * left['invalid_rate'], noise), _UNITS, strict=True)
     rows = [
         (spaced(row['name']), percent(row['confidence']), *_taken(row['takes_off']))
         for row in table['effects']
     ]
-    return [*rows, (REST, '', *(f'{_rounded(one)}{_UNITS[key]}' for one, key in rest))]
+    rows += [(_OTHERS[key], '', *_taken(part)) for key, part in _others(gap).items()]
+    for key, text in (('null', 'two simulations'), ('before', 'together')):
+        noise = sum(gap[unit][key] / tolerance for unit, tolerance in NOISE.items())
+        values = gap['wasserstein_mm'][key], 100 * gap['invalid_rate'][key], noise
+        shown = zip(values, _UNITS.values(), strict=True)
+        rows.append((text, '', *(f'{_rounded(one)}{unit}' for one, unit in shown)))
+    return rows
 
 
-def poses_hide(table: dict[str, Any]) -> str:
-    """Return how far the poses were corrected, which may hide an effect; empty if hardly."""
-    poses = np.array([row['pose'] for row in table['recordings'] if row['used']])
-    if not poses.size:
-        return ''
-    metres, degrees = (np.sqrt((poses[:, part] ** 2).sum(axis=1).mean()) for part in _PARTS)
-    if 1000 * metres < _LITTLE_MM and degrees < _LITTLE_DEG:
-        return ''
-    return (
-        f'The given poses were corrected by {short(1000 * metres)} mm and {short(degrees)} deg '
-        '(root mean square), which may hide effects as large.'
-    )
+def lengths(table: dict[str, Any]) -> list[float]:
+    """Return the length of a bar for each row of `attribution`: depth and lost pixels."""
+    gap, of_effects = table['gap'], [row['takes_off'] for row in table['effects']]
+    parts = [*of_effects, *_others(gap).values()]
+    sizes = [part['distance']['mean'] if part else 0.0 for part in parts]
+    return [*sizes, gap['distance']['null'], gap['distance']['before']]
+
+
+def _others(gap: dict[str, Any]) -> dict[str, Any]:
+    return {key: gap[key] for key in _OTHERS if any(one['mean'] for one in gap[key].values())}
+
+
+def said(table: dict[str, Any]) -> tuple[list[str], list[str]]:
+    """Return the lines below the table, of at most three sentences, and the others."""
+    lines = [*disagreeing(table), *shown_by_one(table), *sentences(table)]
+    ends = np.cumsum([len(re.findall(r'[.?](?: |$)', line)) for line in lines])
+    count = max(int((ends <= _MOST_SENTENCES).sum()), 1)
+    return lines[:count], lines[count:]
 
 
 def disagreeing(table: dict[str, Any]) -> list[str]:
@@ -98,4 +104,4 @@ def with_ends(one: dict[str, Any], unit: str) -> str:
 
 def _rounded(number: float) -> str:
     # Tenths are as much as intervals allow.
-    return short(round(number, 1) + 0.0)
+    return short(number if abs(number) >= 1 else round(number, 1) + 0.0)

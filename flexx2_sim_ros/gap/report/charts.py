@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.calibration.features import FEATURES
-from flexx2_sim_ros.gap.data.axes import AXES, Axes, Axis, TILE_COLUMNS, TILE_ROWS
+from flexx2_sim_ros.gap.data.axes import AXES, Axis, TILE_COLUMNS, TILE_ROWS
 from flexx2_sim_ros.gap.features.confirm import Outcome
+from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import LAYOUT, likeness
 from flexx2_sim_ros.gap.report.text import spaced
 from flexx2_sim_ros.html_drawing import curves, picture
@@ -40,6 +41,8 @@ _TITLES = {
     'concavity': 'concavity (positive: corners, negative: edges)',
     'fine_distance': 'distance [m]',
 }
+_IN_MM = ('bias', 'distance'), ('log_variance', 'distance')  # charts of their own
+_NINETY = 1.645  # standard deviations, two-sided
 _CHARTS, _OF_ONE_CHANNEL = 4, 2
 _FEWEST = 500  # least number of pixels for a point of a curve
 _LIMIT = 15  # end of the colour scale of a map, in units of the tolerance
@@ -58,19 +61,10 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> html.Html:
     if explained:
         pairs.append((2, 'after', 'real minus simulated, with the effects'))
     size = confirmed[0].maps['real'].shape
-    stacks = {
-        name: np.array(
-            [
-                one.maps[name].astype(np.float32)
-                for one in confirmed
-                if one.maps[name].shape == size
-            ]
-        )
-        for name in ('real', 'before', 'after')
-    }
+    some = [one.maps for one in confirmed if one.maps['real'].shape == size]
     figures = []
     for _, name, text in pairs:
-        difference = stacks['real'] - stacks[name]
+        difference = np.array([one['real'].astype(np.float32) - one[name] for one in some])
         good = np.isfinite(difference)
         mean = np.where(good, difference, 0).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
         mean[~good.any(axis=0)] = np.nan
@@ -84,14 +78,11 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> html.Html:
         key=lambda item: item[1],
     )
     if size_there > 1:
-        axis, lines = AXES['region'], np.empty(0)
+        lines = _lines(confirmed, channel, axis := AXES['region'])
         if (channel, 'tile') in _FIRST:
-            lines = _lines(confirmed, channel, AXES['tile'])
-        # Tiles of small images have too few pixels.
-        if np.isfinite(lines).any():
-            axis = AXES['tile']
-        else:
-            lines = _lines(confirmed, channel, axis)
+            fine = _lines(confirmed, channel, AXES['tile'])
+            if np.isfinite(fine).any():  # Tiles of small images have too few pixels.
+                axis, lines = AXES['tile'], fine
         label, factor = _LABELS[channel]
         limit = _LIMIT * FEATURES.tolerances[channel] * factor
         for i, _, text in pairs:
@@ -101,7 +92,7 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> html.Html:
             figures.append(
                 _map(image, limit, f'{text}: {label.partition(",")[0]}', label.partition(', ')[2])
             )
-    return html.join(html.heading('On the image'), html.beside(*figures))
+    return html.folded('Errors on the image', html.beside(*figures))
 
 
 def _map(image: np.ndarray, limit: float, text: str, unit: str) -> html.Html:
@@ -110,16 +101,18 @@ def _map(image: np.ndarray, limit: float, text: str, unit: str) -> html.Html:
     return html.figure(picture(image, limit), caption, text, 420)
 
 
-def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> html.Html:
+def charts(
+    evidence: Sequence[Evidence], confirmed: Sequence[Outcome], explained: bool
+) -> html.Html:
     """
-    Return curves of real and simulated depth along the covariates that show the gap best, as HTML.
+    Return curves of real and simulated depth, as HTML: bias, scatter, and what shows the gap best.
 
     If the diagnosis has effects (`explained`), curves with them are drawn, too.
     """
-    found = []
+    axes, found = evidence[0].axes, []
     for name in _ALONG:
         for channel in _LABELS:
-            if (channel, name) in _FIRST:
+            if (channel, name) in _FIRST and (channel, name) not in _IN_MM:
                 lines = _lines(confirmed, channel, AXES[name])
                 if np.isfinite(lines[0]).sum() >= 3:
                     found.append((_importance(lines, channel), channel, name, lines))
@@ -129,7 +122,7 @@ def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> html.Ht
         if sum(other == channel for other, *_ in chosen) < _OF_ONE_CHANNEL:
             chosen.append((channel, name, lines))
     names = ['real', 'simulated'] + (['with the effects'] if explained else [])
-    figures = []
+    figures = _in_millimetres(evidence, confirmed, names)
     for channel, name, lines in chosen[:_CHARTS]:
         label, factor = _LABELS[channel]
         axis = axes[name]
@@ -145,15 +138,47 @@ def charts(confirmed: Sequence[Outcome], explained: bool, axes: Axes) -> html.Ht
                 6 * FEATURES.tolerances[channel] * factor,
             )
         )
-    return html.join(
-        html.heading('Real against simulated'),
+    return html.folded(
+        'Bias and scatter along distance, and other errors',
         html.beside(*figures),
         html.note(
-            'Mean over the pixels of all recordings, for the curves that differ most. sigma_z is '
-            'the noise that the simulation gives a pixel. The noise variance is relative to it '
-            '(ln 1 = 0: equal).'
+            'Mean over the pixels of all recordings: bias and scatter (standard deviation over '
+            'time), and the curves that differ most. Band: how well the ground truth is known '
+            '(90 %), if the recordings say it. sigma_z is the noise that the simulation gives a '
+            'pixel. The noise variance is relative to it (ln 1 = 0: equal).'
         ),
     )
+
+
+def _in_millimetres(
+    evidence: Sequence[Evidence], confirmed: Sequence[Outcome], names: Sequence[str]
+) -> list[html.Html]:
+    # Bias and scatter over distance.
+    axis = AXES['distance']
+    places = slice(axis.start, axis.start + axis.bins)
+    sigma = 1000 * np.nan_to_num([one.sigma[places] for one in evidence])
+    sigma = sigma.sum(axis=0) / np.maximum((sigma > 0).sum(axis=0), 1)
+    bias, noise = (_lines(confirmed, channel, axis)[: len(names)] for channel, _ in _IN_MM)
+    bias[:, ~np.isfinite(bias[0])] = np.nan
+    if np.isfinite(bias[0]).sum() < 3:
+        return []
+    truths = (one.accuracy for one in evidence)
+    known = [[one.sigma or 0.0, one.pose or 0.0, one.offset or 0.0] for one in truths]
+    wide = 1000 * _NINETY * float(np.sqrt(np.square(known).sum(axis=1).mean()))
+    band = sigma * bias[0] + wide * np.array([[-1], [1]]) if wide else None
+    drawn = (sigma * bias, 'bias, mm', band), (sigma * np.exp(noise / 2), 'scatter, mm', None)
+    return [
+        curves(
+            _middles(evidence[0].axes[axis.name]),
+            lines,
+            names,
+            'distance [m]',
+            label,
+            1.0,
+            band=own,
+        )
+        for lines, label, own in drawn
+    ]
 
 
 def _lines(confirmed: Sequence[Outcome], channel: str, axis: Axis) -> np.ndarray:

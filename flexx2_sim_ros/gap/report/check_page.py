@@ -5,7 +5,7 @@ from typing import Any
 
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
-from flexx2_sim_ros.gap.report.words import difference, MEANINGS, MEASURES, on_recordings
+from flexx2_sim_ros.gap.report.words import difference, MEANINGS, MEASURES, on_recordings, SIZES
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
@@ -103,11 +103,8 @@ def _measures(table: dict[str, Any]) -> html.Html:
         html.heading('The gap before and after the effects are simulated'),
         html.table(heads, rows),
         html.note(
-            'How much recordings and simulation differ, mean over recordings with 90 % intervals: '
-            'smaller is better. Two simulations: two runs of the simulator with other noise, as '
-            'an exact simulation would differ, too. Each row of bars has its own scale. "Better" '
-            'and "worse": the interval of the change does not contain zero, and the change is '
-            'larger than the tolerance of the diagnosis.'
+            f'{SIZES} Intervals: 90 %. "Better" and "worse": that of the change does not contain '
+            'zero, and the change is larger than the tolerance of the diagnosis.'
         ),
     )
 

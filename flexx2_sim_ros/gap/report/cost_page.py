@@ -141,9 +141,9 @@ def section(table: dict[str, Any]) -> html.Html:
 
     `table` is what `cost.measure_cost` returns, or a ``reason`` why there is none.
     """
-    title = html.heading('What the gap costs a robot')
+    title = 'What the gap costs a robot'
     if 'reason' in table:
-        return html.join(title, html.element('p', in_short(table)))
+        return html.folded(title, html.element('p', in_short(table)))
     rows: list[html.Html | tuple[str, ...]] = []
     for consumer in table['consumers']:
         texts = [line for line, significant in lines(consumer) if significant]
@@ -161,11 +161,10 @@ def section(table: dict[str, Any]) -> html.Html:
             '90 % interval. docs/robots.md says more.'
         ),
     )
-    said = html.paragraphs(sentences(table))
-    return html.join(
+    return html.folded(
         title,
         html.element('p', html.element('b', in_short(table))),
-        said,
+        html.paragraphs(sentences(table)),
         shown if rows else html.Html(),
     )
 

@@ -14,7 +14,6 @@ from flexx2_sim_ros.html_drawing import depth_picture, MARKS, picture
 import numpy as np
 
 MOST_FRAMES = 16  # recordings that have a frame on the page; bounds its size
-_OPEN = 2  # of these, not folded
 _STEPS = 15  # colours on either side of white: noise in more of them makes a picture large
 _WORST = 0.01  # share of the pixels that differ most
 _MOST_MARKED = 0.85  # fraction of the surfaces; a condition with more of them is everywhere
@@ -33,24 +32,16 @@ def frames(table: dict[str, Any], confirmed: Sequence[Outcome], axes: Axes) -> h
     """
     Return one frame of up to `MOST_FRAMES` recordings, real and simulated, as HTML.
 
-    Recordings with a frame are shown. The two with the largest gap come first; the others are
-    folded.
+    Recordings with a frame are shown, that with the largest gap first.
     """
     shown = [(index, one.frame) for index, one in enumerate(confirmed) if one.frame is not None]
-    largest = [index for _, index in sorted((-confirmed[i].apart.gap, i) for i, _ in shown)][
-        :_OPEN
-    ]
-    shown.sort(key=lambda pair: largest.index(pair[0]) if pair[0] in largest else _OPEN)
+    shown.sort(key=lambda pair: -confirmed[pair[0]].apart.gap)
     parts = [_recording(table, confirmed[index], frame, index, axes) for index, frame in shown]
-    more = len(parts) - _OPEN
     rest = len(confirmed) - len(parts)
     others = f' Recordings that are not shown: {rest}.' if rest else ''
-    return html.join(
-        html.heading('Single frames'),
-        *parts[:_OPEN],
-        html.folded(f'{more} more recording{"s" * (more != 1)}', *parts[_OPEN:])
-        if more > 0
-        else '',
+    return html.folded(
+        'Single frames, real and simulated',
+        *parts,
         html.note(
             'The middle frame of each recording, and the same frame as simulated at the fitted '
             'pose: differences of single frames contain the noise of both. Gray: no depth. In the '

@@ -1,20 +1,16 @@
 """The report of a diagnosis: one HTML page that needs no other file."""
 
 from collections.abc import Sequence
+import re
 from typing import Any
 
 from flexx2_sim_ros import html_parts as html
+from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.calibrating import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.report.attribution import (
-    attribution,
-    disagreeing,
-    HEADS,
-    poses_hide,
-    shown_by_one,
-)
+from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, lengths, said
 from flexx2_sim_ros.gap.report.charts import charts, maps
 from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.form_figures import figures
@@ -27,20 +23,23 @@ from flexx2_sim_ros.gap.report.words import (
     calibrations,
     camera_effects,
     headline,
-    MOST_SENTENCES,
     not_considered,
     refusals,
     REFUSED,
-    sentences,
+    significance,
 )
-from flexx2_sim_ros.html_drawing import bar
+from flexx2_sim_ros.html_drawing import part_bar
 from flexx2_sim_ros.html_page import html_page
 
 _STYLE = (
     FRAMES_STYLE
     + """
-.attribution td:not(:first-child):not(:last-child), .sizes td + td { white-space: nowrap; }
-.attribution td:last-child { min-width: 13rem; }
+.attribution td:not(:last-child), .sizes td + td { white-space: nowrap; }
+.attribution .bar { width: 8rem; } .attribution .dim rect { fill: var(--gray); }
+.attribution tr:last-child td { border-top: 1px solid var(--line); }
+.attribution td:last-child { min-width: 11rem; }
+body > details > summary { font-size: 1.1rem; font-weight: 600; margin: .5rem 0; }
+@media (max-width: 40rem) { .attribution .bar { width: 4.5rem; } }
 """
 )
 # Words and tag of each verdict.
@@ -52,6 +51,17 @@ _VERDICTS = {
     'not_decidable': ('not decidable', 'doubtful'),
     'too_little': ('too little data', ''),
 }
+_MEANING = html.Html(
+    '<b>Probability</b> that the camera has the effect. <b>Takes off</b>: by how much the '
+    'simulation comes nearer when the effect is switched on, mean over two orders of the '
+    'effects, the largest first and the smallest first, and over recordings, with its 90 % '
+    'interval. The rows add up to the last one. Noise: its variance and correlations, in '
+    'tolerances; bars: depth and lost pixels, in tolerances. <b>Absorbed by poses</b>: what '
+    'the fitted poses take off, and poses in other scenes do not. <b>Not explained</b>: what '
+    'is left, less what two simulations differ by. '
+    '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
+    'effects; docs/effects.md explains their parameters.'
+)
 _MOST_PLACES = 12
 _DOUBTFUL = 0.05  # rows of `where` with a larger false discovery rate are marked
 
@@ -65,12 +75,18 @@ def page(
 ) -> str:
     """Return the page as HTML, all text escaped and all pictures inside."""
     used = sum(row['used'] for row in table['recordings'])
+    told = ', '.join([f'from {used} recording{"s" * (used != 1)}', *significance(table)])
     explained = bool(camera_effects(table))
+    first, rest = said(table)
     body = [
-        html.element('p', html.tag(*_VERDICTS[table['verdict']]), ' ', _from(used)),
-        html.heading(headline(table), 1),
+        html.element(
+            'p', html.tag(*_VERDICTS[table['verdict']]), ' ', html.element('small', told)
+        ),
+        html.heading(_typeset(headline(table)), 1),
         _effects(table),
-        _said([*disagreeing(table), *sentences(table)]),
+        html.paragraphs(first),
+        html.folded('What the columns mean', html.note(_MEANING)) if table['effects'] else '',
+        html.folded('More about this result', html.paragraphs(rest)) if rest else '',
         _forms(calibrated),
         sizes_section(table),
         processed_section(table) if 'processed' in table else '',
@@ -78,7 +94,7 @@ def page(
         _where(table),
         frames(table, confirmed, model.evidence[0].axes),
         maps(confirmed, explained),
-        charts(confirmed, explained, model.evidence[0].axes),
+        charts(model.evidence, confirmed, explained),
         _considered(table, decision),
         _recordings(table),
         html.made_by(table, 'docs/diagnosis.md'),
@@ -86,56 +102,38 @@ def page(
     return html_page(f'Sim-to-real gap: {table["verdict"]}', _STYLE, '\n'.join(body))
 
 
-def _from(used: int) -> html.Html:
-    return html.element('small', f'from {used} recording{"s" * (used != 1)}')
-
-
-def _said(lines: Sequence[str]) -> html.Html:
-    # The first sentences, and the others folded.
-    first, rest = (
-        html.paragraphs(some) for some in (lines[:MOST_SENTENCES], lines[MOST_SENTENCES:])
-    )
-    return html.join(first, html.folded('More about this result', rest) if rest else '')
+def _typeset(text: str) -> str:
+    # With arrows, and no line break before a unit.
+    return re.sub(r'(?<=\d) (?=%|mm)', '\u00a0', text).replace('->', '\u2192')
 
 
 def _effects(table: dict[str, Any]) -> html.Html:
     if not table['effects']:
         return html.Html()
     forms = {row['name']: row['form'] for row in calibrations(table) if row['taken']}
-    found = [row['takes_off']['distance']['mean'] for row in table['effects'] if row['takes_off']]
-    most, rows = max([0.0, *found]), []
-    *named, left = attribution(table)
-    for row, (name, *cells) in zip(table['effects'], named, strict=True):
-        values = forms.get(row['name']) or ', '.join(
-            f'{key} {value:.4g}' for key, value in row['parameters'].items()
-        )
-        off = row['takes_off']
-        size = '' if off is None else bar(max(off['distance']['mean'], 0), None, most)
-        rows.append(html.row([html.element('b', name), *cells, size, values]))
-    rows.append(html.row([*left, '', ''], 'dim'))
-    meaning = (
-        '<b>Probability</b> that the camera has the effect. <b>Takes off</b>: by how much '
-        'recordings are farther from the simulation when this effect is switched off and the '
-        'others stay, mean over recordings with its 90 % interval; noise: its variance and '
-        'correlations, in tolerances; bars: depth and lost pixels, in tolerances. What effects '
-        'take off need not add up: some do the same. <b>Not explained</b>: what is left, less '
-        'what two runs of the simulator differ by. '
-        '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
-        'effects; docs/effects.md explains their parameters.'
-    )
-    return html.join(
-        html.table([*HEADS, 'depth and lost pixels', 'parameters'], rows, 'attribution'),
-        html.note(' '.join([*shown_by_one(table), poses_hide(table)])),
-        html.folded('What the columns mean', html.note(html.Html(meaning))),
-    )
+    values = [forms.get(row['name']) or _parameters(row) for row in table['effects']]
+    sizes, rows = lengths(table), []
+    for i, ((name, sure, *cells), size) in enumerate(zip(attribution(table), sizes, strict=True)):
+        drawn = part_bar(size, sizes[-1])
+        if i < len(values):
+            rows.append(html.row([html.element('b', name), drawn, *cells, sure, values[i]]))
+        else:
+            rows.append(html.row([name, drawn, *cells, sure, ''], 'dim'))
+    return html.table((HEADS[0], 'part', *HEADS[2:], HEADS[1], 'parameters'), rows, 'attribution')
+
+
+def _parameters(row: dict[str, Any]) -> str:
+    units = {one.name: one.unit for one in loadable()[row['name']].parameters()}
+    told = (f'{key} {v:.4g} {units.get(key, "")}' for key, v in row['parameters'].items())
+    return ', '.join(map(str.strip, told))
 
 
 def _forms(calibrated: Calibrated | None) -> html.Html:
     taken = [one for one in calibrated.explained.verdicts if one.taken] if calibrated else []
     if calibrated is None or not taken:
         return html.Html()
-    return html.join(
-        html.heading('Curves and maps'),
+    return html.folded(
+        'Curves and maps that were fitted',
         html.beside(
             figures(taken, calibrated.explained.looked, ('form of the catalogue', 'as fitted'))
         ),
@@ -147,12 +145,12 @@ def _forms(calibrated: Calibrated | None) -> html.Html:
 
 
 def _where(table: dict[str, Any]) -> html.Html:
-    title = html.heading('Where the gap lies')
+    title = 'Where the gap lies'
     if not table['where']:
         found = 'No region differs by more than the tolerance.'
         if table['verdict'] == 'too_little':
             found = 'Too few depths to compare.'
-        return html.join(title, html.element('p', found))
+        return html.folded(title, html.element('p', found))
     listed = table['where'][:_MOST_PLACES]
     doubts = ''
     if any(cell['q_value'] > _DOUBTFUL for cell in listed):
@@ -164,7 +162,7 @@ def _where(table: dict[str, Any]) -> html.Html:
     more = len(table['where']) - len(listed)
     others = f' diagnosis.json has {more} more rows.' if more else ''
     rows = [(group(cell), html.join(difference(cell), _doubt(cell['q_value']))) for cell in listed]
-    return html.join(
+    return html.folded(
         title,
         html.table(['pixels', 'real minus simulated'], rows),
         html.note(f'Mean over the pixels that differ.{doubts}{others}'),
@@ -194,8 +192,8 @@ def _considered(table: dict[str, Any], decision: Decision) -> html.Html:
         else:
             why = 'improves the fit less' if taken or refused else 'improves the fit too little'
         rows.append([spaced(name), percent(min(fraction, 1)), why])
-    return html.join(
-        html.heading('Effects that were considered'),
+    return html.folded(
+        'Effects that were considered',
         html.table(['effect', 'alone, improves the fit by', 'result'], rows),
         html.note('The other effects improve the fit even less.'),
         html.paragraphs(not_considered(table)),
@@ -226,4 +224,4 @@ def _recordings(table: dict[str, Any]) -> html.Html:
         'frames, camera',
         'fitted pose minus given pose: right, down, forward; pitch, yaw, roll',
     )
-    return html.join(html.heading('Recordings'), html.table(heads, rows))
+    return html.folded('Recordings', html.table(heads, rows))

@@ -5,7 +5,7 @@ from typing import Any
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, with_ends
 from flexx2_sim_ros.gap.report.text import short, spaced
-from flexx2_sim_ros.gap.report.words import camera_effects, MEANINGS, MEASURES
+from flexx2_sim_ros.gap.report.words import camera_effects, MEANINGS, MEASURES, SIZES
 from flexx2_sim_ros.html_drawing import bar
 
 _MATTERS = 1.0  # tolerances, of a distance; a definition
@@ -17,26 +17,22 @@ def sizes_section(table: dict[str, Any]) -> html.Html:
     if added:
         data = 'the other recordings' if table['gap']['held_out'] else 'the same recording'
         fitted = f' The effects were fitted to {data}.'
-    return html.join(
-        html.heading('How large the gap is'),
+    return html.folded(
+        'How large the gap is in other measures',
         _sizes(table['gap'], added),
-        html.note(
-            'How much recordings and simulation differ, mean over recordings: smaller is better.'
-            f'{fitted} Two simulations: two runs of the simulator with other noise, as an exact '
-            'simulation would differ, too. Each row of bars has its own scale.'
-        ),
+        html.note(f'{SIZES}{fitted}'),
         html.definitions('What the rows mean', MEANINGS),
     )
 
 
 def processed_section(table: dict[str, Any]) -> html.Html:
     """Return the section on the gap after the processing of a robot's program."""
-    own, title = table['processed'], html.heading('After your own processing')
+    own, title = table['processed'], 'After your own processing'
     if 'reason' in own:
-        return html.join(title, html.element('p', processed_in_short(table)))
+        return html.folded(title, html.element('p', processed_in_short(table)))
     named = [row for row in table['effects'] if row['name'] in own['effects']]
     rows = [{**row, 'takes_off': own['effects'][row['name']]} for row in named]
-    return html.join(
+    return html.folded(
         title,
         html.element('p', processed_in_short(table)),
         html.table(HEADS, attribution({'effects': rows, 'gap': own})) if rows else '',

@@ -20,9 +20,15 @@ from flexx2_sim_ros.gap.forms.calibrating import Calibrated
 from flexx2_sim_ros.gap.forms.proposals import PATTERN
 from flexx2_sim_ros.gap.inference.decide import Alternative, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects
-from flexx2_sim_ros.gap.inference.improvement import all_measured, simulated_losses, taken_off
+from flexx2_sim_ros.gap.inference.improvement import (
+    all_measured,
+    remaining,
+    simulated_losses,
+    taken_off,
+)
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import Patch
+from flexx2_sim_ros.gap.inference.probability import p_value
 from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 from flexx2_sim_ros.gap.inference.where import places, unexplained
 from flexx2_sim_ros.gap.report.age import age_table, arrival_of, with_delay
@@ -39,7 +45,7 @@ def diagnosis_table(
     confirmed: list[Outcome],
     used: list[Found],
     left_out: list[tuple[str, str]],
-    rises: Mapping[str, np.ndarray],
+    parts: Mapping[str, np.ndarray],
 ) -> dict[str, Any]:
     """
     Return the result of a diagnosis as a table for JSON, described in ``docs/diagnosis.md``.
@@ -51,8 +57,7 @@ def diagnosis_table(
     * `confirmed`: the comparison of each recording with its simulation with these effects.
     * `used`: the recordings, in the order of the model.
     * `left_out`: name of each recording that was not used, and the reason.
-    * `rises`: by how much recordings are farther apart without each effect; see
-      `rounds.ExplainedSet`.
+    * `parts`: (R, 4) what each effect takes off, the largest first; see `confirm.parts`.
     """
     age = age_table(effects, used)
     residual = decision.accepted.residual(model)
@@ -62,7 +67,7 @@ def diagnosis_table(
         'schema': SCHEMA,
         'verdict': decision.verdict if model.seen.any() else 'too_little',
         # A delay alone explains nothing: it is not listed as an effect.
-        'effects': _effect_rows(decision, changing(with_delay(effects, arrival_of(age))), rises),
+        'effects': _effect_rows(decision, changing(with_delay(effects, arrival_of(age))), parts),
         'alternatives': [_alternative(model, one) for one in decision.alternatives if finds],
         'refused': _refused(decision),
         'not_decidable': [
@@ -177,17 +182,20 @@ def patch_table(patch: Patch, model: Model, patched: list[Outcome]) -> dict[str,
 
 
 def _effect_rows(
-    decision: Decision, effects: Sequence[Effect], rises: Mapping[str, np.ndarray]
+    decision: Decision, effects: Sequence[Effect], parts: Mapping[str, np.ndarray]
 ) -> list[dict[str, Any]]:
-    return [
-        {
+    rows = {
+        effect.name: {
             'name': effect.name,
             'parameters': effect.settings,
-            'takes_off': taken_off(rises.get(effect.name)),
+            'takes_off': taken_off(parts[effect.name]) if effect.name in parts else None,
             'confidence': confidence,
         }
         for effect, confidence in zip(effects, decision.confidences, strict=False)
-    ]
+    }
+    # A pose error has no part, and stays where it is.
+    largest = (rows[name] for name in parts if name in rows)
+    return [next(largest) if name in parts else row for name, row in rows.items()]
 
 
 def _alternative(model: Model, one: Alternative) -> dict[str, Any]:
@@ -288,8 +296,8 @@ def _gap(
 ) -> dict[str, Any]:
     # `hidden`: poses hide an effect that was fitted beside them, and the loss leaves poses free.
     held_out = len(confirmed) > 1
-    measures = all_measured(model, [one.elsewhere for one in confirmed])
-    fitted = all_measured(model, [one.apart for one in confirmed])['distance']
+    there, here = [one.elsewhere for one in confirmed], [one.apart for one in confirmed]
+    measures, fitted = all_measured(model, there), all_measured(model, here)['distance']
     # Some differences, such as depth in steps of half a millimetre, show in the features only.
     shown = np.mean([one.elsewhere.gap for one in confirmed]) >= 1.0
     # An error of the poses is corrected and not simulated: if it is all, nothing is removed.
@@ -297,12 +305,15 @@ def _gap(
     by_distance = bool(shown) or hidden or (bool(posed) and all(posed))
     loss = _loss(model, decision, confirmed, motions, dropped)
     headline = measures['distance'] if by_distance else loss
+    p = p_value(decision.support, calibrated()) if model.seen.any() else None
     out: dict[str, Any] = {
+        'p_value': p and round(p, 4),
         'shrink': headline['shrink'],
         'interval': _interval(decision, headline),
         'measured_by': 'distance' if by_distance else 'loss',
         'held_out': held_out,
         'at_fitted_poses': {key: fitted[key] for key in ('shrink', 'before', 'after', 'null')},
+        **remaining(there, here),
         'noise_factor': 1 + decision.accepted.sigma,
         'loss': loss,
         **measures,

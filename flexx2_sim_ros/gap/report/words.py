@@ -36,6 +36,11 @@ _MEANINGS = {
     'same distribution',
 }
 MEANINGS = {MEASURES[key][0]: meaning for key, meaning in _MEANINGS.items()}
+SIZES = (
+    'How much recordings and simulation differ, mean over recordings: smaller is better. Two '
+    'simulations: two runs of the simulator with other noise, as an exact simulation would '
+    'differ, too. Each row of bars has its own scale.'
+)
 # Why effects that were found are not named.
 REFUSED = {
     'improbable': 'none of the effects found is probable enough',
@@ -43,7 +48,6 @@ REFUSED = {
     'hidden': 'an effect that the ground truth hides explains the gap about as well',
     'larger': 'the effects found make the gap larger when they are simulated',
 }
-MOST_SENTENCES = 3  # that a first screen has
 _SAME_NOISE = 0.02  # of sigma_z
 
 
@@ -70,8 +74,8 @@ def imitation(table: dict[str, Any]) -> list[str]:
     if table['verdict'] != 'partly' or not camera_effects(table):
         return []
     return [
-        'The named effects may only imitate a cause that is not in the catalogue. Then they do '
-        'not remove the gap in other scenes. Check them there: flexx2 gap check.'
+        'The named effects may only imitate a cause that is not in the catalogue: check them in '
+        'other scenes with flexx2 gap check.'
     ]
 
 
@@ -135,6 +139,12 @@ def headline(table: dict[str, Any]) -> str:
     return f'{added} to the simulation removes {removed}.{rest}'
 
 
+def significance(table: dict[str, Any]) -> list[str]:
+    """Return the p-value of the simulation being the camera, as text; nothing without one."""
+    value = table['gap'].get('p_value')
+    return [] if value is None else [f'p = {short(value)} for "no gap"']
+
+
 def _hides_cause(table: dict[str, Any]) -> bool:
     # Whether an effect that the ground truth hides may be the cause of an unknown gap.
     hidden = {row['name'] for row in table['not_decidable']}
@@ -179,7 +189,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     if table['verdict'] == 'unknown':
         out = [*_unnamed(table), *out]
     if camera_effects(table):
-        out = [*imitation(table), *out, *reduction(gap)]
+        out = [*imitation(table), *out, *reduction(gap)[1:]]  # The first is in the table.
         out += [*_noise_level(gap['noise_factor']), *_calibrated(table)]
     if any(row['name'] == of_role('pose').name for row in table['effects']):
         out.append(
@@ -201,7 +211,9 @@ def sentences(table: dict[str, Any]) -> list[str]:
         out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
         out += correction(table)
-    return out + ground_truth(table) + not_decidable(table) + age_words(table['age'])
+    truth = accuracy([row['truth'] for row in table['recordings'] if row['used']])
+    out += [f'Accuracy of the ground truth: {truth}.'] if truth else []
+    return out + not_decidable(table) + age_words(table['age'])
 
 
 def _calibrated(table: dict[str, Any]) -> list[str]:
@@ -276,11 +288,11 @@ def correction(table: dict[str, Any]) -> list[str]:
 def difference(gap: dict[str, Any], added: str = 'the effects') -> str:
     """Return how far recordings and simulation are apart, in physical units, in one sentence."""
     invalid = gap['invalid_rate']
-    units = ['wasserstein_mm']
-    if max(invalid['before'], invalid['after']) > invalid['tolerance']:
-        units.append('invalid_rate')
+    lost = max(invalid['before'], invalid['after']) > invalid['tolerance']
+    shown = ('wasserstein_mm', 'invalid_rate')[: 1 + lost]
+    units = [(unit, MEASURES[unit]) for unit in shown]
     before, after, null = (
-        ', '.join(_in_unit(unit, gap[unit][key]) for unit in units)
+        ', '.join(f'{name} {short(f * gap[unit][key])} {u}' for unit, (name, u, f) in units)
         for key in ('before', 'after', 'null')
     )
     return (
@@ -314,11 +326,6 @@ def _percentage(gap: dict[str, Any]) -> str:
     )
 
 
-def _in_unit(measure: str, value: float) -> str:
-    name, symbol, factor = MEASURES[measure]
-    return f'{name} {short(factor * value)} {symbol}'
-
-
 def _elsewhere(interval: list[float] | None) -> str:
     # The reduction to expect on other scenes.
     if interval is None:
@@ -344,12 +351,6 @@ def not_decidable(table: dict[str, Any]) -> list[str]:
     ]
 
 
-def ground_truth(table: dict[str, Any]) -> list[str]:
-    """Return one line on the accuracy of the ground truth, or none if it is taken as exact."""
-    said = accuracy([row['truth'] for row in table['recordings'] if row['used']])
-    return [f'Accuracy of the ground truth: {said}.'] if said else []
-
-
 def accuracy(truths: list[dict[str, Any]]) -> str:
     """Return the accuracy of the ground truth as text; empty if it is taken as exact."""
 
@@ -368,11 +369,6 @@ def accuracy(truths: list[dict[str, Any]]) -> str:
     if any(one['planes'] for one in truths):
         parts.append(f'planes to {span("offset", 1000)} mm and {span("tilt", 1)} deg')
     return ', '.join(parts)
-
-
-def remarks(table: dict[str, Any]) -> list[str]:
-    """Return notes on recordings and on effects that were not considered, one line each."""
-    return not_considered(table) + on_recordings(table['recordings'])
 
 
 def on_recordings(rows: list[dict[str, Any]]) -> list[str]:
