@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from bench.decision_campaigns import MOST, plan, QUIET
 from bench.decision_counts import counted
 from bench.decision_fit import calibrate, campaign, DiagnosedCampaign
 from bench.decision_lines import keep, KEPT, kept_arguments
@@ -10,11 +9,10 @@ from bench.journal import entries
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.decisions import calibrated, FILE, Margin, read_decisions
 from flexx2_sim_ros.gap.inference.probability import judge
-from flexx2_sim_ros.gap.inference.support import EffectSupport, Support, support_from
+from flexx2_sim_ros.gap.inference.support import EffectSupport, Support
 from flexx2_sim_ros.paths import config_dir
 import numpy as np
 import pytest
-from study.benchmark import DEVELOPMENT
 from study.benchmark.reliability import calibration_error
 import yaml
 
@@ -120,14 +118,6 @@ def test_a_pose_error_with_scattered_poses_is_a_gap_although_no_loss_is_left():
     assert judge(left_out, rule).verdict == 'unknown'
 
 
-def test_evidence_survives_a_file():
-    one = support(4.0, 1.5, 0.5, 1.5)
-    read = support_from(yaml.safe_load(yaml.safe_dump(one.as_table())))
-    assert read == replace(one, rivals=read.rivals, considered=read.considered)
-    assert [row.name for row in read.considered] == ['offset', 'wiggling']
-    assert [(row.name, row.gain) for row in read.rivals] == [('wiggling', 0.5)]
-
-
 def test_intervals_are_widened_by_the_margin_of_their_group():
     few, large = Margin('partly', 4, 0.0, 0.2), Margin('partly', 100, 4e5, 0.1)
     many = Margin('partly', 100, 0.0, -0.3)
@@ -218,14 +208,3 @@ def test_the_rule_is_what_the_kept_campaigns_give(tmp_path):
 def test_a_confidence_that_is_too_high_is_a_calibration_error():
     assert calibration_error([(0.9, True)] * 9 + [(0.9, False)]) == pytest.approx(0.0)
     assert calibration_error([(0.9, True), (0.9, False)] * 5) == pytest.approx(0.4)
-
-
-def test_campaigns_are_drawn_from_development_seeds_alone():
-    cases = [plan(index) for index in range(200)]
-    assert all(c.seed in DEVELOPMENT and c.scene_seed in DEVELOPMENT for c, _ in cases)
-    assert len({c.scene_seed for c, _ in cases}) == len({c.seed for c, _ in cases}) == 200
-    assert {c.group for c, _ in cases} == {'none', 'single', 'pair', 'left_out', 'novel'}
-    assert plan(7) == plan(7)
-    quiet = [plan(index)[0] for index in range(QUIET, MOST)]
-    assert all(c.scene_seed in DEVELOPMENT and not c.effects and c.width == 224 for c in quiet)
-    assert len({c.scene_seed for c in quiet}) == len(quiet)

@@ -1,9 +1,8 @@
 """The physical measures of the gap, on recordings that have little to measure."""
 
 from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.gap.calibration.features import MEASURES
 from flexx2_sim_ros.gap.data.registration import RecordingData
-from flexx2_sim_ros.gap.features.physical import distances, histogram, UNITS
+from flexx2_sim_ros.gap.features.physical import distances, histogram
 from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene
 from flexx2_sim_ros.gap.inference.improvement import measured
 from flexx2_sim_ros.gap.report.words import headline
@@ -21,40 +20,6 @@ def recorded(height, width, frames, clean=None):
     fresh = np.arange(frames) == 0
     recording = RecordingData('', depth, clean, None, K, stamps, fresh, None, mode, None)
     return PlacedScene.at(recording, np.zeros(6)), depth, simulated
-
-
-def seen(scene, depth):
-    return histogram(depth, scene.covariates, scene.sums(depth))
-
-
-def apart(scene, real, other):
-    return distances(seen(scene, real), seen(scene, other))
-
-
-@pytest.mark.parametrize(('height', 'width', 'frames'), [(8, 8, 20), (8, 8, 1), (60, 80, 1)])
-def test_few_pixels_and_single_frames_give_numbers(height, width, frames):
-    scene, real, simulated = recorded(height, width, frames)
-    found = apart(scene, real, simulated)
-    assert tuple(found) == UNITS
-    assert np.isfinite(list(found.values())).all()
-    assert found['edge_sigma'] == 0.0  # There is no edge.
-    if frames == 1:
-        assert found['log_variance'] == found['lag'] == 0.0
-
-
-@pytest.mark.parametrize('columns', [20, 80])
-def test_regions_without_valid_pixels_are_not_compared(columns):
-    """Assert it for the first of four columns of regions, and for all of them."""
-    scene, real, simulated = recorded(60, 80, 8)
-    real[..., :columns] = np.nan
-    found = apart(scene, real, simulated)
-    assert np.isfinite(list(found.values())).all()
-    assert found['invalid_rate'] == pytest.approx(columns / 80, abs=0.05)
-    if columns == 80:
-        assert found['wasserstein_mm'] == found['edge_sigma'] == 0.0
-    else:
-        # The other regions, 400 pixels each, differ by noise alone.
-        assert found['wasserstein_sigma'] < 0.1
 
 
 def test_errors_at_edges_are_left_out_where_no_effect_is_known_to_cause_them():
@@ -81,39 +46,11 @@ def test_errors_at_edges_are_left_out_where_no_effect_is_known_to_cause_them():
     assert not counts_edges({'offset': {}})
 
 
-def test_each_error_is_counted_once_in_its_bin():
-    scene, real, _ = recorded(60, 80, 4)
-    one = scene.covariates[0]
-    real[:, 5] = np.nan
-    error = np.concatenate([real[t] - one.clean for t in range(0, 4, MEASURES.every)])
-    error = error[np.isfinite(error)]
-    found = seen(scene, real)
-    assert found.millimetres.sum() == found.normal.sum() == len(error)
-    bins = np.arange(-MEASURES.half, MEASURES.half + 1) * MEASURES.bin_mm / 1000
-    # The middle of a bin is at most half of its width from an error in it.
-    mean = (found.millimetres.sum(axis=0) * bins).sum() / len(error)
-    assert mean == pytest.approx(error.mean(), abs=MEASURES.bin_mm / 2000)
-    assert found.edges.sum() == 0
-
-
-def test_depth_without_noise_gives_numbers():
-    scene, real, simulated = recorded(60, 80, 8)
-    real[:] = real[0]
-    assert np.isfinite(list(apart(scene, real, simulated).values())).all()
-
-
 def test_two_recordings_have_no_interval_of_the_reduction():
     values = np.array([[3.0, 1.0, 0.5], [4.0, 1.0, 0.5], [3.5, 1.2, 0.5]])
     assert measured(values[:2], 1.0)['shrink_interval'] is None
     low, high = measured(values, 1.0)['shrink_interval']
     assert low < measured(values, 1.0)['shrink'] < high
-
-
-def test_the_interval_of_a_gap_that_grows_is_below_zero():
-    values = np.array([[3.0, 4.0, 0.5], [4.0, 5.2, 0.5], [3.5, 4.6, 0.5]])
-    one = measured(values, 1.0)
-    low, high = one['shrink_interval']
-    assert -1 < low < one['shrink'] < high < 0
 
 
 @pytest.mark.parametrize(

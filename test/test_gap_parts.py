@@ -3,17 +3,13 @@
 from bench.gap_campaigns import BoxRoom, look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
-from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.gap.data.axes import axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.data.pose import unknown_border
 from flexx2_sim_ros.gap.data.registration import place, RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.features import Feature, features, LAYOUT
-from flexx2_sim_ros.gap.features.simulation import counts_edges
 from flexx2_sim_ros.gap.features.sums import accumulate
-from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
-from flexx2_sim_ros.profiles.files import find_profile
 import numpy as np
 import pytest
 
@@ -113,23 +109,6 @@ def test_a_time_offset_is_not_taken_for_a_pose_error():
     assert np.linalg.norm(found[:3]) < 0.012
 
 
-@pytest.mark.parametrize(
-    ('name', 'ends', 'step'),
-    [
-        ('flexx2', (0.3, 5.6), 0.06),
-        ('kinect_v2', (0.75, 3.6), 0.04),
-        ('realsense_d435', (0.429, 8.0), 0.12),
-    ],
-)
-def test_bins_of_distance_suit_the_cameras_range(name, ends, step):
-    axes = axes_of(find_profile(name))
-    distances = axes['distance'].edges
-    assert len(distances) == axes['distance'].bins - 1
-    assert (distances[0], distances[-1]) == ends
-    assert axes['fine_distance'].edges[0] == step
-    assert axes['incidence'] == axes_of(flexx2())['incidence']
-
-
 def test_registration_ignores_borders_and_bends():
     K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
     floor = np.maximum(np.arange(60) - 40.0, 0)[:, None]
@@ -188,65 +167,3 @@ def test_too_much_noise_neither_hides_a_bias_nor_looks_like_a_trend():
     # Farther off than 5 and 5.5 of these by chance: once in 10^6.
     assert bias == pytest.approx(1.0, abs=0.04)
     assert trend == pytest.approx(0.0, abs=0.14)
-
-
-def test_intervals_cover_the_values_of_other_recordings():
-    rng = np.random.default_rng(0)
-
-    def draw():
-        bottom = rng.gamma(3.0, 1.0, 8)
-        return bottom * np.clip(rng.normal(0.5, 0.15, 8), 0, 1), bottom
-
-    hits = 0
-    for _ in range(400):
-        low, high = ratio_interval(*draw())
-        top, bottom = draw()
-        hits += low <= top.sum() / bottom.sum() <= high
-    assert 0.85 < hits / 400 < 0.97
-
-
-@pytest.mark.parametrize(
-    ('effects', 'counts'),
-    [
-        ([], True),
-        (['offset'], False),
-        (['flying_pixels', 'offset'], True),
-        (['residual_patch'], True),  # no cause is known
-        (['offset', 'residual_patch'], False),
-    ],
-)
-def test_edges_count_unless_known_effects_leave_them(effects, counts):
-    assert counts_edges(effects) == counts
-
-
-def test_a_changed_patch_shows_in_bias_variance_and_invalid_pixels():
-    values = {'edge_0': 1.5, 'bias_0': 0.02, 'scale_1': 2.0, 'loss_1': 0.25}
-    clean = np.full((60, 80), 1.0, np.float32)
-    clean[:, 40:] = 2.0
-    K = np.array([[200.0, 0, 39.5], [0, 200.0, 29.5], [0, 0, 1]])  # noqa: N806
-    stamps = np.arange(40) / 30
-    plain, patched = (
-        Camera(effects=effects, seed=2).capture(clean, K, stamps).depth
-        for effects in ((), (ResidualPatch(**values),))
-    )
-    near, far = (slice(None), slice(None), slice(0, 28)), (slice(None), slice(None), slice(52, 80))
-    # 67,000 samples of 2 mm noise: the mean is good to 8 um, so 0.1 mm are 12 standard errors.
-    assert np.mean(patched[near] - plain[near]) == pytest.approx(0.02, abs=1e-4)
-    ratio = np.nanstd(patched[far]) / np.nanstd(plain[far])
-    assert ratio == pytest.approx(2.0, abs=0.05)
-    assert np.isnan(patched[far]).mean() == pytest.approx(0.25, abs=0.01)
-
-
-def test_helpers_of_the_diagnosis_are_not_in_the_catalogue():
-    assert not {'along_ray', 'residual_patch'} & set(registry())
-    # A delay along the ray is less along the axis, the more so the farther from it.
-    K = np.array([[100.0, 0, 39.5], [0, 100.0, 29.5], [0, 0, 1]])  # noqa: N806
-    clean, stamps = np.full((60, 80), 1.0, np.float32), np.arange(30) / 30
-    plain, late = (
-        Camera(effects=effects, seed=2).capture(clean, K, stamps).depth.mean(axis=0)
-        for effects in ({}, {'along_ray': {'bias': 0.02}})
-    )
-    v, u = np.mgrid[:60, :80]
-    length = np.sqrt(1 + ((u - 39.5) / 100) ** 2 + ((v - 29.5) / 100) ** 2)
-    assert late - plain == pytest.approx(0.02 / length, abs=2e-5)
-    assert all(c.given is None or c.given.effect == c.effect for c in catalogue()[1])
