@@ -12,7 +12,6 @@ from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
-from programs import run_python
 import pytest
 from study.blind import BlindCamera, Case, CATALOGUE, NOVEL, SceneKey, SceneSet
 from study.blind.partial_truth import hide_truth
@@ -211,18 +210,6 @@ def test_the_blind_camera_and_the_diagnosis_import_nothing_of_each_other(package
         if any(name == root or name.startswith(f'{root}.') for root in forbidden)
     }
     assert not met
-
-
-def test_importing_the_blind_camera_loads_no_effects():
-    loaded = run_python(
-        '-c', 'import sys, study.blind; print(*sys.modules)', check=True, cwd=ROOT
-    ).stdout.split()
-    assert 'study.blind.campaign' in loaded
-    assert not [
-        name
-        for name in loaded
-        if name.startswith(('flexx2_sim_ros.gap', 'flexx2_sim_ros.effects'))
-    ]
 
 
 def test_the_blind_camera_shares_only_geometry_and_the_papers_sigma():
