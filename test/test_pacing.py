@@ -30,14 +30,6 @@ def test_ticks_keep_pace_and_their_stamps_are_exact(clock, rate, factor):
     assert pacer.lag == 0.0
 
 
-@pytest.mark.parametrize('rate', [30.0, 59.94, 0.1])
-def test_the_last_tick_before_a_stamp(rate):
-    pacer = Pacer(rate)
-    for pacer.tick in (0, 1, 7, 10**6 + 1):
-        assert pacer.tick_at(pacer.stamp) == pacer.tick_at(pacer.stamp + 1) == pacer.tick
-        assert pacer.tick_at(pacer.stamp - 1) == pacer.tick - 1
-
-
 def test_late_ticks_are_caught_up_and_very_late_ones_dropped(clock):
     pacer = Pacer(60.0)
     clock[0] += 0.101

@@ -154,19 +154,6 @@ def test_joints_above_the_trunk_move_it(tmp_path):
     np.testing.assert_allclose(angular, [change[2, 1], change[0, 2], change[1, 0]], atol=1e-4)
 
 
-def test_a_robot_that_is_fixed_does_not_move(tmp_path):
-    path = tmp_path / 'robot.xml'
-    path.write_text(
-        '<mujoco><worldbody><body name="trunk"><geom size="0.1"/></body></worldbody></mujoco>'
-    )
-    model = build_model(str(path), intrinsics=K)
-    robot = find_parts(model)
-    assert robot.free == -1
-    linear, angular = robot.twist(mujoco.MjData(model), np.zeros(model.nv))
-    assert not linear.any()
-    assert not angular.any()
-
-
 @pytest.mark.parametrize(('name', 'radius'), [('go1', '0.02'), ('go2', '0.022')])
 def test_menagerie_models_come_from_the_packages_folder(name, radius, tmp_path, monkeypatch):
     pytest.importorskip('mujoco_menagerie')

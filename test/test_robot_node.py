@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.robots.kinematics import feet, rotation
-from flexx2_sim_ros.robots.robot import load_mounts, load_robot, robot_path
+from flexx2_sim_ros.robots.robot import load_mounts
 import mujoco
 import numpy as np
 import pytest
@@ -30,7 +30,6 @@ from robots import (
 )
 from std_msgs.msg import String
 from streams import array_of, nanoseconds
-import yaml
 
 pytestmark = pytest.mark.usefixtures('ros')
 
@@ -341,19 +340,6 @@ def test_an_impossible_start_gives_the_reason(tmp_path, case):
             files[name] = str(path)
     with pytest.raises(InputError, match=said):
         RobotUnderTest(**{**values, **files})
-
-
-def test_a_robots_file_may_have_whole_numbers(tmp_path):
-    robot, position = load_robot(), [0, 0, 1]
-    found = yaml.safe_load(robot_path('go1').read_text())
-    found['models']['builtin'] = str(robot.builtin)
-    found['cameras'] = [{'name': 'eye', 'position': position, 'rpy_deg': [0, 20, 0]}]
-    path = tmp_path / 'own.yaml'
-    path.write_text(yaml.safe_dump(found))
-    with robot_node(robot=str(path)) as seen:
-        infos = seen.hear('eye/clean/camera_info', CameraInfo)
-        seen.more(infos, 1)
-        assert list(seen.robot.get_parameter('eye.position').value) == position
 
 
 def test_late_subscribers_get_the_description():

@@ -1,12 +1,10 @@
 """Scenes of the demo and what they show: shapes, boards, and reflectivity by material."""
 
-from contextlib import closing
 import math
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
-from flexx2_sim_ros.rendering.pinholes import board_model
 from flexx2_sim_ros.rendering.rays import SceneGround
 from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.rendering.scenes import load_materials, place_board, reflectivity_table, SCENES
@@ -95,21 +93,6 @@ def test_the_stairs_go_up_and_down():
     np.testing.assert_allclose(rises[np.abs(rises) > 0.01], [0.1] * 6 + [-0.1] * 6, atol=1e-6)
 
 
-def test_the_corner_is_of_two_bright_walls_at_a_right_angle():
-    model, data = standing('corner')
-    renderer = open_renderer(model, K, 'ray')
-    names = [model.geom(f'scene/wall_{side}').id for side in ('left', 'right')]
-    for camera in CAMERAS:
-        _, geom_id = renderer.render(data, camera)
-        assert all((geom_id == name).mean() > 0.05 for name in names)
-    # Their inner faces: x of the one, y of the other, in the frame that both are in.
-    axes = [data.geom_xmat[name].reshape(3, 3) for name in names]
-    assert axes[0][:, 1] @ axes[1][:, 0] == pytest.approx(0, abs=1e-9)
-    corner = SceneGround(model, data, find_parts(model).geoms)
-    ahead = corner.free(np.array([0.0, 0.0, 0.5]), np.array([1.0, 0.0, 0.0]))
-    assert ahead == pytest.approx(1.6, abs=1e-3)
-
-
 @pytest.mark.parametrize('colour', ['', 'rgba="1 0 0 0"', 'material="clear"'])
 def test_the_robot_stands_and_walks_on_shapes_that_cannot_be_seen(colour, tmp_path):
     path = tmp_path / 'scene.xml'
@@ -160,31 +143,6 @@ def test_the_board_has_exactly_the_distance_and_angle_asked_for(camera, backend)
             np.testing.assert_allclose(depth[behind], distance + 1.5, rtol=1e-3)
             assert (on_board | behind).all()
     renderer.close()
-
-
-def test_the_board_needs_no_robot():
-    model = board_model(K, 'eye')
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    place_board(model, data, 'eye', 2.0, 30.0)
-    with closing(open_renderer(model, K, 'ray')) as renderer:
-        depth, geom_id = renderer.render(data, 'eye')
-    expected = 2.0 / (1 - math.tan(math.radians(30.0)) * (np.arange(K.width) - K.cx) / K.fx)
-    middle = slice(100, 124)
-    assert (geom_id[86, middle] == model.geom('scene/board').id).all()
-    np.testing.assert_allclose(depth[86, middle], expected[middle], atol=1e-6)
-    assert {model.body(body).name for body in range(1, model.nbody)} == {
-        'scene/board',
-        'scene/backdrop',
-    }
-
-
-def test_the_boards_place_survives_a_reset():
-    model, data = standing('board')
-    place_board(model, data, 'front_right', 2.0, 30.0)
-    before = data.geom('scene/board').xpos.copy()
-    stand(model, data)
-    np.testing.assert_allclose(data.geom('scene/board').xpos, before)
 
 
 @pytest.mark.parametrize(
@@ -264,13 +222,6 @@ def test_a_camera_elsewhere_sees_other_parts():
     bodies = {model.body(model.geom_bodyid[geom]).name for geom in np.flatnonzero(hidden)}
     assert not {'RR_calf', 'RL_calf', 'RR_thigh'} & bodies
     assert {'FR_calf', 'FL_calf'} <= bodies
-
-
-def test_a_camera_in_the_world_hides_nothing():
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><camera name="c"/><geom size="1"/></worldbody></mujoco>'
-    )
-    assert not unseen_geoms(model, 0, K).any()
 
 
 FLEXX2 = Intrinsics.from_field_of_view(224, 172, 56.0, 44.0)
