@@ -1,7 +1,5 @@
 """What a camera info says of an image: binning, regions, rectified images and empty matrices."""
 
-import dataclasses
-
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.camera_info import (
@@ -95,19 +93,6 @@ def test_another_size_stays_another_size():
     assert decode_camera_info(message).width == 213
     with pytest.raises(InputError, match='image size: must be'):
         decode_camera_info(fields(height=0, width=0), size=SIZE)
-
-
-def test_a_rectified_image_has_the_projection_and_no_distortion():
-    bent = fields(d=[0.1, -0.2, 0.0, 0.0, 0.1], p=P)
-    assert decode_camera_info(bent, rectified=True) == RECTIFIED
-    assert decode_camera_info(bent).distortion[0] == 0.1
-    assert decode_camera_info(bent).fx == 210.6
-    # Without distortion, nothing needs a projection.
-    assert decode_camera_info(fields(), rectified=True) == OWN
-    with pytest.raises(InputError, match='^info: P: must be .*, got zeros$'):
-        decode_camera_info(dataclasses.replace(bent, p=[0.0] * 12), 'info', rectified=True)
-    with pytest.raises(InputError, match='^info: P: must be '):
-        decode_camera_info(dataclasses.replace(bent, p=[0.5, *P[1:]]), 'info', rectified=True)
 
 
 @pytest.mark.parametrize('k', [UNIT, [0.0] * 9])

@@ -2,7 +2,6 @@
 
 import asyncio
 from contextlib import contextmanager, suppress
-from itertools import count
 import json
 import socket
 
@@ -80,46 +79,6 @@ def test_a_slow_browser_gets_the_newest_frame_and_no_others(served):
         ('watch', False),
     ]
     assert source.asked.count('leave') == 2
-
-
-def test_pages_survive_a_camera_that_ends_while_a_frame_waits(served):
-    server, source = served
-
-    async def work():
-        client = await connect_to(server)
-        assert await client.read_message() == '{}'
-        frames = {'left': shot(1)}
-        # Every third look finds the frames gone: the one that is to send them.
-        looks = (frames if look % 3 else {} for look in count(1))
-        type(source).shots = property(lambda _: next(looks))
-        try:
-            server.wake()
-            source.status = '{"cameras": []}'
-            server.wake()
-            assert await client.read_message() == '{"cameras": []}'
-        finally:
-            del type(source).shots
-        client.close()
-
-    run(work())
-
-
-def test_pages_get_the_status_and_send_requests(served):
-    server, source = served
-
-    async def work():
-        source.status = '{"cameras": []}'
-        client = await connect_to(server)
-        assert await client.read_message() == '{"cameras": []}'
-        await client.write_message('{"drive": [0.5, 0, -1]}')
-        await client.write_message('{"usecase": ["left", "Mode_5_60fps"]}')
-        await client.write_message('{"effect": ["left", "offset", 1.5]}')
-        await until(lambda: ('left', 'Mode_5_60fps') in source.asked)
-        client.close()
-        await until(lambda: 'leave' in source.asked)
-
-    run(work())
-    assert source.asked[1:3] == [('drive', (0.5, 0.0, -1.0)), ('left', 'Mode_5_60fps')]
 
 
 @pytest.mark.parametrize(
