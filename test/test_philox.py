@@ -112,14 +112,6 @@ def test_extreme_words_give_finite_normals():
     assert 6.7 < np.abs(pairs).max() < 6.8
 
 
-def test_moments():
-    drawn = normals().astype(np.float64)
-    # Standard errors of the first four moments of n normals: sqrt(1, 2, 15, 96) / sqrt(n).
-    for power, mean, variance in ((1, 0, 1), (2, 1, 2), (3, 0, 15), (4, 3, 96)):
-        error = (drawn**power).mean() - mean
-        assert abs(error) < SIGMAS * math.sqrt(variance / MANY), power
-
-
 def test_distribution_is_normal():
     """Assert by Kolmogorov and Smirnov; false failure 2 exp(-2 * 3^2) = 3e-8."""
     drawn = np.sort(normals(200_000).astype(np.float64))

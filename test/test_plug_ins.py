@@ -280,13 +280,6 @@ def test_a_plug_in_that_fails_later_is_reported_once_and_switched_off(tmp_path, 
     ]
 
 
-def test_the_page_names_the_example():
-    page = (ROOT / 'CONTRIBUTING.md').read_text()
-    for path in (EXAMPLE / 'row_banding.py', EXAMPLE / 'pyproject.toml'):
-        assert path.is_file()
-        assert f'`{path.relative_to(ROOT)}`' in page
-
-
 def test_no_module_but_its_own_names_an_effect():
     """
     Assert it of strings.

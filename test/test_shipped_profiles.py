@@ -21,7 +21,6 @@ from flexx2_sim_ros.profiles.files import (
     save_profile,
     shipped,
 )
-from flexx2_sim_ros.profiles.sensor import Sensor
 from flexx2_sim_ros.profiles.valid_mask import mask_of
 from matplotlib.image import imread, imsave
 import numpy as np
@@ -58,21 +57,6 @@ def test_names_are_listed_and_found(capsys):
     assert 'depth_848x480_30fps' in said
     assert main(['modes', '--profile', '/no/such.yaml']) == 2
     assert '/no/such.yaml' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('name', shipped())
-def test_a_profile_is_read_back_as_it_was_written(name, tmp_path):
-    camera = find_profile(name)
-    save_profile(tmp_path / 'copy.yaml', ProfileFile(camera))
-    copy = load_profile(tmp_path / 'copy.yaml')
-    assert (copy.intrinsics, copy.sensor) == (camera.intrinsics, camera.sensor)
-    for mode, own in zip(copy.modes, camera.modes, strict=True):
-        assert replace(mode, noise_of=own.noise_of, source=own.source) == own
-
-
-def test_a_profile_that_says_nothing_of_its_sensor_has_that_of_the_flexx2():
-    assert flexx2().sensor == Sensor()
-    assert {mode.noise.incidence_cap for mode in flexx2().modes} == {np.radians(85)}
 
 
 @pytest.mark.parametrize(
@@ -241,20 +225,6 @@ def test_no_depth_outside_the_valid_region():
         np.testing.assert_array_equal(np.isnan(batch(scene[None].copy())[0]), lost)
         frames[bool(effects)] = lost
     np.testing.assert_array_equal(frames[False], frames[True])
-
-
-def test_a_batch_filters_nothing_outside_the_valid_region():
-    camera = find_profile('azure_kinect_nfov')
-    matrix = camera.intrinsics.matrix * [[0.25], [0.25], [1]]
-    scene = np.full((144, 160), 1.5, np.float32)
-    effects = {'spatial_filter': None}
-    alone = Camera(camera.default_usecase, profile=camera, effects=effects, seed=3)
-    batch = BatchCamera(
-        1, profile=camera, usecase=camera.default_usecase, effects=effects, seed=3, K=matrix
-    )
-    np.testing.assert_allclose(
-        batch(scene[None].copy())[0], alone.capture(scene, matrix, 0).depth, rtol=0, atol=2e-5
-    )
 
 
 def test_noise_that_follows_exposure():
