@@ -123,7 +123,7 @@ def test_the_command_line_has_it_and_the_diagnosis_finds_it(site, tmp_path):
     out = tmp_path / 'out'
     done = command(
         site,
-        *('gap', 'diagnose', str(tmp_path / 'campaign'), '--out', str(out), '--jobs', '2'),
+        *('gap', 'diagnose', str(tmp_path / 'campaign'), '--out', str(out), '--jobs', '1'),
         *leaving('fixed_pattern', 'excess_noise', 'heavy_tails', 'pose_error'),
     )
     assert done.returncode == 0, done.stderr

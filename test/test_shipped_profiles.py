@@ -103,7 +103,7 @@ def test_effects_on_phases_do_not_apply_to_a_stereo_camera():
             assert np.isfinite(shot().depth).any(), name
 
 
-@pytest.mark.parametrize('name', OTHERS)
+@pytest.mark.parametrize('name', ['kinect_v2', 'realsense_d435'])
 def test_boards_give_the_profile_back(name, tmp_path):
     """Six boards, 60 frames of 3,000 pixels: sigma is known to well below 1 % at each board."""
     recordings, out = record(tmp_path, name, 60), tmp_path / 'result'
@@ -118,7 +118,7 @@ def test_boards_give_the_profile_back(name, tmp_path):
     np.testing.assert_allclose(found.noise.sigma_z(z, 0), mode.noise.sigma_z(z, 0), rtol=0.05)
 
 
-@pytest.mark.parametrize('name', OTHERS)
+@pytest.mark.parametrize('name', ['kinect_v2', 'realsense_d435'])
 def test_excess_noise_is_diagnosed(name, tmp_path):
     effects = tmp_path / 'effects.yaml'
     effects.write_text(f'schema: 1\neffects: {{excess_noise: {{factor: {FACTOR}}}}}\n')

@@ -84,6 +84,7 @@ def test_single_frames_of_64_pixels(tmp_path, capsys):
     out = tmp_path / 'out'
     campaign = str(tmp_path / 'campaign')
     options = ['--profile', str(profile), '--out', str(out), '--jobs', '1']
+    options += leaving('offset', 'quantisation', 'pose_error')
     capsys.readouterr()
     assert main(['gap', 'diagnose', campaign, *options]) == 0
     assert 'Too few depths of the recordings' in ' '.join(capsys.readouterr().err.split())
@@ -168,14 +169,6 @@ def test_the_latency_of_a_sensor_of_64_pixels_is_found(tmp_path, latency, capsys
     assert np.mean([one.delay_ns for one in drawn]) == pytest.approx(0.07e9, rel=0.1)
     assert np.std([one.delay_ns for one in drawn]) > 0
     assert np.mean([one.latency_ns for one in drawn]) == pytest.approx(latency * 1e9, rel=0.3)
-
-
-def test_late_images_are_no_effect_where_there_is_no_gap(tmp_path):
-    table = diagnosed(tmp_path, 0.0)
-    # Of campaigns without an effect, 3 % have a gap. In this one, quantisation is named.
-    found = {row['name'] for row in (*table['effects'], *table['alternatives'])}
-    assert 'time_offset' not in found
-    assert table['age']['delay']['median'] == pytest.approx(0.07, abs=0.003)
 
 
 def test_what_is_unknown_stays_unknown(tmp_path):
