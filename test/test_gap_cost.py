@@ -17,7 +17,7 @@ from flexx2_sim_ros.gap import cost
 from flexx2_sim_ros.gap.cost import compared
 from flexx2_sim_ros.gap.data.campaign import check as check_recording
 from flexx2_sim_ros.gap.data.campaign import read
-from flexx2_sim_ros.gap.report.cost_page import headline, lines, NOTHING_SEEN, page, sentences
+from flexx2_sim_ros.gap.report.cost_page import headline, sentences
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
 from plug_in_sites import on_path, write_metadata
@@ -263,38 +263,6 @@ def test_other_packages_offer_consumers(folder, tmp_path):
         assert load(known['highest']).name == 'highest'
         with pytest.raises(ModuleNotFoundError):
             load(known['broken'])
-
-
-def test_a_consumer_that_is_named_twice_runs_once():
-    assert len(sources(['height_grid', 'height_grid'], lambda name, error: None)) == 1
-
-
-def test_one_recording_is_not_judged():
-    errors = {name: {'steps': 9.0} for name in ('real', 'simulated', 'again', 'a', 'all effects')}
-    errors['simulated'] = {'steps': 0.0}
-    # Two files may give their consumers the same name; only the first draws pictures.
-    image = np.zeros((2, 2), np.float32)
-    drawn = dict.fromkeys(('real', 'simulated', 'all effects'), image)
-    results = [Result('grid', '', {'steps': ''}, [errors], [own]) for own in (drawn, {})]
-    # Its recordings show nothing that it measures.
-    nothing = dict.fromkeys(errors, dict[str, float]())
-    results.append(Result('edges', '', {'edge': 'mm'}, [nothing], [drawn]))
-    table = {
-        'effects': {},
-        **compared(results, ['a']),
-        'recordings': [{'name': 'x', 'used': True, 'reason': '', 'effects_from': ''}],
-        'damaged_packages': [],
-        'settings': {'delay': 0.0},
-        'version': '0',
-        'seconds': 1.0,
-    }
-    assert 'at least 3 recordings' in headline(table)
-    ((line, significant),) = lines(table['consumers'][0])
-    assert line[-1] == 'too few recordings'
-    assert not significant
-    text = page(table, results)
-    assert text.count('data:image/png') == 3
-    assert text.count(NOTHING_SEEN) == 1
 
 
 def test_the_ranking_is_not_lowered_by_noise():

@@ -10,8 +10,6 @@ from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose, measure, randomise
 from flexx2_sim_ros.gap.cost import known_of
-from flexx2_sim_ros.gap.data.campaign import check, Found, read
-from flexx2_sim_ros.gap.forms.looked import registered
 from flexx2_sim_ros.gap.report.form_figures import figures
 from flexx2_sim_ros.gap.report.reading import read_diagnosis
 from named_forms import fitted_forms
@@ -197,26 +195,6 @@ def test_a_map_needs_images_of_one_size(campaign, tmp_path):
 
 
 TINY = {'recordings': 4, 'frames': 6, 'scale': 0.25, 'moving': 0}
-
-
-@pytest.mark.parametrize(
-    'effects',
-    [
-        {'time_offset': {'latency': 0.16}},
-        {'wiggling': {'mhz': 100.0, 'a2': 0.012, 'a4': 0.0}},
-        {'temporal_filter': {'share': 0.8}},
-    ],
-)
-def test_the_pose_with_effects_is_the_true_one(effects, tmp_path):
-    """Assert it for late images, a wave and a filter, of cameras whose given pose is exact."""
-    size = {**TINY, 'recordings': 2, 'moving': 2}
-    write_campaign(tmp_path, seed=120, effects=effects, pose=(0.0, 0.0), **size)
-    prior = np.array([0.005] * 3 + [0.3] * 3)
-    for path in sorted(tmp_path.iterdir()):
-        found = check(path, None)
-        assert isinstance(found, Found)
-        motion, _, _ = registered(read(found, None), prior, effects)
-        assert np.linalg.norm(motion / prior) < 2.5
 
 
 def test_a_filter_over_frames_gets_its_own_kernel(tmp_path):
