@@ -2,7 +2,6 @@
 
 import math
 import sys
-import types
 from xml.etree import ElementTree
 
 from flexx2_sim_ros.errors import InputError
@@ -266,34 +265,6 @@ def test_frames_follow_the_conventions_of_ros():
         optical = found[f'{mount.name}_optical_frame']
         assert optical.header.frame_id == f'{mount.name}_link'
         np.testing.assert_allclose(matrix(link) @ matrix(optical), mount.rotation, atol=1e-9)
-
-
-def test_frames_are_published_where_their_message_is_there(monkeypatch):
-    # tf2_msgs is not on the package index: a stand-in of its one message's shape.
-    sent = []
-
-    class TFMessage(types.SimpleNamespace):
-        pass
-
-    class Node:
-        """Keep what is published."""
-
-        def create_publisher(self, kind, topic, qos):
-            assert kind is TFMessage
-            return types.SimpleNamespace(publish=lambda message: sent.append((topic, message)))
-
-    package, module = types.ModuleType('tf2_msgs'), types.ModuleType('tf2_msgs.msg')
-    module.TFMessage = TFMessage
-    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
-    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
-    frames = tf_frames.FramePublisher(Node())
-    fixed = tf_frames.camera_transforms('base', load_mounts())
-    frames.fixed(fixed)
-    frames.moving(fixed[:1])
-    assert [(topic, message.transforms) for topic, message in sent] == [
-        ('/tf_static', fixed),
-        ('/tf', fixed[:1]),
-    ]
 
 
 def test_without_tf2_the_log_says_so_once(monkeypatch):

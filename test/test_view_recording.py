@@ -65,20 +65,6 @@ def test_a_simulation_is_that_of_the_whole_sequence(tmp_path, walk):
     )
 
 
-def test_a_drift_goes_on_after_a_jump_to_another_frame(tmp_path):
-    effects = parse_effects({'warm_up_drift': {'bias': 0.1, 'tau': 10.0}})
-    stamps = 100.0 + 4.0 * np.arange(30)
-    walk = save_walk(tmp_path / 'walk.npz')
-    arrays = {key: walk[key][np.zeros(30, int)] for key in ('depth', 'clean_depth')}
-    save_walk(tmp_path / 'walk.npz', stamp=stamps, **arrays)
-    recorded = RecordedCamera(open_recording(tmp_path / 'walk.npz'), None, effects, 1 << 20)
-    camera = Camera(USECASE, effects=effects, name='flexx2 view')
-    nanoseconds = np.rint(stamps * 1e9).astype(np.int64)
-    whole = camera.capture(arrays['clean_depth'], K, nanoseconds).depth
-    for number in (25, 26, 14, 0):
-        np.testing.assert_array_equal(recorded.frame(number, 'effects').clean, whole[number])
-
-
 def test_unknown_pixels_are_compared_with_nothing(tmp_path):
     known = np.ones(SIZE, bool)
     known[:, :20] = False

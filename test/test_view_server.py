@@ -141,23 +141,6 @@ def silent_page(server):
         yield client
 
 
-@pytest.mark.parametrize('part', [b'\xc3\x28', 5000 * b'x'], ids=['not UTF-8', 'too long'])
-def test_broken_frames_end_the_connection_quietly(served, caplog, part):
-    server, _ = served
-    with silent_page(server) as client:
-        size = (
-            bytes([0x80 | 126]) + len(part).to_bytes(2, 'big')
-            if len(part) > 125
-            else bytes([0x80 | len(part)])
-        )
-        # A mask of zeros leaves the text as it is.
-        client.sendall(b'\x81' + size + bytes(4) + part)
-        while client.recv(4096):
-            pass
-    assert [record for record in caplog.records if record.levelname == 'ERROR'] == []
-    assert caplog.text.count('Traceback') == 0
-
-
 def test_a_page_that_answers_no_ping_is_disconnected(monkeypatch):
     """Assert it of a browser whose machine or network is lost; the robot is then stopped."""
     monkeypatch.setattr(web, '_PING_SECONDS', 0.1)
