@@ -131,16 +131,6 @@ def test_a_reset_shows_the_new_scene_at_once_and_only_there(device):
 
 
 @pytest.mark.parametrize('device', DEVICES)
-def test_images_of_another_shape_begin_with_a_first_frame(device):
-    """Assert it also of as many pixels: what is held has the shape that it was taken in."""
-    cameras = BatchCamera(1, 'Mode_9_5fps', step_s=0.02, device=device)
-    for step, shape in enumerate([(4, 6), (6, 4), (2, 12), (5, 5)]):
-        depth = np.full((1, *shape), 1.0 + step, np.float32)
-        np.testing.assert_allclose(look(device, cameras, depth), depth, atol=0.15)
-        assert cameras.image_stamps.numpy().tolist() == [step * 20 * MS]
-
-
-@pytest.mark.parametrize('device', DEVICES)
 def test_without_steps_an_image_is_late_by_whole_frames(device):
     usecases = ['Mode_9_30fps', 'Mode_9_10fps']
     cameras = BatchCamera(2, usecases, effects=late(0.1), device=device)

@@ -104,17 +104,6 @@ def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_unwritable_path_is_refused(tmp_path):
-    with pytest.raises(InputError, match='nowhere/r.npz: cannot be written'):
-        RecordingWriter(tmp_path / 'nowhere' / 'r.npz', 1, 1, 1)
-    folder = tmp_path / 'folder'
-    folder.mkdir()
-    with pytest.raises(InputError, match='folder: cannot be written'):
-        write(folder, np.ones((1, 5, 6), np.float32))
-    assert list(tmp_path.iterdir()) == [folder]
-    assert list(folder.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ('arrays', 'parts'),
     [

@@ -6,7 +6,7 @@ import operator
 from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.rendering.rays import SceneGround
 from flexx2_sim_ros.robots.gait import pose, start, step
-from flexx2_sim_ros.robots.kinematics import feet, joint_angles, rotation
+from flexx2_sim_ros.robots.kinematics import feet, rotation
 from flexx2_sim_ros.robots.model import build_model, stand
 from flexx2_sim_ros.robots.parts import find_parts
 from flexx2_sim_ros.robots.robot import load_robot
@@ -111,43 +111,6 @@ def slips(poses, legs=GO1):
                 stance = np.array([place for _, place in group])
                 result.append(np.linalg.norm(stance - stance[0], axis=1).max())
     return np.array(result)
-
-
-def test_joint_angles_and_foot_positions_are_inverse_functions(legs):
-    random = np.random.default_rng(0)
-    angles = random.uniform(legs.lower, legs.upper, (2000, 4, 3))
-    points = feet(angles, legs)
-    # With the foot above its thigh joint another pose has it in the same place.
-    below = np.cos(angles[..., 1]) + np.cos(angles[..., 1] + angles[..., 2]) > 0.1
-    np.testing.assert_allclose(joint_angles(points, legs)[below], angles[below], atol=1e-9)
-
-
-@pytest.mark.parametrize('robot', ['go1', 'go2'])
-def test_the_feet_are_those_of_the_model(robot):
-    world = World('lab', robot)
-    random = np.random.default_rng(1)
-    legs = world.robot.legs
-    for _ in range(20):
-        angles = random.uniform(legs.lower, legs.upper, (4, 3))
-        world.data.qpos[world.robot.leg_addresses] = angles
-        mujoco.mj_kinematics(world.model, world.data)
-        trunk = world.robot.trunk
-        turn = world.data.xmat[trunk].reshape(3, 3)
-        seen = (world.data.geom_xpos[world.feet] - world.data.xpos[trunk]) @ turn
-        np.testing.assert_allclose(seen, feet(angles, legs), atol=1e-9)
-
-
-def test_a_foot_out_of_reach_keeps_the_joints_within_their_limits(legs):
-    points = (
-        legs.hips
-        + [0.1, 0.0, -1.0]
-        + np.stack([0 * legs.offset, legs.offset, 0 * legs.offset], axis=1)
-    )
-    angles = joint_angles(points, legs)
-    assert (angles >= legs.lower - 1e-12).all()
-    assert (angles <= legs.upper + 1e-12).all()
-    reached = feet(angles, legs) - legs.hips
-    assert (reached[:, 2] < -0.35).all()
 
 
 COMMANDS = {

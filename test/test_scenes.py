@@ -160,42 +160,6 @@ def test_a_board_that_cannot_be_placed_is_refused(scene, arguments, said):
         place_board(*standing(scene), *arguments)
 
 
-def test_hidden_bodies_are_never_rendered():
-    # With rays, everything: no pixel shows what is left out, in any pose of the walk.
-    model, data = standing('lab')
-    hidden = {name: unseen_geoms(model, model.cam(name).id, K) for name in CAMERAS}
-    assert all(left_out.sum() > 30 for left_out in hidden.values())
-    rays = np.stack(
-        np.broadcast_arrays(
-            (np.arange(0, K.width, 4) - K.cx) / K.fx,
-            -((np.arange(0, K.height, 4) - K.cy) / K.fy)[:, None],
-            -1.0,
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    hit = np.empty(len(rays), np.int32)
-    for seconds in (0.1, 0.2, 0.3, 0.5, 0.8):
-        walked(model, data, (0.6, 0.2, 0.8), seconds)
-        for name, left_out in hidden.items():
-            pose_of = data.camera(name)
-            mujoco.mj_multiRay(
-                model,
-                data,
-                pose_of.xpos,
-                (rays @ pose_of.xmat.reshape(3, 3).T).ravel(),
-                np.array([1, 1, 1, 0, 0, 0], np.uint8),
-                1,
-                -1,
-                hit,
-                np.empty(len(rays)),
-                None,
-                len(rays),
-                30.0,
-            )
-            assert not left_out[hit[hit >= 0]].any()
-
-
 @pytest.mark.parametrize('backend', ['auto', 'ray'])
 def test_the_front_legs_stay_visible(backend):
     model, data = standing('lab')
