@@ -83,27 +83,6 @@ def test_a_failure_leaves_nothing_behind(tmp_path, existing, when):
     assert not existing or path.read_bytes() == b'precious'
 
 
-def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path):
-    path = tmp_path / 'r.npz'
-    with (
-        pytest.raises(InputError, match='depth: 2 frames are missing'),
-        RecordingWriter(path, 4, 5, 6) as writer,
-    ):
-        writer.add_depth(np.ones((2, 5, 6)))
-    for wrong in ((5, 5, 6), (1, 6, 5)):
-        with (
-            pytest.raises(InputError, match='depth: must '),
-            RecordingWriter(path, 4, 5, 6) as writer,
-        ):
-            writer.add_depth(np.ones(wrong))
-    with (
-        pytest.raises(InputError, match="depth: 4 frames are missing before 'K'"),
-        RecordingWriter(path, 4, 5, 6) as writer,
-    ):
-        writer.add_array('K', K)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ('arrays', 'parts'),
     [

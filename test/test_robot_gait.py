@@ -202,13 +202,6 @@ def test_after_stopping_the_feet_stand_under_the_hips():
     assert slips(poses).max() < 0.005
 
 
-def test_the_gait_does_not_depend_on_the_time_step():
-    commands = [(1, (0.5, 0.1, 0.3)), (1, (-0.3, 0, 0))]
-    (slow, _), (fast, _) = walk(commands, rate=30), walk(commands, rate=120)
-    np.testing.assert_allclose(slow[-1].position, fast[-1].position, atol=1e-9)
-    np.testing.assert_allclose(slow[-1].angles, fast[-1].angles, atol=1e-6)
-
-
 @pytest.mark.parametrize('robot', ['go1', 'go2'])
 def test_thirty_seconds_over_the_stairs(robot):
     world = World('stairs', robot)
