@@ -153,7 +153,7 @@ def test_without_an_uptime_nothing_drifts():
 
 def test_options_of_the_command_are_respected(tmp_path):
     folder, out = tmp_path / 'campaign', tmp_path / 'out'
-    # Scattered poses, as in `test_scattered_poses_are_a_finding`; here they are what is usual.
+    # Scattered poses, which are what is usual here.
     write_campaign(folder, seed=6, pose=(0.012, 0.7), **SMALL)
     command = ['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1', '--seed', '4']
     kept = 'amplitude_bias', 'wiggling', 'pose_error'

@@ -1,4 +1,4 @@
-"""A diagnosis simulates what it names: it fits forms, doubts constants, refuses what harms."""
+"""A diagnosis simulates what it names: it fits, doubts, refuses what harms, promises no more."""
 
 from dataclasses import replace
 import re
@@ -7,9 +7,11 @@ from bench.gap_campaigns import write_campaign
 from campaigns import ALIKE, all_but, among
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
+from flexx2_sim_ros.gap.inference.improvement import measured
 from flexx2_sim_ros.gap.report import table as report_table
 from flexx2_sim_ros.gap.report.table import makes_larger
-from flexx2_sim_ros.gap.report.words import sentences
+from flexx2_sim_ros.gap.report.words import headline, sentences
+import numpy as np
 import pytest
 
 SIZE = {'frames': 8, 'scale': 0.35, 'recordings': 5, 'moving': 2}
@@ -75,3 +77,33 @@ def test_the_report_says_why_effects_that_fit_are_not_named(tmp_path, monkeypatc
     (row,) = re.findall(f'<tr><td>{name}</td><td>[^<]*</td><td>([^<]*)</td>', page)
     assert why in row
     assert 'too little' not in page
+
+
+def test_two_recordings_have_no_interval_of_the_reduction():
+    values = np.array([[3.0, 1.0, 0.5], [4.0, 1.0, 0.5], [3.5, 1.2, 0.5]])
+    assert measured(values[:2], 1.0)['shrink_interval'] is None
+    low, high = measured(values, 1.0)['shrink_interval']
+    assert low < measured(values, 1.0)['shrink'] < high
+
+
+@pytest.mark.parametrize(
+    ('names', 'shrink', 'by', 'said'),
+    [
+        (
+            ['pose_error'],
+            0.9,
+            'distance',
+            'The poses of the cameras are wrong: correct them first.',
+        ),
+        (['offset'], 0.9, 'distance', 'removes 90 % of the gap: depth errors 8.4 -> 2.1 mm.'),
+        (['offset'], -0.2, 'distance', 'the gap in depth and invalid pixels becomes 20 % larger'),
+        (['offset'], -0.2, 'loss', 'makes the misfit 20 % larger'),
+    ],
+)
+def test_the_headline_promises_no_more_than_was_measured(names, shrink, by, said):
+    rows = [{'name': name, 'confidence': 0.9} for name in names]
+    depth = {'before': 8.4, 'after': 2.1, 'null': 0.5, 'tolerance': 0.2}
+    invalid = {'before': 0.004, 'after': 0.002, 'null': 0.001, 'tolerance': 0.008}
+    gap = {'shrink': shrink, 'measured_by': by, 'wasserstein_mm': depth, 'invalid_rate': invalid}
+    table = {'verdict': 'identified', 'effects': rows, 'gap': gap}
+    assert said in headline(table)

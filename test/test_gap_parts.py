@@ -3,13 +3,8 @@
 from bench.gap_campaigns import BoxRoom, look, make_room, optical
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import parse_effects, registry
-from flexx2_sim_ros.gap.data.axes import axes_of
-from flexx2_sim_ros.gap.data.covariates import look_at
-from flexx2_sim_ros.gap.data.pose import unknown_border
 from flexx2_sim_ros.gap.data.registration import place, RecordingData, register
 from flexx2_sim_ros.gap.features.catalogue import catalogue
-from flexx2_sim_ros.gap.features.features import Feature, features, LAYOUT
-from flexx2_sim_ros.gap.features.sums import accumulate
 import numpy as np
 import pytest
 
@@ -107,63 +102,3 @@ def test_a_time_offset_is_not_taken_for_a_pose_error():
     )
     found, _ = register(recording, PRIOR)
     assert np.linalg.norm(found[:3]) < 0.012
-
-
-def test_registration_ignores_borders_and_bends():
-    K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
-    floor = np.maximum(np.arange(60) - 40.0, 0)[:, None]
-    clean = (1 / (0.5 + 0.02 * floor) + np.zeros(80)).astype(np.float32)
-    camera = flexx2()
-    mode = camera.mode('Mode_9_30fps')
-    scene = look_at(clean, None, 0.0, None, K, mode, axes_of(camera), border=2)
-    assert not scene.inside[38:43].any()
-    assert not scene.inside[:2].any()
-    assert not scene.inside[:, -2:].any()
-    assert scene.inside[4:36, 4:76].all()
-    assert scene.inside[46:56, 4:76].all()
-    assert unknown_border(np.zeros(6), clean, K) == 0
-    # A degree is 1.2 pixels here.
-    assert unknown_border(np.array([0, 0, 0, 0, 1.0, 0]), clean, K) == 3
-
-
-def two_walls(far):
-    """Return a wall at 3 m and, from a column on, one with too much noise; clean, and its bins."""
-    K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
-    clean = np.full((60, 80), 3.0, np.float32)
-    clean[:, far:] = 6.5
-    camera = flexx2()
-    mode = camera.mode('Mode_9_30fps')
-    return clean, look_at(clean, None, 0.0, None, K, mode, axes_of(camera))
-
-
-def test_of_pixels_with_too_much_noise_only_losses_count():
-    rng = np.random.default_rng(0)
-    clean, scene = two_walls(far=40)
-    assert scene.trusted == pytest.approx(0.048, abs=5e-4)
-    assert (scene.sigma[:, 45:75] > scene.trusted).all()
-    depth = clean + scene.sigma * rng.standard_normal((20, 60, 80)).astype(np.float32)
-    wild, lost = depth.copy(), depth.copy()
-    wild[:, :, 42:] += rng.choice((-1, 1), (20, 60, 38)).astype(np.float32)
-    lost[:5, :, 42:] = np.nan
-    fresh = np.arange(20) == 0
-    plain, wild, lost = (
-        features(accumulate(one, [scene], fresh, 0))[0] for one in (depth, wild, lost)
-    )
-    chosen = [f.axis not in ('structure', 'beyond') for f in LAYOUT]
-    np.testing.assert_array_equal(wild[chosen], plain[chosen])
-    everywhere = LAYOUT.index(Feature('invalid', 'all', 0))
-    assert lost[everywhere] > plain[everywhere] + 0.1
-
-
-def test_too_much_noise_neither_hides_a_bias_nor_looks_like_a_trend():
-    rng = np.random.default_rng(0)
-    clean, scene = two_walls(far=30)
-    # Two thirds of the image have too much noise. All depths lie a standard deviation too far.
-    depth = clean + scene.sigma * (1 + rng.standard_normal((20, 60, 80)).astype(np.float32))
-    depth[:8, 30:] = np.nan
-    found, _ = features(accumulate(depth, [scene], np.arange(20) == 0, 0))
-    bias, trend = (found[LAYOUT.index(Feature(name, 'all', 0))] for name in ('bias', 'trend'))
-    # 20 x 1000 depths and more: their mean is a standard deviation of 0.007 off, a trend 0.025.
-    # Farther off than 5 and 5.5 of these by chance: once in 10^6.
-    assert bias == pytest.approx(1.0, abs=0.04)
-    assert trend == pytest.approx(0.0, abs=0.14)
