@@ -6,7 +6,7 @@ import numpy as np
 from study.blind import BlindCamera, Case, Internals, SceneKey, SceneSet
 
 BOARD, FORWARD, CORNER, CLOSE, SIDEWAYS, STAIRS, FAR, TURNING = range(8)
-STILL, MOVING = (BOARD, CORNER, CLOSE, STAIRS), (FORWARD, SIDEWAYS, TURNING)
+STILL = BOARD, CORNER, CLOSE, STAIRS
 
 
 MODES = ('Mode_5_30fps', 'Mode_9_30fps')

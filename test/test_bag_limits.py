@@ -76,14 +76,6 @@ def test_decompression_stops_at_the_declared_size(compression, tmp_path):
     assert peak < 30 * MB
 
 
-def test_a_limit_that_is_not_a_number_is_refused(tmp_path, monkeypatch):
-    bag = driver_bag(tmp_path / 'bag', depths(3, 8, 8), compression=CompressionMode.STORAGE)
-    assert len(load_recording(bag).depth) == 3
-    monkeypatch.setenv(LIMIT, 'much')
-    with pytest.raises(InputError, match=f"{LIMIT}: must be a whole number of MB, got 'much'"):
-        load_recording(bag)
-
-
 @pytest.mark.parametrize('storage', ['sqlite3', 'mcap'])
 @pytest.mark.parametrize(
     ('mode', 'variable', 'what'),

@@ -375,22 +375,3 @@ def test_chunks_add_up_to_the_recording_in_bounded_memory(tmp_path):
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < size, f'{peak / 1e6:.0f} MB for {2 * size / 1e6:.0f} MB of images'
-
-
-def test_chunks_of_stacks_that_no_image_holds(tmp_path):
-    given = contents()['odd']
-    np.savez(tmp_path / 'in.npz', **given)
-    convert(tmp_path / 'in.npz', tmp_path / 'bag.mcap')
-    for path in (tmp_path / 'in.npz', tmp_path / 'bag.mcap'):
-        parts = list(open_recording(path).chunks(2))
-        for key in ('clean_depth', 'amplitude', 'reflectivity'):
-            assert same(
-                np.concatenate([getattr(part, key) for part in parts]),
-                np.ascontiguousarray(given[key]),
-            ), key
-    data = (tmp_path / 'bag.mcap').read_bytes()
-    (tmp_path / 'cut.mcap').write_bytes(data[: len(data) // 2])
-    cut = load_recording(tmp_path / 'cut.mcap')
-    assert 0 < len(cut.depth) < 5
-    assert cut.clean_depth is not None
-    assert len(cut.clean_depth) == len(cut.stamp) == len(cut.depth)

@@ -1,14 +1,12 @@
 """What is left of a bag: whole first frames, bit for bit, and a note; or a clear error."""
 
 import os
-from pathlib import Path
 import sqlite3
 import subprocess
 import sys
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, open_recording
-from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.convert import convert
 from flexx2_sim_ros.recording.reader import uptime_of
 from flexx2_sim_ros.recording.truth import read_truth
@@ -172,29 +170,6 @@ def test_a_bag_of_a_killed_writer_is_read(journal, suffix, end, frames, whole, t
     assert count == frames
     assert 'journal' in notes
     assert (path.read_bytes(), left.read_bytes()) == before, 'the bag is left as it is'
-
-
-def test_a_writer_that_is_killed_loses_a_second_at_most(tmp_path):
-    program = (
-        'import os, sys\n'
-        'from flexx2_sim_ros.recording.bag_writer import BagWriter\n'
-        'writer = BagWriter(sys.argv[1], sys.argv[2]).__enter__()\n'
-        'for time in range(5):\n'
-        '    writer.write("/a", "sensor_msgs/msg/Image", time, bytes(1000))\n'
-        'writer.flush()\n'
-        'for time in range(3):\n'
-        '    writer.write("/a", "sensor_msgs/msg/Image", time, bytes(1000))\n'
-        'os._exit(9)\n'
-    )
-    root = Path(__file__).resolve().parents[1]
-    for storage in STORAGES:
-        bag = tmp_path / storage
-        subprocess.run(
-            [sys.executable, '-c', program, bag, storage],
-            check=False,
-            env={**os.environ, 'PYTHONPATH': str(root)},
-        )
-        assert len(list(Bag(bag).messages())) == 5
 
 
 def test_arrays_of_a_cut_off_bag_fit_the_frames_that_are_left(tmp_path):

@@ -2,10 +2,8 @@
 
 from flexx2_sim_ros.characterize.measurement import measure
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
-from flexx2_sim_ros.recording import load_recording, open_recording
-from flexx2_sim_ros.truth.clean import Clean
+from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.observation import gray_images
-from flexx2_sim_ros.truth.writing import write_truth
 from made_bags import camera_entries, image, info, SECOND, usecase, write
 import numpy as np
 
@@ -75,25 +73,6 @@ def test_a_measurement_of_the_noise_uses_all_depth(tmp_path):
     assert found.pixels.invalid == 0
     assert found.bias_of == 'clean depth'
     assert abs(found.bias - 0.01) < 0.001
-
-
-def test_a_frame_without_a_gray_image_does_not_take_the_reflectivity_of_all(tmp_path):
-    reader = open_recording(
-        write(tmp_path / 'bag', camera_entries('front', wall(True), wall(True)))
-    )
-    flat = np.zeros(SHAPE, np.float32)
-    lit = [np.full(SHAPE, TRUE, np.float32)] * COUNT
-    truths = [
-        Clean(depth, flat, None if number == 2 else lit[number], np.ones(SHAPE, bool), flat)
-        for number, depth in enumerate(wall(True))
-    ]
-    write_truth(reader, tmp_path / 'out.npz', truths, True, {})
-    found = load_recording(tmp_path / 'out.npz')
-    assert found.extra['known'].all(axis=(1, 2)).tolist() == [
-        number != 2 for number in range(COUNT)
-    ]
-    shown = np.delete(found.reflectivity, 2, axis=0)
-    np.testing.assert_array_equal(shown, np.float32(TRUE))
 
 
 def test_missing_gray_images_do_not_darken_the_others(tmp_path):

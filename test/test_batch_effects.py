@@ -126,25 +126,6 @@ def test_batch_and_camera_agree_on_what_other_poses_see(device, reach):
         assert changed > 0.1
 
 
-@pytest.mark.parametrize('device', DEVICES)
-def test_each_environment_has_its_own_effects(device):
-    own = [
-        {'offset': {'bias': 0.05}, 'saturation': None, 'pose_error': None},
-        (),
-        ({'intrinsics_error': {'k1': -0.05}, 'heavy_tails': None}),
-    ]
-    other, changed = disagreement(device, own)
-    assert other <= 1e-4
-    assert changed > 0.3
-    # As fixed patterns and seeds are: of the camera.
-    camera = BatchCamera(
-        3, seed=[4, 5, 4], effects={'fixed_pattern': {'rms': 0.05}}, device=device
-    )
-    seen = look(device, camera, np.repeat(scenes(1), 3, axis=0))
-    np.testing.assert_array_equal(seen[0], seen[2])
-    assert not np.array_equal(seen[0], seen[1], equal_nan=True)
-
-
 @pytest.mark.parametrize(
     'own',
     [
@@ -266,33 +247,6 @@ def test_batch_and_camera_agree_for_effects_without_a_kernel(device, caplog):
     assert other <= 1e-4
     assert changed > 0.3
     assert 'offset, residual_patch: no kernel, 1 environments' in caplog.text
-
-
-@pytest.mark.parametrize('device', DEVICES)
-def test_an_environment_without_a_kernel_changes_between_frames(device):
-    clean = np.full((2, 20, 30), 1.5, np.float32)
-    clean[:, :, 20:] = np.nan
-    effects = {'residual_patch': {'bias_0': 0.02}, 'temporal_filter': {'share': 0.9}}
-    camera = BatchCamera(2, effects=effects, K=MATRIX, device=device, invalid_value='zero')
-    alone = [Camera(seed=i, effects=effects) for i in range(2)]
-    for step in range(5):
-        if step == 2:
-            camera.reset(np.array([False, True]))
-            alone[1].reset()
-        if step == 3:
-            camera.set_usecase('Mode_9_30fps', np.array([True, False]))  # starts afresh
-            alone[0].reset()
-        seen = look(device, camera, clean)
-        for i, one in enumerate(alone):
-            depth = one.capture(clean[i], MATRIX, step * round(1e9 / 30)).depth
-            np.testing.assert_array_equal(seen[i], np.nan_to_num(depth))
-    camera.set_effects(())
-    np.testing.assert_allclose(
-        look(device, camera, clean)[0],
-        np.nan_to_num(Camera().capture(clean[0], MATRIX, 5 * round(1e9 / 30)).depth),
-        rtol=0,
-        atol=2e-5,
-    )
 
 
 def test_unusable_sets_of_effects_are_refused():

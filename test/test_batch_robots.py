@@ -10,7 +10,6 @@ from flexx2_sim_ros.batch.rendering import open_batch_renderer
 from flexx2_sim_ros.batch.walking import walk
 from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.consumers.height_grid import AHEAD, LEFT
 from flexx2_sim_ros.robots.model import build_model
 import numpy as np
 import pytest
@@ -18,34 +17,6 @@ import warp as wp
 
 CAMERAS = ('front_left', 'front_right')
 SMALL = Intrinsics.from_field_of_view(56, 43, 56, 44)
-
-
-def test_height_grid_of_a_slope():
-    """Two cameras 1 m above a slope, looking down, one of them turned: heights to 1 mm."""
-    camera = Intrinsics.from_field_of_view(224, 172, 70, 60)
-    v, u = np.mgrid[:172, :224]
-    rays = np.stack(
-        [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1
-    )
-    down = np.array([[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # its top is ahead
-    cosine, sine = np.cos(0.4), np.sin(0.4)
-    turned = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]]) @ down
-    slope = np.array([0.2, -0.1, -1.0])  # slope . point = 0
-    depth = np.stack([1.0 / (rays @ rotation.T @ slope) for rotation in (down, turned)]).astype(
-        np.float32
-    )
-    depth[1, :, :60] = np.nan
-    grid = HeightGrid(2, camera, 'cpu')
-    position = np.array([[0.0, 0.0, 1.0]] * 2)
-    grid.add(wp.array(depth, device='cpu'), position, np.stack([down, turned]))
-    heights = grid.heights().numpy()
-    truth = 0.2 * AHEAD[:, None] - 0.1 * LEFT
-    np.testing.assert_allclose(heights[0], truth, atol=3e-3)
-    seen = np.isfinite(heights[1])
-    assert 0.5 < seen.mean() < 1
-    np.testing.assert_allclose(heights[1][seen], truth[seen], atol=3e-3)
-    grid.clear()
-    assert np.isnan(grid.heights().numpy()).all()
 
 
 def test_walking_robots_see_the_stairs_they_walk_on():

@@ -4,8 +4,6 @@ import abc
 import copy
 from importlib import import_module
 import pickle
-import subprocess
-import sys
 from types import SimpleNamespace
 
 from batches import scenes
@@ -48,17 +46,6 @@ def test_the_class_is_found_by_its_name_and_pickles(base):
     assert getattr(import_module(term.__module__), term.__name__) is term
     assert pickle.loads(pickle.dumps(term)) is term  # noqa: S301 (our own)
     assert copy.deepcopy({'func': term})['func'] is term
-
-
-def test_another_process_finds_the_class():
-    term = noisy_depth(abc.ABC)
-    code = (
-        'import abc, importlib, pickle, sys\n'
-        f'term = getattr(importlib.import_module({term.__module__!r}), {term.__name__!r})\n'
-        'assert issubclass(term, abc.ABC)\n'
-        'assert pickle.load(sys.stdin.buffer) is term\n'
-    )
-    subprocess.run([sys.executable, '-c', code], input=pickle.dumps(term), check=True)
 
 
 def counted(step, kind):

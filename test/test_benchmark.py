@@ -1,7 +1,6 @@
 """The benchmark harness: seeds, seals, scores and resumption, on answers made by hand."""
 
 import argparse
-from collections import Counter
 from dataclasses import replace
 import json
 
@@ -143,28 +142,6 @@ def test_the_full_design_has_all_groups_and_strengths():
     assert not others & set(quiet)
 
 
-def test_each_half_of_the_design_has_half_of_each_group():
-    cases = make_design(DEVELOPMENT, quick=False)
-    kinds = [
-        Counter((case.group, case.pose_mm, case.strength) for case in cases if case.half == half)
-        for half in (0, 1)
-    ]
-    assert kinds[0].keys() == kinds[1].keys()
-    for kind, count in kinds[0].items():
-        assert abs(count - kinds[1][kind]) <= 2, kind
-    # The first half alone shows each effect at each of the strengths that goals are set for.
-    for strength in (0.5, 1.0):
-        singles = [c for c in cases if c.group == 'single' and c.half == 0 and c.pose_mm == 2.0]
-        some = Counter(name for c in singles for name, x in c.effects.items() if x == strength)
-        assert some == dict.fromkeys(CATALOGUE, 2)
-
-
-def test_the_first_half_runs_first(tmp_path, design):
-    later = [replace(case, half=1) for case in design[::2]]
-    sealed = seal([*later, *design[1::2]], tmp_path / 'sealed', tmp_path, {})
-    assert [case.half for case in sealed.cases.values()] == [0, 0, 0, 1, 1, 1]
-
-
 def test_labels_are_sealed(tmp_path, design):
     public, sealed = tmp_path / 'public', tmp_path / 'sealed'
     first = seal(design, sealed, public, {'seed_set': 'dev'})
@@ -231,22 +208,6 @@ def test_a_run_is_finished_from_the_answers_of_an_earlier_part(tmp_path, design)
     assert read_answers(file).planned == len(design)
     with pytest.raises(InputError, match='must leave cases to run'):
         run(tmp_path / 'third', earlier=read_answers(file))
-
-
-def test_an_earlier_part_must_be_of_the_same_run(tmp_path, design):
-    file = tmp_path / 'answers.jsonl'
-    run(tmp_path / 'first', limit=1)
-    scores = score(tmp_path / 'first', partly=True)
-    for name, value in ('code', 'of another version'), ('seed_set', 'test'), ('quick', True):
-        write_answers(replace(scores, commitment={**scores.commitment, name: value}), file)
-        with pytest.raises(InputError, match=f'--earlier: must be of a run with the same {name}'):
-            run(tmp_path / 'later', earlier=read_answers(file))
-    for text in ('', 'no JSON', '{"commitment": {}}', '{}\n[1]'):
-        file.write_text(text)
-        with pytest.raises(InputError, match='--earlier: must be the answers of a benchmark'):
-            read_answers(file)
-    with pytest.raises(InputError, match='cannot be read'):
-        read_answers(tmp_path / 'absent')
 
 
 def test_the_diagnosis_sees_recordings_and_nothing_else(tmp_path, design):

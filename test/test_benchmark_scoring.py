@@ -1,18 +1,15 @@
 """How the benchmark scores a diagnosis, on answers made by hand."""
 
-from io import StringIO
 import math
 
 from made_answers import said, small
 import numpy as np
 import pytest
-from rich.console import Console
 from study.benchmark.goals import reach
 from study.benchmark.overlap import overlap
 from study.benchmark.partition import COVARIATES
 from study.benchmark.physics import DEPENDS_ON
-from study.benchmark.report import print_report
-from study.benchmark.scoring import answer_of, macro_f1, Scores, wilson
+from study.benchmark.scoring import answer_of, Scores
 from study.blind import CATALOGUE
 
 # Pixels of which the first half is affected.
@@ -149,13 +146,6 @@ def test_goals_on_the_realised_reduction_and_its_prediction():
     assert coverage[1].startswith('50.0 %')
 
 
-def test_goals_without_cases_are_left_open():
-    rows = rows_of(answer('none', {}, said('none')))
-    assert rows['two effects: both named'] == ('>= 85 %', '-', '-')
-    assert rows['no effect, poses wrong by 2 mm: false alarms'][2] == 'yes'
-    assert rows['expected calibration error of `confidence`, all cases'][2] == '-'
-
-
 def test_confidences_of_absent_effects_are_a_calibration_error():
     # Made diagnoses have a confidence of 0.9 in each effect that they name.
     right = answer('single', {'offset': 1.0}, said('identified', ('offset',)))
@@ -163,36 +153,3 @@ def test_confidences_of_absent_effects_are_a_calibration_error():
     row = 'expected calibration error of `confidence`, all cases'
     assert rows_of(*9 * [right], wrong)[row] == ('<= 0.05', '0.000 (10)', 'yes')
     assert rows_of(right, wrong)[row] == ('<= 0.05', '0.400 (2)', 'NO')
-
-
-def test_tables_lose_nothing_in_80_columns():
-    answers = []
-    for name in CATALOGUE:
-        planned = small('single', {name: 1.0}, 1, realise=True, baselines=True)
-        result = {
-            'diagnosis': said('partly', (name,)),
-            'seconds': 1.0,
-            'cpu_seconds': 0.9,
-            'realised': {'shrink': 0.7, 'before': 5.0, 'null': 1.0},
-            'baselines': {'in-sample BIC': 'offset'},
-        }
-        answers.append(answer_of(planned, result, {}, PIXELS))
-    file = StringIO()
-    scores = Scores(tuple(answers), {'cases': len(answers)})
-    print_report(scores, Console(file=file, width=80, markup=False))
-    text = file.getvalue()
-    assert max(map(len, text.splitlines())) <= 80
-    assert '…' not in text
-    for name in CATALOGUE:
-        assert f' {name} ' in text
-
-
-def test_wilson_and_macro_f1():
-    assert wilson(0, 0) == (0.0, 1.0)
-    low, high = wilson(95, 100)
-    assert (low, high) == pytest.approx((0.888, 0.978), abs=0.001)
-    assert wilson(0, 10)[0] == 0.0
-    assert wilson(10, 10)[1] == pytest.approx(1.0)
-    pairs = [('offset', 'offset'), ('wiggling', 'offset'), ('none', 'none'), ('ghost', 'wiggling')]
-    # offset: 1 of 1 + 2; wiggling: 0 of 1 + 1.
-    assert macro_f1(pairs) == pytest.approx((2 / 3 + 0) / 2)

@@ -12,10 +12,8 @@ from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
-from programs import run_python
 import pytest
 from study.blind import BlindCamera, Case, CATALOGUE, NOVEL, SceneKey, SceneSet
-from study.blind.partial_truth import hide_truth
 from study.blind.rooms import KINDS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -71,36 +69,12 @@ def test_edges_move_with_the_papers_sigma_x(usecase):
     assert gross[1] > 0.02
 
 
-def test_two_frequencies_are_unwrapped_in_mode_9():
-    # Nothing but phases goes in; on surfaces near enough for both frequencies it never fails.
-    seen = plain(CLOSE, MODES[1])
-    # (Edges jump too, but by less than a wrap.)
-    assert np.abs(seen.error[seen.flat & ~seen.invalid]).max() < 1.5
-    wrong = Look({'range_wrap': 2.0}, FAR, MODES[1])
-    jumps = np.abs(wrong.error[wrong.flat & ~wrong.invalid])
-    jumps = jumps[jumps > 1.0]
-    assert len(jumps) > 100
-    # Both frequencies are off by a turn: 1.87 and 2.50 m of range, 2.10 weighted, less obliquely.
-    assert 1.6 < np.median(jumps) < 2.3
-
-
 def test_catalogue_is_complete_and_novel_effects_are_not_in_it():
     assert set(CATALOGUE) == NAMES
     assert len(NOVEL) >= 8
     assert not set(NOVEL) & NAMES
     with pytest.raises(InputError, match='offset'):
         BlindCamera(Case(SceneKey(MODES[0], 1, width=16, height=12), {'no_such': 1.0}))
-
-
-@pytest.mark.parametrize('usecase', MODES)
-def test_effects_of_strength_zero_change_nothing(usecase):
-    for name in sorted(NAMES - {'saturation', 'grazing_dropout'}):
-        here = scenes(usecase)
-        cameras = [BlindCamera(Case(here.key, effects, 3), here) for effects in ({}, {name: 0.0})]
-        one, other = (next(iter(camera.frames(CLOSE))).depth for camera in cameras)
-        same = np.isclose(one, other, rtol=0, atol=2e-4, equal_nan=True)
-        # A footprint knows the slants at edges better than the depth image does.
-        assert same.mean() > 0.997, name
 
 
 @pytest.mark.parametrize('name', sorted(NOVEL))
@@ -133,21 +107,6 @@ def test_a_campaign_is_made_of_recordings(tmp_path):
         assert recording.reflectivity is not None
         assert recording.extra['uptime'].shape == (8,)
         assert {'effects', 'seed', 'strength'}.isdisjoint(recording.extra)
-
-
-def test_a_part_of_the_ground_truth_can_be_hidden(tmp_path):
-    key = SceneKey('Mode_9_30fps', 3, 0.0, 64, 49, 4, 3)
-    shown, hidden = tmp_path / 'shown', tmp_path / 'hidden'
-    for folder in (shown, hidden):
-        folder.mkdir()
-        BlindCamera(Case(key, {}, 5)).record(folder)
-    hide_truth(hidden, 5)
-    for path in sorted(shown.iterdir()):
-        before, after = (load_recording(folder / path.name) for folder in (shown, hidden))
-        assert np.array_equal(before.depth, after.depth, equal_nan=True)
-        known = np.isfinite(after.clean_depth)
-        assert 0.3 < known.mean() <= 0.7
-        assert np.array_equal(after.clean_depth[known], before.clean_depth[known])
 
 
 def test_nuisances_are_always_on():
@@ -211,18 +170,6 @@ def test_the_blind_camera_and_the_diagnosis_import_nothing_of_each_other(package
         if any(name == root or name.startswith(f'{root}.') for root in forbidden)
     }
     assert not met
-
-
-def test_importing_the_blind_camera_loads_no_effects():
-    loaded = run_python(
-        '-c', 'import sys, study.blind; print(*sys.modules)', check=True, cwd=ROOT
-    ).stdout.split()
-    assert 'study.blind.campaign' in loaded
-    assert not [
-        name
-        for name in loaded
-        if name.startswith(('flexx2_sim_ros.gap', 'flexx2_sim_ros.effects'))
-    ]
 
 
 def test_the_blind_camera_shares_only_geometry_and_the_papers_sigma():

@@ -17,7 +17,6 @@ from blind_looks import (
 import numpy as np
 import pytest
 from study.blind import BlindCamera, Case, Internals
-from study.blind.sensor import LIGHT_SPEED
 
 
 def test_offset_and_drift_add_the_same_distance_everywhere():
@@ -186,62 +185,6 @@ def test_pose_and_intrinsics_move_the_scene():
 def with_inside(effect, recording, **inside):
     """Return what a camera with an effect sees that differs inside from its profile."""
     return Look({effect: 1.0}, recording, inside=Internals(**inside))
-
-
-def test_a_median_keeps_most_of_the_noise_off():
-    seen = with_inside('spatial_filter', CLOSE, window='median', window_px=3)
-    assert seen.spread() == pytest.approx(0.166**0.5 * plain(CLOSE).spread(), rel=0.15)
-
-
-def test_wells_that_overflow_blind_their_columns():
-    alone, bleeding = (with_inside('saturation', CLOSE, bleed_px=reach) for reach in (0.0, 6.0))
-    more = bleeding.invalid & ~alone.invalid
-    assert not (alone.invalid & ~bleeding.invalid).any()
-    assert more.mean() > 0.01
-    # Each lies in a column with a full well.
-    assert (alone.invalid.any(axis=1)[:, None] | ~more).all()
-
-
-def test_a_lens_has_two_focal_lengths_and_tangential_distortion():
-    usual, other = (
-        with_inside('intrinsics_error', BOARD, aspect=aspect, tangential=aspect / 4)
-        for aspect in (0.0, 0.04)
-    )
-    surface = usual.flat[0] & other.flat[0]
-    apart = np.nanmean(other.depth - usual.depth, axis=0)[surface]
-    assert np.nanstd(apart) > 2e-3
-
-
-def test_an_axial_camera_adds_its_delay_to_depth():
-    radial, axial = (with_inside('offset', CLOSE, axial=flag) for flag in (False, True))
-    corner = np.zeros(radial.clean.shape, bool)
-    corner[:, :12, :12] = corner[:, -12:, -12:] = True
-    shares = [look.bias(corner) / look.bias(~corner) for look in (radial, axial)]
-    # In the corners a ray is a fifth longer than its depth.
-    assert shares[0] < 0.93
-    assert shares[1] == pytest.approx(1, abs=0.03)
-
-
-def test_one_frequency_folds_at_its_own_range():
-    seen = with_inside('range_wrap', FAR, mhz=60.24)
-    length = scenes(MODES[0]).optics.ray_length
-    jumps = ((seen.clean - seen.depth) * length)[seen.flat & ~seen.invalid]
-    folded = jumps[jumps > 1]
-    assert len(folded) > 100
-    times = folded / (LIGHT_SPEED / 2 / 60.24e6)
-    assert np.median(np.abs(times - np.rint(times))) < 0.02
-
-
-def test_a_mean_of_frames_forgets_older_ones():
-    def alike(look, lag):
-        rest = look.residual - np.nanmean(look.residual, axis=0)
-        return correlation(rest[lag:], rest[:-lag], look.flat[lag:] & look.flat[:-lag])
-
-    mean = with_inside('temporal_filter', CLOSE, memory='mean', memory_frames=2)
-    # The mean over the eight frames of a scene is subtracted, so that frames without noise in
-    # common are alike by less than 0.
-    assert alike(mean, 1) > 0.25
-    assert alike(mean, 3) < 0
 
 
 def test_random_losses_depend_on_nothing():

@@ -1,7 +1,5 @@
 """What a camera info says of an image: binning, regions, rectified images and empty matrices."""
 
-import dataclasses
-
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.camera_info import (
@@ -12,15 +10,11 @@ from flexx2_sim_ros.messages.camera_info import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-import numpy as np
 import pytest
 
 SIZE = 172, 224
 K = [210.6, 0.0, 113.0, 0.0, 212.9, 84.0, 0.0, 0.0, 1.0]
-P = [190.0, 0.0, 112.0, 0.0, 0.0, 192.0, 86.0, 0.0, 0.0, 0.0, 1.0, 0.0]
 OWN = Intrinsics(224, 172, 210.6, 212.9, 113.0, 84.0)
-RECTIFIED = Intrinsics(224, 172, 190.0, 192.0, 112.0, 86.0)
-UNIT = np.eye(3).ravel().tolist()
 
 
 def fields(**changes):
@@ -81,12 +75,6 @@ def test_a_matrix_of_the_image_beside_binning_and_region_is_left(message):
     assert bool(notes) != whole
 
 
-def test_a_full_sensors_matrix_under_the_size_of_the_image():
-    message = fields(k=[421.2, 0, 223.5, 0, 425.8, 171.5, 0, 0, 1], binning_x=2, binning_y=2)
-    camera = decode_camera_info(message, size=SIZE)
-    assert camera == Intrinsics(224, 172, 210.6, 212.9, 111.5, 85.5)
-
-
 def test_another_size_stays_another_size():
     message = fields(height=480, width=640, binning_x=3, binning_y=3)
     camera = decode_camera_info(message, size=SIZE)
@@ -95,30 +83,6 @@ def test_another_size_stays_another_size():
     assert decode_camera_info(message).width == 213
     with pytest.raises(InputError, match='image size: must be'):
         decode_camera_info(fields(height=0, width=0), size=SIZE)
-
-
-def test_a_rectified_image_has_the_projection_and_no_distortion():
-    bent = fields(d=[0.1, -0.2, 0.0, 0.0, 0.1], p=P)
-    assert decode_camera_info(bent, rectified=True) == RECTIFIED
-    assert decode_camera_info(bent).distortion[0] == 0.1
-    assert decode_camera_info(bent).fx == 210.6
-    # Without distortion, nothing needs a projection.
-    assert decode_camera_info(fields(), rectified=True) == OWN
-    with pytest.raises(InputError, match='^info: P: must be .*, got zeros$'):
-        decode_camera_info(dataclasses.replace(bent, p=[0.0] * 12), 'info', rectified=True)
-    with pytest.raises(InputError, match='^info: P: must be '):
-        decode_camera_info(dataclasses.replace(bent, p=[0.5, *P[1:]]), 'info', rectified=True)
-
-
-@pytest.mark.parametrize('k', [UNIT, [0.0] * 9])
-def test_an_empty_matrix_gives_way_to_the_projection(k):
-    notes = []
-    assert decode_camera_info(fields(k=k, p=P), 'info', notes=notes) == RECTIFIED
-    assert notes[0].startswith('info: K: ')
-    assert notes[0].endswith('no calibration: P is used')
-    for others in ({}, {'p': P, 'd': [0.1]}, {'p': [*UNIT[:3], 0, *UNIT[3:6], 0, *UNIT[6:], 0]}):
-        with pytest.raises(InputError, match='^info: K: must be'):
-            decode_camera_info(fields(k=k, **others), 'info')
 
 
 @pytest.mark.parametrize('model', ['equidistant', 'fisheye', 'equi'])

@@ -2,7 +2,6 @@
 
 import math
 
-from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.camera.frame import gray_image
 from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.processing import load_chain
@@ -202,55 +201,6 @@ def test_the_node_publishes_the_librarys_frames_bit_for_bit():
         assert same(points[..., 3], frame.confidence)
         headers = [seen.messages(topic)[0].header for topic in (DEPTH, INFO, CLOUD, GRAY, NOISE)]
         assert all(header == headers[0] for header in headers)
-
-
-def test_cameras_and_stamps_have_independent_noise():
-    """Assert two cameras differ, and that what was dropped before a frame does not matter."""
-    stamps = input_stamps(49)
-    shown = {}
-    for namespace in ('/left', '/right', '/left '):
-        with stream(DEPTH, namespace=namespace.strip()) as seen:
-            # The third camera is the first one again, and misses some of its input.
-            for stamp in stamps if namespace != '/left ' else stamps[::8]:
-                seen.show(boards(), stamp)
-            shown[namespace] = {
-                nanoseconds(message): array_of(message) for message in seen.messages(DEPTH)
-            }
-    left, right, again = shown.values()
-    assert set(left) == set(right) == set(again)
-    assert len(left) == 7
-    for stamp, depth in left.items():
-        assert same(depth, again[stamp])
-        valid = np.isfinite(depth) & np.isfinite(right[stamp])
-        assert (depth[valid] != right[stamp][valid]).mean() > 0.99
-
-
-def test_heavy_topics_are_filled_only_for_subscribers(monkeypatch):
-    called = []
-    for name in ('points', 'gray_image'):
-        monkeypatch.setattr(
-            f'flexx2_sim_ros.nodes.camera_outputs.{name}', lambda *_: called.append('heavy')
-        )
-    monkeypatch.setattr('flexx2_sim_ros.camera.camera.Camera.capture', _counted(called))
-    with stream(INFO) as seen:
-        called.clear()  # The node warms up.
-        assert seen.show(boards(), START)
-        assert not called
-        seen.listen_to(DEPTH)
-        assert seen.show(boards(), START + SECOND)
-        assert called == ['capture']
-        assert [nanoseconds(m) for m in seen.messages(INFO)] == [START, START + SECOND]
-        assert len(seen.messages(DEPTH)) == 1
-
-
-def _counted(called):
-    capture = Camera.capture
-
-    def counted(*arguments):
-        called.append('capture')
-        return capture(*arguments)
-
-    return counted
 
 
 def test_invalid_value_and_frame_id():

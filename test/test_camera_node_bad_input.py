@@ -5,7 +5,6 @@ import itertools
 
 import numpy as np
 import pytest
-import streams
 from streams import DEPTH, FLEXX2, GRAY, image_message, info_message, stream
 
 SECOND = 1_000_000_000
@@ -115,21 +114,6 @@ def test_bad_input(kind, spoil, parts):
         assert seen.camera._statistics.published == frames + 1
 
 
-def test_another_error_after_a_missing_camera_info():
-    with stream(DEPTH) as seen:
-        for index in range(2):  # The second image ends the wait of the first for its camera info.
-            seen.publish(image=image_message(WALL, (1 + index) * SECOND))
-        seen.spin_until(lambda: seen.logged('clean/camera_info: must come with every image'))
-        messages = _three(5 * SECOND)
-        messages['image'] = image_message(WALL, 5 * SECOND, encoding='mono8')
-        seen.publish(**messages)
-        seen.spin_until(
-            lambda: seen.logged("encoding: must be 32FC1 or 64FC1 or 16UC1, got 'mono8'")
-        )
-        assert not seen.logged('internal error')
-        assert seen.send(**_three(6 * SECOND))
-
-
 @pytest.mark.parametrize(
     ('spoil', 'parts'),
     [
@@ -166,36 +150,6 @@ def test_warnings_are_rate_limited():
         seen.spin_until(lambda: seen.logged('input rejected'))
         assert len(seen.logged('input rejected', 'data: must be')) < 5
         assert len(seen.logged('input rejected', 'K: fx: must be')) < 5
-
-
-def test_two_clocks_at_once_do_not_fill_the_log():
-    with stream() as seen:
-        for index in range(1, 30):
-            for clock in (0, 1_700_000_000):
-                assert seen.send(**_three((clock + index) * SECOND))
-        seen.spin_until(lambda: seen.logged('went back'))
-        assert len(seen.logged('went back')) < 5
-
-
-def test_rejection_is_in_the_diagnostics():
-    with stream() as seen:
-        assert seen.send(**_three(SECOND))
-        seen.next_diagnostics()
-        messages = _three(2 * SECOND)
-        messages['info'].k[0] = 0.0
-        assert not seen.send(**messages)
-        report = seen.next_diagnostics()
-        assert report.level != streams.DiagnosticStatus.OK  # an error after a second
-        assert (
-            'clean/camera_info: K: fx: must be 0.001 to 1,000,000 pixels, got 0.0'
-            in report.message
-        )
-        assert seen.send(**_three(3 * SECOND))
-        report = seen.next_diagnostics()
-        assert report.level == streams.DiagnosticStatus.OK
-        values = {pair.key: pair.value for pair in report.values}
-        assert values['inputs rejected'] == '1'
-        assert values['frames published'] == '2'
 
 
 @pytest.fixture(scope='module')

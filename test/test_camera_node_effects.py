@@ -261,17 +261,6 @@ def test_effects_forget_past_frames_when_stamps_go_back_or_the_mode_changes():
         assert not np.isclose(seen.depths()[-1], went_on, atol=1e-4).all()
 
 
-def test_a_shorter_exposure_saturates_less():
-    with stream(DEPTH, GRAY, auto_exposure_0=False, **{'effect.saturation.strength': 1.0}) as seen:
-        lost = []
-        for step, exposure in enumerate((370, 90)):
-            assert seen.set(exposure_time_0=exposure).successful
-            seen.show(scene(), START + step * PERIOD)
-            lost.append(np.isnan(seen.depths()[-1][:, :40]).mean())
-        assert lost[0] > 0.6
-        assert lost[1] < 0.02
-
-
 def test_effects_need_to_know_the_frequencies(tmp_path):
     first, *others = flexx2().modes
     path = tmp_path / 'camera.yaml'
@@ -291,16 +280,3 @@ def test_effects_need_to_know_the_frequencies(tmp_path):
         assert 'modulation_hz' in refused.reason
         assert seen.show(scene(), START)
         assert load_effects('offset')[0].strength == 1.0
-
-
-def test_a_map_of_another_size_is_refused_at_the_start(tmp_path):
-    path = tmp_path / 'other.yaml'
-    save_effects(path, parse_effects({'fixed_pattern': {'pattern': np.zeros((86, 112))}}))
-    sentence = 'fixed_pattern.pattern: must be a map of 224 x 172 pixels.*got 112 x 86'
-    with pytest.raises(InputError, match=sentence), stream(DEPTH, effects=str(path)):
-        pass
-    with stream(DEPTH) as seen:
-        refused = seen.set(effects=str(path))
-        assert not refused.successful
-        assert '112 x 86' in refused.reason
-        assert seen.show(scene(), START)

@@ -1,8 +1,5 @@
 """Several cameras in one process: each is a node of its own, and none stops the others."""
 
-import subprocess
-import sys
-
 from programs import node_words, PATIENCE, started
 import pytest
 from rcl_interfaces.msg import ParameterType
@@ -102,12 +99,3 @@ def test_cameras_share_a_process(robot):
     assert 'error: wrong: usecase: must be one of Mode_5_15fps' in said
     assert 'error: /robot/left: namespace: must be given once' in said
     assert 'Traceback' not in said
-
-
-def test_a_process_without_a_camera_ends(child_env):
-    command = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', '-p', 'usecase:=x']
-    done = subprocess.run(
-        command, env=child_env, capture_output=True, text=True, timeout=PATIENCE, check=False
-    )
-    assert done.returncode == 1
-    assert 'error: -p: namespace: must be a name' in done.stderr

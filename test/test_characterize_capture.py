@@ -69,27 +69,6 @@ def test_an_interrupted_capture_resumes(tmp_path, camera):
     assert len(characterize(tmp_path).modes[0].cells) == 4
 
 
-def test_a_capture_replaces_what_another_one_recorded(tmp_path, camera):
-    wanted = conditions(camera, ['Mode_5_30fps'], [0.5], [0])
-    path = next(capture(tmp_path, wanted, camera, frames=3))[0]
-    noisy = replace(
-        camera,
-        modes=tuple(
-            replace(mode, noise=replace(mode.noise, a=2 * mode.noise.a)) for mode in camera.modes
-        ),
-    )
-    for profile, frames, seed, named in (
-        (camera, 4, 0, 'shape: must be (4, 60, 80), got (3, '),
-        (camera, 4, 1, 'seed: differs'),
-        (noisy, 4, 1, 'depth: differs'),
-    ):
-        said = []
-        assert dict(
-            capture(tmp_path, wanted, profile, frames=frames, seed=seed, say=said.append)
-        ) == {path: True}
-        assert named in said[0]
-
-
 @pytest.mark.parametrize('lost', [('seed',), ('seed', 'K')])
 def test_a_capture_overwrites_no_real_recording(lost, tmp_path, camera):
     wanted = conditions(camera, ['Mode_5_30fps'], [0.5], [0])
@@ -100,22 +79,6 @@ def test_a_capture_overwrites_no_real_recording(lost, tmp_path, camera):
     with pytest.raises(InputError, match='not overwritten'):
         list(capture(tmp_path, wanted, camera, frames=3))
     assert path.read_bytes() == before
-
-
-def test_a_distorted_camera_sees_the_same_board(tmp_path, camera):
-    bent = replace(
-        camera,
-        intrinsics=replace(
-            camera.intrinsics, cx=36.0, cy=31.0, distortion=(0.05, 0.0, 0.001, 0.0, 0.0)
-        ),
-    )
-    wanted = conditions(bent, ['Mode_9_30fps'], [0.5], [30])
-    ((path, _),) = capture(tmp_path, wanted, bent, frames=2)
-    with np.load(path, allow_pickle=False) as recording:
-        clean = recording['clean_depth']
-        x, _ = pixel_rays(bent.intrinsics)
-        np.testing.assert_allclose(clean, 0.5 / (1 - np.tan(np.radians(30)) * x), rtol=2e-3)
-        np.testing.assert_array_equal(recording['distortion'], bent.intrinsics.distortion)
 
 
 def test_a_lens_that_distorts_changes_no_result(tmp_path, camera):

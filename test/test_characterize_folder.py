@@ -326,16 +326,3 @@ def test_a_box_says_where_the_board_is(tmp_path):
     assert inner.edges == ()
     with pytest.raises(InputError, match='box: must be x0 y0 x1 y1 within 80 x 60, got'):
         characterize(tmp_path, box=(2, 2, 90, 26))
-
-
-def test_single_frames_beside_one_with_several_are_named(tmp_path):
-    whole, *others = good(tmp_path)
-    for path in others:
-        with np.load(path) as arrays:
-            frame = {key: arrays[key][:1] for key in ('depth', 'stamp')}
-            np.savez(path, **{**arrays, **frame})
-    result = characterize(tmp_path)
-    assert [m.path for m in result.modes[0].measurements] == [whole]
-    reasons = zip(sorted(others), result.left_out, strict=True)
-    assert all(path.name in reason for path, reason in reasons)
-    assert all('another recording of its mode has, got 1' in text for text in result.left_out)

@@ -2,11 +2,9 @@
 
 import math
 from pathlib import Path
-import warnings
 
-from boards import board, K, mean_kl
-from flexx2_sim_ros.characterize.amplitude import count_invalid, EDGES, sigma_against
-from flexx2_sim_ros.characterize.axial_fit import EXPONENTS, fit_axial, NAMES
+from boards import board
+from flexx2_sim_ros.characterize.axial_fit import fit_axial, NAMES
 from flexx2_sim_ros.characterize.board_finding import find_board
 from flexx2_sim_ros.characterize.conditions import Condition, parse_name
 from flexx2_sim_ros.characterize.edge_jitter import (
@@ -16,53 +14,13 @@ from flexx2_sim_ros.characterize.edge_jitter import (
     measure_edge,
 )
 from flexx2_sim_ros.characterize.histogram import bin_edges, storage_step
-from flexx2_sim_ros.characterize.moments import Accumulator
-from flexx2_sim_ros.characterize.plane import fit_plane, ransac_plane
-from flexx2_sim_ros.characterize.tiles import gaussian_kl, kl_floor, spatial_tiles, Tiles
+from flexx2_sim_ros.characterize.tiles import gaussian_kl, Tiles
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.modes import flexx2, NoiseModel
 from flexx2_sim_ros.recording.opening import find_recordings
 import numpy as np
 import pytest
 from scipy import stats
-
-
-@pytest.mark.parametrize('angle', [0, 30, 60, 75])
-@pytest.mark.parametrize('turn', ['yaw', 'pitch'])
-def test_a_plane_is_exact_at_any_slant(angle, turn):
-    target = board(1.7, angle, size=(60, 80), turn=turn)
-    v, u = np.indices(target.depth.shape)
-    plane = fit_plane(u.ravel(), v.ravel(), target.depth.ravel())
-    np.testing.assert_allclose(plane.depth(u, v), target.depth, rtol=1e-5)
-    np.testing.assert_allclose(plane.incidence(u, v, target.K), target.incidence, atol=1e-4)
-    cx, cy = target.K[:2, 2]
-    assert math.degrees(float(plane.incidence(cx, cy, target.K))) == pytest.approx(angle, abs=0.01)
-
-
-def test_noise_does_not_bend_the_plane():
-    """Assert no bias from fitting inverse depth: the mean of 60 within 6 standard errors."""
-    target = board(1.0, 45, size=(40, 60))
-    v, u = np.indices(target.depth.shape)
-    generator = np.random.default_rng(1)
-    found = [
-        fit_plane(
-            u.ravel(),
-            v.ravel(),
-            (target.depth + 0.05 * generator.standard_normal(target.depth.shape)).ravel(),
-        ).depth(30, 20)
-        for _ in range(60)
-    ]
-    assert abs(np.mean(found) - target.depth[20, 30]) < 6 * np.std(found) / math.sqrt(60)
-
-
-def test_ransac_takes_the_larger_plane():
-    generator = np.random.default_rng(2)
-    near, far = board(1.0, 20, size=(40, 60)), board(2.5, 0, size=(40, 60))
-    mixed = np.where(generator.random((40, 60)) < 0.65, near.depth, far.depth)
-    mixed = mixed + 0.003 * generator.standard_normal(mixed.shape)
-    v, u = np.indices(mixed.shape)
-    plane = ransac_plane(u.ravel(), v.ravel(), mixed.ravel(), 0.02)
-    np.testing.assert_allclose(plane.depth(u, v), near.depth, rtol=3e-3)
 
 
 def test_the_board_is_found_up_to_its_edges():
@@ -88,69 +46,6 @@ def test_tiles_that_are_too_steep_are_left_out():
     found = find_board(target.depth, 0.002, target.K)
     assert np.degrees(target.incidence[found.region]).max() < 70.1
     assert np.degrees(target.incidence[~found.region]).min() > 69.9
-
-
-@pytest.mark.parametrize('size', [(0, 0), (8, 8)])
-def test_a_board_outside_the_image_is_refused(size):
-    depth = np.full((172, 224), np.nan)
-    depth[80 : 80 + size[0], 100 : 100 + size[1]] = 1.0
-    with pytest.raises(InputError, match='must have at least 100'):
-        find_board(depth, 0.001, K)
-    scattered = np.random.default_rng(4).uniform(0.5, 5.0, (172, 224))
-    with pytest.raises(InputError, match='board: '):
-        find_board(scattered, 0.001, K)
-
-
-def test_moments_agree_with_numpy():
-    generator = np.random.default_rng(5)
-    depth = (2 + 0.01 * generator.standard_normal((40, 6, 7))).astype(np.float32)
-    depth[generator.random(depth.shape) < 0.1] = np.nan
-    depth[:, 2, 3] = np.nan
-    sums = Accumulator(np.full((6, 7), 1.99))
-    for start in range(0, 40, 7):
-        sums.add(depth[start : start + 7])
-    found = sums.moments()
-    exact = np.where(np.isfinite(depth), depth, np.nan).astype(np.float64)
-    with warnings.catch_warnings():
-        warnings.simplefilter('ignore', RuntimeWarning)  # of the pixel that is never valid
-        mean = np.nanmean(exact, axis=0)
-        third, fourth = (np.nanmean((exact - mean) ** power, axis=0) for power in (3, 4))
-        np.testing.assert_array_equal(found.count, np.isfinite(exact).sum(axis=0))
-        np.testing.assert_allclose(found.mean, mean, rtol=1e-12)
-        np.testing.assert_allclose(found.variance, np.nanvar(exact, axis=0, ddof=1), rtol=1e-9)
-        np.testing.assert_allclose(found.third, third, atol=1e-12)
-        np.testing.assert_allclose(found.fourth, fourth, rtol=1e-9)
-    pairs = np.isfinite(exact[:, 1, 1]) & np.isfinite(exact[:, 1, 2])
-    assert found.right[1, 1] == pytest.approx(np.cov(exact[pairs, 1, 1], exact[pairs, 1, 2])[0, 1])
-    pairs = np.isfinite(exact[:, 0, 4]) & np.isfinite(exact[:, 1, 4])
-    assert found.down[0, 4] == pytest.approx(np.cov(exact[pairs, 0, 4], exact[pairs, 1, 4])[0, 1])
-    assert np.isnan(found.right[:, -1]).all()
-    assert np.isnan(found.down[-1]).all()
-
-
-def test_the_divergence_agrees_with_its_definition():
-    """Assert the closed form, and 0 for equals."""
-    grid = np.linspace(-30, 30, 200_001)
-    measured, model = stats.norm(0.7, 1.3).pdf(grid), stats.norm(0, 2.0)
-    exact = np.trapezoid(measured * (np.log(measured) - model.logpdf(grid)), grid)
-    assert float(gaussian_kl(1.69, 0.49, math.log(1.69), 2.0)) == pytest.approx(exact, rel=1e-6)
-    assert float(gaussian_kl(4.0, 0.0, math.log(4.0), 2.0)) == 0.0
-
-
-@pytest.mark.parametrize('frames', [2, 5, 300])
-def test_the_finite_sample_bias_is_that_of_a_perfect_model(frames):
-    """
-    Assert its mean over 40,000 pixels, within 6 standard errors (false failures: 2e-9).
-
-    It is about 1 / frames.
-    """
-    samples = np.random.default_rng(6).standard_normal((frames, 40_000))
-    error = samples.var(axis=0, ddof=1)
-    each = gaussian_kl(error, samples.mean(axis=0) ** 2, np.log(error), 1.0)
-    assert abs(each.mean() - kl_floor(frames)) < 6 * each.std() / 200
-    assert each.mean() == pytest.approx(mean_kl(samples, np.zeros(40_000), np.ones(40_000)))
-    if frames > 100:
-        assert float(kl_floor(frames)) == pytest.approx(1 / frames, rel=0.01)
 
 
 @pytest.mark.parametrize('background', [2.2, math.nan])
@@ -214,17 +109,6 @@ def test_where_range_or_mask_end_is_no_edge(angle, limits, masked):
     assert not find_edges(found, typical, *limits, left_in)
 
 
-def test_invalid_pixels_at_an_edge_are_left_out():
-    """Assert a missing flying pixel moves no edge: its neighbours' middle is taken."""
-    depth = np.full((1, 20, 30), 1.0, np.float32)
-    depth[:, :, 16:] = 2.0
-    assert edge_sigma(depth, slice(5, 28)) == 0.0
-    depth[:, ::2, 15:17] = np.nan
-    assert edge_sigma(depth, slice(5, 28)) == 0.0
-    depth[:, :, :] = np.nan
-    assert edge_sigma(depth, slice(5, 28)) == 0.0
-
-
 def procedure_bias(sigma, step, noise):
     """Measure an edge, 4 px off upright, that a Gaussian displaces in every row and frame."""
     generator = np.random.default_rng(0)
@@ -248,12 +132,6 @@ def test_the_bias_of_the_procedure_is_known(sigma, measured):
     """
     assert measured == pytest.approx(math.sqrt(sigma**2 + 1 / 12), abs=1e-3)
     assert procedure_bias(sigma, 0.1, 0.01) == pytest.approx(measured, rel=0.03)
-
-
-def test_a_low_step_is_lost_in_noise():
-    """Assert that the largest gradient is no longer the edge: twice sigma at a step of 5."""
-    assert procedure_bias(0.864, 0.06, 0.01) > 1.5
-    assert procedure_bias(0.864, 0.05, 0.01) > 2.5
 
 
 def synthetic(noise, distances, angles, generator, scatter=0.0):
@@ -314,21 +192,6 @@ def test_standard_errors_have_their_coverage():
     assert 0.85 < np.mean(band) <= 1.0
 
 
-def test_n_is_swept_as_in_the_paper():
-    assert (EXPONENTS[0], EXPONENTS[-1], len(EXPONENTS)) == (-1.0, 3.0, 41)
-    fit = fit_axial(synthetic(MODE_9, DISTANCES, ANGLES, np.random.default_rng(9)))
-    assert fit.coefficients['n'] == 2.7
-    assert fit.sweep.argmin() == np.flatnonzero(EXPONENTS == 2.7)[0]
-    assert fit.interval_n[0] < 2.7 < fit.interval_n[1]
-    assert not fit.notes
-
-
-def test_an_undetermined_n_is_reported():
-    fit = fit_axial(synthetic(MODE_9, (0.9, 1.1, 1.3), ANGLES, np.random.default_rng(12), 0.3))
-    assert fit.interval_n[1] - fit.interval_n[0] > 4
-    assert any(note.startswith('n: not determined') for note in fit.notes)
-
-
 @pytest.mark.parametrize(
     ('distances', 'angles', 'held'),
     [
@@ -354,28 +217,6 @@ def test_noise_that_decreases_with_the_angle_is_reported():
     fit = fit_axial(synthetic(falling, DISTANCES, ANGLES, np.random.default_rng(11)))
     assert fit.coefficients['d'] == 0.0
     assert any('negative' in note for note in fit.notes)
-
-
-def test_single_frames_leave_a_plane_and_their_noise():
-    """Assert sigma within 2 %: 900 tiles of 61 degrees of freedom know it to 0.3 %."""
-    target = board(1.5, 30)
-    noisy = target.depth + 0.006 * np.random.default_rng(12).standard_normal(target.depth.shape)
-    amplitude = np.where(np.arange(224) % 64 < 32, 100.0, 900.0) * np.ones((172, 1))
-    found = find_board(noisy, 0.006, target.K, margin=3)
-    tiles = spatial_tiles(found, noisy, amplitude)
-    assert math.sqrt(tiles.variance.mean()) == pytest.approx(0.006, rel=0.02)
-    assert set(tiles.amplitude) == {100.0, 900.0}
-    curve = sigma_against(tiles)
-    np.testing.assert_allclose(curve.sigma, 0.006, rtol=0.05)
-
-
-def test_validity_is_counted_by_amplitude():
-    amplitude = np.array([[10.0, 10.0, 100.0, 0.0, -1.0, np.nan, 100.0]])
-    counts = count_invalid(amplitude, np.array([[True, False, True, False, False, True, False]]))
-    total = counts + counts
-    assert total.pixels.sum() == 8
-    assert total.invalid.sum() == 4
-    assert total.pixels[np.searchsorted(EDGES, 10.0) - 1] == 4
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import math
 
 from flexx2_sim_ros.batch.height_grid import HeightGrid as BatchHeightGrid
 from flexx2_sim_ros.consumers import CameraView
-from flexx2_sim_ros.consumers.elevation_map import ElevationMap, fuse
+from flexx2_sim_ros.consumers.elevation_map import ElevationMap
 from flexx2_sim_ros.consumers.ground import best_centre, find_ground, mounted
 from flexx2_sim_ros.consumers.height_grid import edge_error, height_errors, HeightGrid
 from flexx2_sim_ros.consumers.obstacle import NearestObstacle
@@ -97,21 +97,6 @@ def test_the_edge_of_a_step_is_measured_within_a_cell():
     assert height_errors(np.zeros((2, 2)), np.full((2, 2), np.nan)) == {}
 
 
-def test_a_cell_is_a_kalman_filter_with_a_gate():
-    heights, spread = np.full((1, 1), np.nan), np.zeros((1, 1))
-    low, high = np.full((1, 1), np.inf), np.full((1, 1), -np.inf)
-    points = np.array([[0.5, 0.5, 0.10], [0.5, 0.5, 0.12], [0.5, 0.5, 0.90], [5.0, 0.5, 0.1]])
-    variances = np.array([0.02**2, 0.01**2, 0.01**2, 0.01**2])
-    fuse(points[:2], variances[:2], (0.0, 0.0), 1.0, heights, spread, low, high)
-    weights = 1 / variances[:2]
-    assert heights[0, 0] == pytest.approx((weights * points[:2, 2]).sum() / weights.sum())
-    assert spread[0, 0] == pytest.approx(1 / weights.sum())
-    fuse(points[2:], variances[2:], (0.0, 0.0), 1.0, heights, spread, low, high)
-    assert heights[0, 0] < 0.13  # 0.9 m is far outside the gate
-    assert spread[0, 0] == pytest.approx(1 / weights.sum() + 0.003**2)
-    assert high[0, 0] == 0.9
-
-
 def test_voxels_of_a_shifted_wall_are_wrong():
     pytest.importorskip('pyoctomap')
     consumer = OccupancyMap()
@@ -131,10 +116,3 @@ def test_the_nearest_obstacle_is_found():
     assert consumer.errors(near, true)['wrong_presence'] == 0
     assert math.isinf(none.distance[0])
     assert consumer.errors(none, true)['wrong_presence'] == 100
-
-
-def test_sigma_is_that_of_the_profile_straight_on():
-    noise = MODE.noise
-    depth = np.array([0.5, 1.0, 2.0], np.float32)
-    expected = noise.a + noise.b * depth + noise.c * depth**2
-    np.testing.assert_allclose(look().sigma(depth), expected, rtol=1e-5)

@@ -7,7 +7,7 @@ from pathlib import Path
 import zipfile
 
 from flexx2_sim_ros.camera import Camera
-from flexx2_sim_ros.effects import Effect, load_effects, parse_effects, registry, save_effects
+from flexx2_sim_ros.effects import load_effects, parse_effects, registry, save_effects
 from flexx2_sim_ros.effects.presets import markdown, preset_files
 from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.effects.tables import plain
@@ -116,29 +116,10 @@ def test_a_ruined_file_is_named(text, tmp_path):
         load_effects(tmp_path / 'missing.yaml')
 
 
-@pytest.mark.parametrize(
-    ('line', 'got'), [('', 'none'), ('schema: 2\n', '2'), ("schema: '1'\n", "'1'")]
-)
-def test_a_file_of_another_schema_says_what_it_has(line, got, tmp_path):
-    path = tmp_path / 'other.yaml'
-    path.write_text(f'{line}effects: {{}}\n')
-    with pytest.raises(InputError, match=rf'schema: must be 1 .*, got {got}$'):
-        load_effects(path)
-
-
 @pytest.mark.parametrize('effects', [5, [5], ['offset'], None, [registry()['offset']]])
 def test_what_is_no_effect_is_refused(effects):
     with pytest.raises(InputError, match='^effects: must be'):
         Camera(effects=effects)
-
-
-def test_numbers_are_made_floats():
-    offset = registry()['offset']
-    for number in (0, np.float32(0.0), np.int8(0)):
-        effect = offset(bias=number)
-        assert type(effect.bias) is float
-        assert effect == offset(bias=0.0)
-    assert isinstance(offset(), Effect)
 
 
 CURVES = {

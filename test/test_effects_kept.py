@@ -109,24 +109,3 @@ def test_the_time_since_power_on_counts_every_frame(before, seen):
     camera.effects = {**before, 'warm_up_drift': {'bias': 0.1, 'tau': 900.0}}
     depth = camera.capture(wall, SMALL, 4500 * 10**9).depth[0, 0]
     assert depth == pytest.approx(1 + 0.1 * math.exp(-5), abs=1e-5)
-
-
-def test_a_filter_starts_with_the_frame_before_when_its_kernel_changes():
-    """Assert that frames of a mean are not taken for the outcome of a second filter."""
-    camera, wall = Camera(profile=QUIET), np.ones((4, 4))
-    camera.effects = {'temporal_filter': {'window': 16.0, 'gate': 1000.0}}
-    for step in range(8):
-        camera.capture(wall + 0.02 * step, SMALL, step / 30)
-    camera.effects = {'temporal_filter': {'share': 0.0, 'second': 0.98, 'gate': 1000.0}}
-    seen = camera.capture(wall + 0.16, SMALL, 8 / 30).depth
-    np.testing.assert_allclose(seen, 1.16, atol=1e-5)
-
-
-def test_a_latency_of_zero_keeps_no_frames():
-    wall, late = np.ones((4, 4)), {'time_offset': {'latency': 0.02}}
-    camera = Camera(effects=late, profile=QUIET)
-    camera.capture(wall, SMALL, np.arange(5) / 30)
-    camera.effects = {'time_offset': {'latency': 0.0}}
-    camera.capture(3 * wall, SMALL, np.arange(5, 35) / 30)
-    camera.effects = late
-    np.testing.assert_allclose(camera.capture(3 * wall, SMALL, 35 / 30).depth, 3.0, atol=1e-4)

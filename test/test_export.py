@@ -11,7 +11,6 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.export import measure_noise, TARGETS
-from flexx2_sim_ros.export.fits import fit_constant, fit_power, fit_structured_light
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
@@ -70,26 +69,6 @@ def test_configurations_in_python_are_one_call(name):
     *_, last = ast.parse(written(name)).body
     assert isinstance(last, ast.Assign)
     assert isinstance(last.value, ast.Call)
-
-
-def test_playground_has_the_spread_of_a_uniform_distribution():
-    noise = measure_noise(flexx2(), 'Mode_9_30fps')
-    sigma = fit_constant(noise.distance, noise.typical).values[0]
-    scale = float(written('mujoco_playground').split('depth=')[1].split(')')[0])
-    draws = np.random.default_rng(0).uniform(-scale, scale, 1_000_000)
-    assert draws.std() == pytest.approx(sigma, rel=0.01)  # 1 % is 22 standard errors
-
-
-def test_fits_find_what_they_are_given():
-    z = np.linspace(0.2, 4.0, 30)
-    fit = fit_power(z, 0.003 * z**2, 2, 'a z^2')
-    assert fit.values == pytest.approx((0.003,))
-    assert fit.worst == pytest.approx(1.0)
-    bowl = fit_structured_light(z, 0.002 + 0.003 * (z - 0.5) ** 2)
-    assert bowl.values[:3] == pytest.approx((0.002, 0.003, 0.5), rel=1e-3)
-    assert bowl.form == 'a + b (z - c)^2'
-    holes = fit_constant(z, np.where(z > 2, math.nan, 0.01))
-    assert holes.values == pytest.approx((0.01,))
 
 
 def test_a_simulated_wall_has_the_sigma_of_the_model():
@@ -151,14 +130,6 @@ def test_a_sigma_above_half_a_cell_everywhere_is_said(name):
     noise = measure_noise(flexx2(), 'Mode_9_30fps')
     said = [TARGETS[name].write(noise, cell).lost for cell in (0.001, CELL)]
     assert [any('at all distances, so' in one for one in lost) for lost in said] == [True, False]
-
-
-def test_the_ratio_is_that_of_the_written_probability():
-    # Almost all points lie within a cell of 1 m; the server takes at most 0.97.
-    noise = measure_noise(flexx2(), 'Mode_9_30fps', distances=(0.3, 1.0))
-    ((_, fit),) = TARGETS['octomap_server'].write(noise, 1.0).fits
-    assert fit.values == (0.97,)
-    assert fit.worst == pytest.approx(0.97)
 
 
 def test_all_targets_go_into_a_folder(tmp_path, capsys):

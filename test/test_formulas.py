@@ -5,10 +5,6 @@ import pickle
 import runpy
 import sys
 
-from flexx2_sim_ros.effects.between import frames_around
-from flexx2_sim_ros.effects.interreflection import receiver_weights
-from flexx2_sim_ros.formulas.scalars import f32
-import numpy as np
 from programs import run_python
 import pytest
 
@@ -107,34 +103,3 @@ def test_damaged_files_of_the_cache_are_written_anew(printed, tmp_path):
             path.write_bytes(damaged(path.read_bytes()))
         assert printed() == '3.0 0'
     assert printed() == '3.0 1'
-
-
-@pytest.mark.parametrize(
-    ('moment', 'around'),
-    [
-        (5, (2, 2)),
-        (10, (2, 2)),
-        (15, (2, 3)),
-        (20, (2, 3)),
-        (25, (3, 0)),
-        (40, (0, 1)),
-        (99, (0, 1)),
-    ],
-)
-def test_frames_around_a_moment_in_slots_that_are_used_in_turn(moment, around):
-    stamps = np.array([0, 0, 0, 0, 30, 40, 10, 20])  # of two cameras with four slots each
-    assert frames_around(stamps, 4, 4, 2, 4, np.int64(moment)) == around
-    assert frames_around(stamps, 4, 4, 2, 1, np.int64(moment)) == (2, 2)
-
-
-def test_weights_of_receivers_around_a_pixel():
-    here, nothing, far = f32(0.5), f32(0.0), f32(0.1)
-    right, down = f32(0.25), f32(0.5)
-    alike = receiver_weights(here, right, down, here, here, here, here)
-    np.testing.assert_allclose(alike, (0.375, 0.125, 0.375, 0.125), atol=2e-3)
-    # A receiver on another surface has next to no weight, and one without a return none.
-    mixed = receiver_weights(here, right, down, here, far, nothing, here)
-    np.testing.assert_allclose(mixed, (0.75, 0.0, 0.0, 0.25), atol=2e-3)
-    assert mixed[2] == 0.0
-    assert sum(mixed) == pytest.approx(1.0, abs=1e-6)
-    assert receiver_weights(here, right, down, *[nothing] * 4) == (0.0,) * 4

@@ -8,7 +8,7 @@ from campaigns import all_but, among, change, leaving, SMALL
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
-from flexx2_sim_ros.gap.data.campaign import check, Found, read
+from flexx2_sim_ros.gap.data.campaign import check
 from flexx2_sim_ros.gap.features.simulation import with_uptime
 from flexx2_sim_ros.profiles.modes import flexx2
 from made_bags import camera_entries, depths, SECOND, usecase, write
@@ -145,24 +145,6 @@ def test_a_recording_with_hardly_any_surface_is_harmless(tmp_path):
     json.dumps(table, allow_nan=False)
 
 
-@pytest.mark.parametrize('hidden', [0, 3])
-@pytest.mark.parametrize('frames', [1, 6])
-def test_a_pixel_that_one_frame_hides_leaves_the_scene_still(frames, hidden, tmp_path):
-    write_campaign(tmp_path, seed=3, recordings=1, **TINY)
-    (path,) = tmp_path.glob('*.npz')
-    with np.load(path) as archive:
-        clean, depth = archive['clean_depth'], archive['depth']
-    known = np.ones(depth.shape, bool)
-    known[hidden, 5:9, 5:9] = False
-    change(path, clean_depth=clean if frames == 1 else np.stack([clean] * frames), known=known)
-    found = check(path, None)
-    assert isinstance(found, Found)
-    seen = read(found, flexx2())
-    assert seen.clean.shape == clean.shape
-    assert seen.truth.known is not None
-    np.testing.assert_array_equal(seen.truth.known, known[hidden])
-
-
 def test_without_an_uptime_nothing_drifts():
     effects = {'warm_up_drift': {'bias': 0.01}, 'offset': {'bias': 0.01}}
     assert with_uptime(effects, None) == {'offset': {'bias': 0.01}}
@@ -171,7 +153,7 @@ def test_without_an_uptime_nothing_drifts():
 
 def test_options_of_the_command_are_respected(tmp_path):
     folder, out = tmp_path / 'campaign', tmp_path / 'out'
-    # Scattered poses, as in `test_scattered_poses_are_a_finding`; here they are what is usual.
+    # Scattered poses, which are what is usual here.
     write_campaign(folder, seed=6, pose=(0.012, 0.7), **SMALL)
     command = ['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1', '--seed', '4']
     kept = 'amplitude_bias', 'wiggling', 'pose_error'

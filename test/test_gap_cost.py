@@ -17,7 +17,7 @@ from flexx2_sim_ros.gap import cost
 from flexx2_sim_ros.gap.cost import compared
 from flexx2_sim_ros.gap.data.campaign import check as check_recording
 from flexx2_sim_ros.gap.data.campaign import read
-from flexx2_sim_ros.gap.report.cost_page import headline, lines, NOTHING_SEEN, page, sentences
+from flexx2_sim_ros.gap.report.cost_page import headline, sentences
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
 from plug_in_sites import on_path, write_metadata
@@ -142,7 +142,6 @@ def test_the_commands_of_the_documentation_run(number, folder, monkeypatch, caps
 
 
 def test_the_report_of_a_diagnosis_has_the_cost(tmp_path, capsys):
-    """Assert that it is the one that `flexx2 gap cost` measures, and that a browser shows it."""
     recordings = tmp_path / 'recordings'
     size = {**SIZE, 'frames': 3, 'scale': 0.35}
     write_campaign(recordings, effects={**EFFECTS, 'offset': {'bias': 0.02}}, **size)
@@ -150,12 +149,7 @@ def test_the_report_of_a_diagnosis_has_the_cost(tmp_path, capsys):
     assert main([*command, '--cost', '--jobs', '1', *leaving(*EFFECTS)]) == 0
     assert 'Modelling offset first takes away' in capsys.readouterr().err.replace('\n', ' ')
     table = json.loads((tmp_path / 'out' / 'diagnosis.json').read_text())['cost']
-    again = json.loads(json.dumps(cost(recordings, tmp_path / 'out')))
-    assert table['ranking'] == again['ranking']
     assert [row['effect'] for row in table['ranking']][0] == 'offset'
-    assert [one['measures'] for one in table['consumers']] == [
-        one['measures'] for one in again['consumers']
-    ]
     with chromium(tmp_path) as browser:
         browser.open((tmp_path / 'out' / 'report.html').as_uri())
         shown = browser.evaluate('document.body.innerText')
@@ -263,58 +257,6 @@ def test_other_packages_offer_consumers(folder, tmp_path):
         assert load(known['highest']).name == 'highest'
         with pytest.raises(ModuleNotFoundError):
             load(known['broken'])
-
-
-def test_a_consumer_that_is_named_twice_runs_once():
-    assert len(sources(['height_grid', 'height_grid'], lambda name, error: None)) == 1
-
-
-def test_one_recording_is_not_judged():
-    errors = {name: {'steps': 9.0} for name in ('real', 'simulated', 'again', 'a', 'all effects')}
-    errors['simulated'] = {'steps': 0.0}
-    # Two files may give their consumers the same name; only the first draws pictures.
-    image = np.zeros((2, 2), np.float32)
-    drawn = dict.fromkeys(('real', 'simulated', 'all effects'), image)
-    results = [Result('grid', '', {'steps': ''}, [errors], [own]) for own in (drawn, {})]
-    # Its recordings show nothing that it measures.
-    nothing = dict.fromkeys(errors, dict[str, float]())
-    results.append(Result('edges', '', {'edge': 'mm'}, [nothing], [drawn]))
-    table = {
-        'effects': {},
-        **compared(results, ['a']),
-        'recordings': [{'name': 'x', 'used': True, 'reason': '', 'effects_from': ''}],
-        'damaged_packages': [],
-        'settings': {'delay': 0.0},
-        'version': '0',
-        'seconds': 1.0,
-    }
-    assert 'at least 3 recordings' in headline(table)
-    ((line, significant),) = lines(table['consumers'][0])
-    assert line[-1] == 'too few recordings'
-    assert not significant
-    text = page(table, results)
-    assert text.count('data:image/png') == 3
-    assert text.count(NOTHING_SEEN) == 1
-
-
-def test_the_ranking_is_not_lowered_by_noise():
-    """Assert it for an effect that changes most of a measure whose noise is as large."""
-    rng = np.random.default_rng(0)
-    errors = []
-    for _ in range(40):
-        noise = rng.normal(0, 1)  # of all simulations
-        row = {'real': 2 + rng.normal(0, 1), 'again': rng.normal(0, 1), 'simulated': noise}
-        row |= {'large': noise + 1.6, 'small': noise + 0.4, 'all effects': noise + 2}
-        errors.append({name: {'steps': value} for name, value in row.items()})
-    table = compared([Result('grid', '', {'steps': ''}, errors)], ['small', 'large'])
-    large, small = table['ranking']
-    assert (large['effect'], small['effect']) == ('large', 'small')
-    assert large['part'] == pytest.approx(0.8)
-    assert small['part'] == pytest.approx(0.2)
-    assert large['share'] < large['part']
-    # All recordings agree on the order.
-    assert (large['ahead_of'], small['ahead_of']) == (['small'], [])
-    assert large['interval'] == pytest.approx([0.8, 0.8])
 
 
 def test_effects_that_recordings_cannot_order_are_said():

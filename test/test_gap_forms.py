@@ -4,18 +4,12 @@ import json
 
 from bench.gap_campaigns import write_campaign
 from campaigns import all_but, change, leaving
-from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.effects import load_effects, parse_effects, registry
+from flexx2_sim_ros.effects import load_effects, parse_effects
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose, measure, randomise
 from flexx2_sim_ros.gap.cost import known_of
-from flexx2_sim_ros.gap.data.campaign import check, Found, read
-from flexx2_sim_ros.gap.forms.bias import forms_of
-from flexx2_sim_ros.gap.forms.bias_fit import BiasFit, own_motion
-from flexx2_sim_ros.gap.forms.looked import registered
-from flexx2_sim_ros.gap.forms.samples import Samples
 from flexx2_sim_ros.gap.report.form_figures import figures
 from flexx2_sim_ros.gap.report.reading import read_diagnosis
 from named_forms import fitted_forms
@@ -219,26 +213,6 @@ def test_a_map_needs_images_of_one_size(campaign, tmp_path):
 TINY = {'recordings': 4, 'frames': 6, 'scale': 0.25, 'moving': 0}
 
 
-@pytest.mark.parametrize(
-    'effects',
-    [
-        {'time_offset': {'latency': 0.16}},
-        {'wiggling': {'mhz': 100.0, 'a2': 0.012, 'a4': 0.0}},
-        {'temporal_filter': {'share': 0.8}},
-    ],
-)
-def test_the_pose_with_effects_is_the_true_one(effects, tmp_path):
-    """Assert it for late images, a wave and a filter, of cameras whose given pose is exact."""
-    size = {**TINY, 'recordings': 2, 'moving': 2}
-    write_campaign(tmp_path, seed=120, effects=effects, pose=(0.0, 0.0), **size)
-    prior = np.array([0.005] * 3 + [0.3] * 3)
-    for path in sorted(tmp_path.iterdir()):
-        found = check(path, None)
-        assert isinstance(found, Found)
-        motion, _, _ = registered(read(found, None), prior, effects)
-        assert np.linalg.norm(motion / prior) < 2.5
-
-
 def test_a_filter_over_frames_gets_its_own_kernel(tmp_path):
     """Assert that a mean of four frames is not taken for a recursive filter."""
     filtered = {'temporal_filter': {'window': 4.0, 'gate': 100.0}}
@@ -258,38 +232,6 @@ def test_light_that_bleeds_along_columns_is_told_from_light_that_stays(tmp_path)
         write_campaign(tmp_path / name, seed=118, effects=effects, **TINY)
         (one,) = fitted_forms(tmp_path / name, {'saturation': full}, quick=True).explained.verdicts
         assert one.proposal.together.get('bleed') == bleed.get('bleed')
-
-
-def test_a_recording_without_valid_pixels_stays_where_it_was_registered():
-    """Assert it of pose and forms: what the others say is not changed."""
-    nothing = np.zeros(0)
-    dark = Samples(
-        np.ones(6), nothing, nothing, np.zeros((6, 0)), np.eye(6), *[nothing] * 4,
-        np.zeros(0, int),
-    )  # fmt: skip
-    assert own_motion(dark, nothing, np.full(6, 0.5)) == pytest.approx(np.full(6, 0.5))
-    ramp = np.linspace(1.0, 3.0, 50)
-    bright = Samples(
-        np.zeros(6), np.full(50, 0.01), np.full(50, 1e-3), np.zeros((6, 50)), np.eye(6),
-        np.ones(50), ramp, -ramp, ramp, np.arange(50),
-    )  # fmt: skip
-    form = forms_of('offset', flexx2().mode('Mode_9_30fps'))[0][0]
-    fitted = BiasFit([bright, dark, bright]).fit([form])
-    assert fitted.together == pytest.approx([0.01], rel=1e-2)
-
-
-def test_a_curve_ends_at_the_bounds_of_its_effect():
-    form = forms_of('offset', flexx2().mode('Mode_9_30fps'))[1][0]
-    table = registry()['offset'].tables()['curve']
-    values = form.curve(np.array([3.0, -3.0])).values
-    assert table.low <= min(values) <= max(values) <= table.high
-    assert parse_effects({'offset': {'curve': form.curve(np.array([3.0, -3.0]))}})
-
-
-def test_a_curve_repeats_with_its_period():
-    curve = Curve((0.0, 0.5), (0.0, 1.0), 1.0)
-    assert curve.at([0.25, 1.25, 0.75]).tolist() == [0.5, 0.5, 0.5]
-    assert Curve((0.0, 0.5), (0.0, 1.0)).at([-1.0, 0.25, 9.0]).tolist() == [0.0, 0.5, 1.0]
 
 
 def test_a_diagnosis_fits_all_forms_when_asked_for(tmp_path):

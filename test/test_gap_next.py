@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 import json
-import math
 import shutil
 
 from campaigns import all_but, write_diagnosis
@@ -11,16 +10,11 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.planning.next_recording import suggest
-from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
+from flexx2_sim_ros.gap.planning.plan import read_plan
 from flexx2_sim_ros.gap.planning.possible import usual_kinds
-from flexx2_sim_ros.gap.planning.scenes import render
 from flexx2_sim_ros.gap.planning.truths import KINDS, write_recording
 import numpy as np
 import pytest
-from study.blind import SceneKey, SceneSet
-from study.blind.rooms import Path as Way
-from study.blind.rooms import Scene as Room
-from study.blind.shapes import BOX, pack, Shape
 
 PLAN = """\
 schema: 1
@@ -36,7 +30,6 @@ recordings:
      walls: [[2.0, -40, 0.8]], cards: [[0.8, 0, 0.15, 0.5, 0.5]]}
 """
 ALONE = ['--jobs', '1']
-THICK = 0.05  # metres, half the thickness of a panel
 LENS = {'intrinsics_error': {'strength': 2.0}}
 KEPT = 'intrinsics_error', 'multipath', 'offset', 'amplitude_bias', 'pose_error'
 
@@ -163,34 +156,6 @@ def test_a_laser_decides_what_fitted_planes_leave_open(plan, tmp_path):
     assert list(found['baselines']) == ['repeat']
 
 
-def test_a_given_map_and_correction_are_part_of_smaller_images(plan, undecided, tmp_path):
-    """Assert it of stripes of 8 px on a bias of 20 mm, in images of half the campaign's size."""
-    diagnosis, campaign = undecided
-    folder = shutil.copytree(diagnosis, tmp_path / 'diagnosis')
-    stripes = np.broadcast_to(0.02 * (-1.0) ** (np.arange(56) // 8), (43, 56))
-    table = json.loads((folder / 'diagnosis.json').read_text())
-    bias = {f'bias_{i}': 0.02 for i in range(14)}
-    table['settings']['known'] = {
-        'residual_patch': bias,
-        'fixed_pattern': {'pattern': stripes.tolist()},
-    }
-    kept = 'pose_error', 'intrinsics_error', 'offset'
-    table['not_considered'] = [{'name': name} for name in all_but(*kept)]
-    (folder / 'diagnosis.json').write_text(json.dumps(table))
-    smaller = replace(plan, recordings=plan.recordings[:1], scale=0.125)
-    own = tmp_path / 'own.npz'
-    np.savez(own, clean_depth=np.full((86, 112), 1.5), K=np.diag([104.0, 104.0, 1.0]))
-    table, views = suggest(folder, campaign, smaller, scenes=[own])
-    assert {view.possible.name for view in views} == {'frontal', 'own.npz'}
-    names = list(table['explanations'])
-    for view in views:
-        error = view.error[names.index('no effect')]
-        width = error.shape[1]
-        assert width == {'frontal': 28, 'own.npz': 112}[view.possible.name]
-        expected = 0.02 + 0.02 * (-1.0) ** (np.arange(width) * 56 // width // 8)
-        np.testing.assert_allclose(np.nanmean(error, axis=0), expected, atol=0.01)
-
-
 def test_kinds_of_truth_follow_from_the_recordings():
     def kinds(**truth):
         return usual_kinds({'recordings': [{'used': True, 'truth': truth}, {'used': False}]})
@@ -232,35 +197,3 @@ def test_what_cannot_be_used_is_said_and_nothing_written(undecided, tmp_path, ca
         assert main(['gap', 'next', str(diagnosis), str(place), *ALONE, *words]) == 2
         assert says in capsys.readouterr().err.replace('\n', ' ')
     assert sorted(one.name for one in diagnosis.iterdir()) == files
-
-
-def as_room(planned):
-    """Return a set-up as the blind camera's scene: panels of some thickness."""
-    way = Way((0.0, 0.0, 0.0), yaw_rate=math.radians(planned.scene.turn_rate))
-    return Room(planned.name, pack([_solid(panel) for panel in planned.scene.panels]), way)
-
-
-def _solid(panel):
-    across, along = np.array(panel.across), np.array(panel.along)
-    normal = np.cross(across, along)
-    normal *= np.sign(normal @ panel.centre) / np.linalg.norm(normal)
-    centre = np.array(panel.centre) + THICK * normal
-    return Shape(
-        BOX,
-        (float(centre[0]), float(centre[1]), float(centre[2])),
-        (float(np.linalg.norm(across)), float(np.linalg.norm(along)), THICK),
-        yaw=-math.atan2(across[2], across[0]),
-        light=panel.reflectivity,
-    )
-
-
-def test_the_blind_camera_sees_the_set_ups_of_the_plan():
-    plan = read_plan(default_plan())
-    still = [one for one in plan.recordings if all(one.fixed)]
-    scenes = SceneSet(SceneKey(plan.usecase, 1, 0.0, 56, 43, len(still), 3))
-    scenes.scenes = tuple(as_room(one) for one in still)
-    for i, planned in enumerate(still):
-        seen, reflectivity = scenes.clean(i)
-        depth, shade = render(planned.scene, scenes.optics.intrinsics, scenes.times())
-        same = np.isclose(seen, depth, atol=1e-5, equal_nan=True) & (reflectivity == shade)
-        assert same.mean() > 0.98, planned.name  # A pixel on an edge may see either side.

@@ -2,7 +2,7 @@
 
 from bench.gap_campaigns import write_campaign
 from bench.planes import NAMES, record, VIEWS
-from campaigns import ALIKE, among
+from campaigns import among
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose, measure
 from flexx2_sim_ros.gap.inference.own_errors import common_motion
@@ -56,9 +56,7 @@ def on_free_planes(effect, folder, **changes):
     return found['gap']['wasserstein_mm'], 1000 * np.nanmean(off)
 
 
-@pytest.mark.parametrize(
-    'effect', ['amplitude_bias', 'intrinsics_error', 'excess_noise', 'grazing_dropout']
-)
+@pytest.mark.parametrize('effect', ['intrinsics_error', 'grazing_dropout'])
 def test_free_planes_make_no_gap_that_is_not_there(effect, tmp_path):
     """Assert that an effect does not take planes along, to be named for the way back."""
     gap, off = on_free_planes(effect, tmp_path)
@@ -83,9 +81,8 @@ def test_poses_stay_as_near_as_is_stated(tmp_path):
     """Assert it of a bias that grows with the distance, which poses could take over."""
     camera = {'intrinsics_error': {'focal': 0.01}}
     write_campaign(tmp_path, seed=12, effects=camera, recordings=6, frames=6, scale=0.25, moving=0)
-    tables = [
-        diagnose(tmp_path, pose_prior=prior, **among(*ALIKE)) for prior in (None, (0.002, 0.125))
-    ]
+    few = among('intrinsics_error', 'offset', 'pose_error')
+    tables = [diagnose(tmp_path, pose_prior=prior, **few) for prior in (None, (0.002, 0.125))]
     free, held = (
         np.sqrt(np.mean([np.square(row['pose'][:3]) for row in table['recordings']]))
         for table in tables

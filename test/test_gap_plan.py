@@ -3,20 +3,14 @@
 from dataclasses import replace
 import re
 
-from flexx2_sim_ros.camera import flexx2, Intrinsics
+from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.gap.data.prior import USUAL
-from flexx2_sim_ros.gap.features.catalogue import catalogue, nuisances
-from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.planning.drawing import drawing
 from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
-from flexx2_sim_ros.gap.planning.power import planned_columns, power
+from flexx2_sim_ros.gap.planning.power import power
 from flexx2_sim_ros.gap.planning.table import compute, PowerRequest, read_table, shipped_table
 from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
-from flexx2_sim_ros.gap.work import find, Simulations, summarise_all
-from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.recording.truth import read_truth
 from flexx2_sim_ros.truth.absorbed import absorbed
 from flexx2_sim_ros.truth.plane_file import Measured, read_planes
@@ -33,7 +27,6 @@ recordings:
   - {name: far, title: Far, set_up: A hand., seconds: 5, for: [multipath],
      walls: [[2.0, -40, 0.8]], cards: [[0.8, 0, 0.15, 0.5, 0.5]]}
 """
-EFFECTS = {'offset', 'amplitude_bias', 'heavy_tails', 'fixed_pattern'}
 
 
 @pytest.fixture
@@ -90,13 +83,6 @@ def test_plan_of_another_camera_has_its_mode_and_its_name_in_the_commands(tmp_pa
     assert 'usecase: must be one of depth_30fps' in capsys.readouterr().err
 
 
-def test_no_image_is_made_smaller_than_the_smallest_camera():
-    small = Intrinsics.from_matrix(np.array([[9.0, 0, 3.5], [0, 9.0, 3.5], [0, 0, 1]]), 8, 8)
-    assert smaller(small, 0.5) == small
-    lens = smaller(flexx2().intrinsics, 0.001)
-    assert min(lens.width, lens.height) == 8
-
-
 def test_a_plan_beyond_the_range_of_the_mode_is_refused(two, tmp_path):
     two.write_text(TWO.replace('[1.0, 40, 0.8]', '[20, 40, 0.8]').replace('[2.0,', '[20,'))
     plan = read_plan(two)
@@ -123,11 +109,6 @@ def test_shipped_table_says_what_made_it():
     # A plane that is fitted to the recording takes an offset for itself.
     assert table['effects']['offset']['planes']['open']
     assert not table['effects']['offset']['exact']['open']
-
-
-def test_a_card_that_is_not_in_view_yet_is_drawn(two):
-    two.write_text(TWO.replace('walls: [[1.0, 40, 0.8]]', 'cards: [[1.0, -0.8, 0.2, 0.5, 0.4]]'))
-    assert drawing(read_plan(two).recordings[0], flexx2().intrinsics).startswith(b'\x89PNG')
 
 
 @pytest.mark.parametrize(
@@ -172,61 +153,11 @@ def test_truth_says_how_well_it_is_known(two, tmp_path):
         assert np.isnan(archive['clean_depth'][hidden]).all()
 
 
-@pytest.fixture(scope='module')
-def thrice(tmp_path_factory):
-    """Return three recordings of each set-up: far_0, far_1, far_2, near_0, near_1, near_2."""
-    folder, prior = tmp_path_factory.mktemp('campaign'), np.repeat(USUAL, 3)
-    (folder / 'two.yaml').write_text(TWO)
-    plan = read_plan(folder / 'two.yaml')
-    again = [
-        replace(one, scene=replace(one.scene, name=f'{one.name}_{k}'))
-        for k in range(3)
-        for one in plan.recordings
-    ]
-    write_campaign(folder, replace(plan, recordings=tuple(again)), flexx2(), KINDS[0])
-    known, _ = catalogue((), True)
-    simulated = {*EFFECTS, *(name.split(':')[0] for name in nuisances().columns)}
-    columns = [one for one in known if simulated & set(one.effects)]
-    columns += [one for one in planned_columns() if {'offset', 'fixed_pattern'} & set(one.effects)]
-    with workers(1, None) as mapped:
-        found, left_out = find(folder, flexx2(), mapped)
-        simulations = Simulations(flexx2(), columns, 0, tuple(prior))
-        _, evidence, _ = summarise_all(folder, found, left_out, simulations, mapped)
-    return evidence, columns
-
-
-def candidates_of(effects):
-    return [one for one in catalogue((), True)[1] if one.effect in effects]
-
-
-def test_an_effect_is_not_found_where_an_undecided_one_explains_as_much(thrice):
-    model = Model(*thrice, np.repeat(USUAL, 3))
-    candidates = candidates_of(EFFECTS - {'fixed_pattern'})
-
-    def smallest(*hidden):
-        return power('offset', model, candidates, set(hidden), KINDS[0], 0, draws=2).smallest
-
-    assert smallest() == smallest('heavy_tails') == 1.0
-    # Two walls of one brightness each: both effects add about the same to each of them.
-    assert smallest('amplitude_bias') is None
-    assert smallest('offset') is None
-
-
-def test_a_pattern_is_found_by_what_the_recordings_have_in_common(thrice):
-    evidence, columns = thrice
-    # At most of these walls the noise of the single recording hides the pattern.
-    model = Model(evidence[::2], columns, np.repeat(USUAL, 3))
-    found = power('fixed_pattern', model, candidates_of(EFFECTS), set(), KINDS[0], 0, draws=2)
-    assert found.smallest in (1.0, 2.0)
-
-
 def test_an_interrupted_calculation_resumes(two, tmp_path, monkeypatch):
     plan = read_plan(two)
     plan = replace(plan, recordings=plan.recordings[:1])
     request = PowerRequest(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
-    few = {
-        name: registry()[name] for name in ('offset', 'excess_noise', 'multipath', 'pose_error')
-    }
+    few = {name: registry()[name] for name in ('offset', 'excess_noise', 'pose_error')}
     for module in ('table', 'power'):
         monkeypatch.setattr(f'flexx2_sim_ros.gap.planning.{module}.registry', lambda: few)
     asked = []

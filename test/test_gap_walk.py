@@ -8,10 +8,8 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
-from flexx2_sim_ros.robots.trot import Gait
 from flexx2_sim_ros.walking import ExactCamera, KINDS, Point, SimulatedCamera, walk
-from flexx2_sim_ros.walking.footsteps import Feet, Footstep, land, Planned, REASONS
-from flexx2_sim_ros.walking.series import rows
+from flexx2_sim_ros.walking.footsteps import REASONS
 from flexx2_sim_ros.walking.terrain import Terrain
 import numpy as np
 import pytest
@@ -23,7 +21,6 @@ MODE = flexx2().mode(NAME)
 LENS = Intrinsics.from_field_of_view(112, 86, 56.0, 44.0)
 SMALL = {'lens': LENS, 'mode': MODE, 'least': 2}
 EXACT = ExactCamera(MODE.range_max)
-STEP = Footstep(0, 0.0, 0.2, np.zeros(2))
 
 
 class Blind:
@@ -39,14 +36,6 @@ def block(top, edge):
     half = np.array([[10.0, 10.0, 0.5], [1.0, 1.0, 0.5]])
     centre = np.array([[[0.0, 0.0], [edge + 1.0, 0.0]]])
     return Terrain(half, centre, np.zeros((1, 2)), np.array([[0.0, top]]), np.full((1, 2), 0.5))
-
-
-def landed(terrain, x, height, apex=0.3):
-    """Return why a foot (2 cm) that is put down at x, from x = -0.2, ends the walk."""
-    feet = Feet(np.full((1, 4, 2), [-0.2, 0.0]), np.zeros((1, 4)))
-    planned = Planned(np.array([[x, 0.0]]), np.array([height]), np.array([apex]), np.ones(1, bool))
-    _, (reason,) = land(planned, STEP, feet, terrain, Gait(), 0.02)
-    return '' if reason < 0 else REASONS[reason]
 
 
 @pytest.mark.parametrize('kind', KINDS)
@@ -96,17 +85,6 @@ def test_a_camera_with_latency_sees_from_where_it_was():
     assert not np.array_equal(seen['past'], seen['now'], equal_nan=True)
 
 
-def test_a_foot_is_judged_by_what_it_touches():
-    assert landed(block(0.1, 0.1), 0.05, 0.0) == ''
-    assert landed(block(0.1, 0.0), 0.05, 0.1) == ''
-    assert landed(block(0.1, 0.0), 0.05, 0.06) == 'wrong height'
-    assert landed(block(0.1, 0.0), 0.05, 0.1, apex=0.09) == 'stumbles'
-    # On the edge of the block, with most of the foot over the edge.
-    assert landed(block(0.1, 0.0), -0.017, 0.09) == 'slips'
-    # Beside the block: the foot rests on its edge.
-    assert landed(block(0.1, 0.0), -0.017, 0.0) == 'wrong height'
-
-
 def test_images_show_the_terrain():
     seen = {}
 
@@ -129,18 +107,6 @@ def test_images_show_the_terrain():
         # Points on the sides of blocks are below their tops.
         assert (near[:, 2] < ground + 1e-4).mean() > 0.98
         assert (np.abs(near[:, 2] - ground) < 1e-4).mean() > 0.8
-
-
-def test_intervals_shrink_with_more_walks():
-    def width(count):
-        failed = np.where(np.arange(count) % 4 == 0, 0, -1)
-        ((row),) = rows({('stairs', 0.1): {'one': failed}})
-        low, high = row['interval']
-        assert low < row['share'] == 0.25 < high
-        assert row['reasons']['no foothold'] == row['failed'] == count // 4
-        return float(high - low)
-
-    assert width(200) < width(40) < 0.3
 
 
 def test_the_command_writes_the_figure(tmp_path, capfd):

@@ -3,7 +3,7 @@
 from itertools import pairwise
 import math
 
-from flexx2_sim_ros.nodes.timing import FrameGate, RateMeter
+from flexx2_sim_ros.nodes.timing import FrameGate
 from flexx2_sim_ros.profiles.modes import flexx2
 from hypothesis import given
 from hypothesis import strategies as st
@@ -94,22 +94,6 @@ def test_no_drift_in_ten_hours(rate):
         assert gate.accept(START + hours + round(k * SECOND / rate))
 
 
-def test_every_rounding_of_a_stamp_gives_one_frame_a_slot():
-    for rate in RATES:
-        for input_hz in (rate, 1.25 * rate, rate * 5 / 3, 2 * rate, 2.5 * rate):
-            for rounding in (np.floor, np.rint, np.ceil):
-                stamps = [int(rounding(i * SECOND / input_hz)) for i in range(2000)]
-                frames = accepted(FrameGate(rate), stamps)
-                wanted = 2000 * rate / input_hz
-                assert abs(len(frames) - wanted) <= 1.5, (rate, input_hz, rounding)
-
-
-def test_slower_input_passes_completely():
-    for input_hz in (1, 7, 29.9, 30):
-        stamps = clock(input_hz, 30, jitter=0.1 if input_hz < 29 else 0.0)
-        assert accepted(FrameGate(30.0), stamps) == stamps
-
-
 def test_repeats_and_restarts():
     gate = FrameGate(30.0)
     stamps = clock(60, 1)
@@ -133,28 +117,6 @@ def test_a_gap_is_followed_by_the_next_image():
         assert len(frames) >= 59
 
 
-def test_another_rate_counts_from_the_last_frame():
-    gate = FrameGate(60.0)
-    stamps = clock(240, 2)
-    frames = accepted(gate, stamps[:240])
-    last = frames[-1]
-    gate.set_rate(5.0)
-    after = accepted(gate, stamps[240:])
-    assert [stamp - last for stamp in after] == pytest.approx(
-        [SECOND / 5 * k for k in range(1, 6)], abs=SECOND / 240
-    )
-
-
-def test_a_rate_may_be_set_before_the_first_frame_and_after_a_restart():
-    gate = FrameGate(60.0)
-    gate.set_rate(5.0)
-    assert gate.accept(START)
-    assert gate.accept(0)
-    gate.set_rate(30.0)
-    assert not gate.accept(1)
-    assert gate.accept(-5)
-
-
 @given(st.lists(STAMPS, max_size=40), st.sampled_from(RATES))
 def test_any_stamps_are_counted_once(stamps, rate):
     gate = FrameGate(rate)
@@ -166,46 +128,3 @@ def test_any_stamps_are_counted_once(stamps, rate):
         if len(frames) > 1:
             span = frames[-1] - frames[0]
             assert len(frames) - 1 <= span * rate / SECOND + 0.67 + 1e-6
-
-
-def test_rate_meter():
-    meter = RateMeter()
-    assert (meter.hz, meter.samples) == (0.0, 0)
-    meter.add(START)
-    meter.add(START)
-    assert meter.hz == 0.0
-    meter.clear()
-    meter.add(START)
-    assert meter.hz == 0.0
-    meter.add(START + SECOND // 4)
-    assert meter.hz == 4.0
-    for stamp in clock(30, 10, start=START + SECOND):
-        meter.add(stamp)
-    assert meter.hz == pytest.approx(30, rel=1e-6)
-    assert meter.samples == 120
-    for stamp in clock(5, 2, start=0):
-        meter.add(stamp)
-    assert meter.hz == pytest.approx(5, rel=1e-6)
-    meter.clear()
-    assert (meter.hz, meter.samples) == (0.0, 0)
-
-
-@pytest.mark.parametrize('jump', [2 * SECOND, 10 * SECOND, 1000 * SECOND, 10**17])
-def test_a_rate_is_right_soon_after_a_jump(jump):
-    for hz in (5, 30, 60):
-        meter = RateMeter()
-        for stamp in clock(hz, 10):
-            meter.add(stamp)
-        later = clock(hz, 1, start=START + 10 * SECOND + jump)
-        for stamp in later[:3]:
-            meter.add(stamp)
-        assert meter.hz == pytest.approx(hz, rel=1e-3)
-        assert meter.samples == 3
-    meter = RateMeter()
-    for stamp in [*later[:10], *later[12:30]]:
-        meter.add(stamp)
-    assert meter.samples == 28
-    slow = RateMeter()
-    for stamp in clock(0.5, 40):
-        slow.add(stamp)
-    assert slow.hz == pytest.approx(0.5, rel=1e-3)

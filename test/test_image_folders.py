@@ -22,42 +22,26 @@ def convert(*arguments):
     return main(['convert', *map(str, arguments)])
 
 
+AT_25_HZ = [0, 40_000_000, 80_000_000]
+DAY = [1700000000500000000, 1700000000750000000, 1700000041250000000]
+EPOCH = [1305031102160407000, 1305031102200000000, 1305031103500000000]
+MILLISECONDS = [1700000000123000000, 1700000000456000000, 1700000001000000000]
+
+
 @pytest.mark.parametrize(
     ('names', 'stamps'),
     [
-        (
-            ['depth_1305031102.160407.png', 'depth_1305031102.2.png', 'depth_1305031103.5.png'],
-            [1305031102160407000, 1305031102200000000, 1305031103500000000],
-        ),
-        (
-            ['1700000000123.png', '1700000000456.png', '1700000001000.png'],
-            [1700000000123000000, 1700000000456000000, 1700000001000000000],
-        ),
-        (['frame2.png', 'frame9.png', 'frame10.png'], [0, 40_000_000, 80_000_000]),
-        (
-            [
-                '2023-11-14_22-13-20.5.png',
-                '2023-11-14_22-13-20.75.png',
-                '2023-11-14_22-14-01.25.png',
-            ],
-            [1700000000500000000, 1700000000750000000, 1700000041250000000],
-        ),
-        (
-            [
-                'd_20231114_221320_500.png',
-                'd_20231114_221320_750.png',
-                'd_20231114_221401_250.png',
-            ],
-            [1700000000500000000, 1700000000750000000, 1700000041250000000],
-        ),
+        ('depth_1305031102.160407 depth_1305031102.2 depth_1305031103.5', EPOCH),
+        ('1700000000123 1700000000456 1700000001000', MILLISECONDS),
+        ('frame2 frame9 frame10', AT_25_HZ),
+        ('2023-11-14_22-13-20.5 2023-11-14_22-13-20.75 2023-11-14_22-14-01.25', DAY),
+        ('d_20231114_221320_500 d_20231114_221320_750 d_20231114_221401_250', DAY),
         # Serial numbers, or later than the year 2262.
-        (
-            ['9999999997.5.png', '9999999998.5.png', '9999999999.5.png'],
-            [0, 40_000_000, 80_000_000],
-        ),
+        ('9999999997.5 9999999998.5 9999999999.5', AT_25_HZ),
     ],
 )
 def test_a_folder_becomes_a_recording(names, stamps, tmp_path):
+    names = [f'{name}.png' for name in names.split()]
     folder = folder_of(tmp_path / 'in', names)
     for name, image in zip(names, counts(), strict=True):
         save(folder / 'ir' / name, image // 2)
@@ -111,17 +95,6 @@ def test_an_archive_with_other_keys(tmp_path):
     np.savez(source, z=metres()[0], K=np.reshape(K, (3, 3)))
     assert convert(source, out, '--key', 'depth=z') == 0
     np.testing.assert_array_equal(load_recording(out).depth, metres()[:1])
-
-
-def test_images_of_one_stamp_are_left_out_with_a_note(tmp_path, capsys):
-    names = ['a_1700000000123.png', 'b_1700000000123.png', 'a_1700000000456.png']
-    out = tmp_path / 'out.npz'
-    assert convert(folder_of(tmp_path / 'in', names), out, '--usecase', 'm') == 0
-    printed = ''.join(capsys.readouterr())
-    assert 'frames 1 (1 in all): the stamp of another frame: left out' in ' '.join(printed.split())
-    found = load_recording(out)
-    assert found.stamp_ns.tolist() == [1700000000123000000, 1700000000456000000]
-    np.testing.assert_array_equal(found.depth, metres()[[0, 2]])
 
 
 @pytest.mark.parametrize(
@@ -351,14 +324,6 @@ def test_rectified_images_have_the_projection_of_the_calibration(given, tmp_path
     found = load_recording(out)
     assert found.K.ravel().tolist() == [50.0, 0.0, 4.0, 0.0, 51.0, 3.0, 0.0, 0.0, 1.0]
     assert 'distortion' not in found.extra
-
-
-def test_intrinsics_in_numbers(tmp_path):
-    folder, out = folder_of(tmp_path / 'in', ['1.png', '2.png', '3.png']), tmp_path / 'out.npz'
-    (folder / 'ost.yaml').unlink()
-    assert convert(folder, out, '--intrinsics', 60, 61, 4.5, 3.5) == 0
-    np.testing.assert_array_equal(load_recording(out).K.ravel(), K)
-    assert 'distortion' not in load_recording(out).extra
 
 
 def _ost(**changes):

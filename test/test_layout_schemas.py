@@ -8,10 +8,7 @@ import typing
 
 from flexx2_sim_ros.paths import config_dir
 import pytest
-from rviz_properties import DISPLAY, DISPLAYS, GLOBAL, PANELS, problems, TOOLS, VIEWS
-import yaml
 
-RVIZ = yaml.safe_load((config_dir() / 'flexx2.rviz').read_text())
 FOXGLOVE = json.loads((config_dir() / 'foxglove.json').read_text())
 # The panels of Foxglove as layouts of its app name them, and the classes of its SDK.
 CONFIGS = {
@@ -21,25 +18,6 @@ CONFIGS = {
     'Plot': 'PlotConfig',
     'DiagnosticSummary': 'DiagnosticsSummaryConfig',
 }
-
-
-def rviz_problems(layout):
-    """Return what RViz would ignore."""
-    manager = layout['Visualization Manager']
-    found = problems(GLOBAL, manager['Global Options'], 'Global Options')
-    for parts, kinds in (
-        (manager['Displays'], {name: DISPLAY | kind for name, kind in DISPLAYS.items()}),
-        (layout['Panels'], {n: {'Class': str, 'Name': str} | kind for n, kind in PANELS.items()}),
-        ([manager['Views']['Current']], VIEWS),
-        (manager['Tools'], {name: {'Class': str} for name in TOOLS}),
-    ):
-        for part in parts:
-            kind = kinds.get(part['Class'])
-            if kind is None:
-                found.append(f'there is no class {part["Class"]}')
-            else:
-                found += problems(kind, part, part.get('Name', part['Class']))
-    return found
 
 
 def foxglove_problems(layout):
@@ -90,10 +68,6 @@ def unlike_class(kind, value, where):
         else:
             found.append(f'{where}: {kind.__name__} has no {key}')
     return found
-
-
-def test_rviz_knows_every_property():
-    assert rviz_problems(RVIZ) == []
 
 
 def test_foxglove_knows_every_setting():

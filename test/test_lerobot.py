@@ -215,16 +215,6 @@ def test_an_episode_of_numbers_becomes_a_recording(written, tmp_path):
     assert found.camera == 'front_depth'
 
 
-def test_images_in_files_and_metres_in_tiff(tmp_path):
-    root = v2(tmp_path / 'set', image(depth_unit='m'), pictures(counts(0), None))
-    folder = root / 'images' / KEY / 'episode_000000'
-    folder.mkdir(parents=True)
-    for number, one in enumerate(metres(0)):
-        Image.fromarray(one).save(folder / f'frame_{number:06d}.tiff', compression='raw')
-    assert converted(root) == 0
-    check(tmp_path / 'out.npz', 0)
-
-
 @pytest.mark.parametrize('use_log', [True, False])
 def test_a_video_gives_the_depth_of_its_codes(use_log, tmp_path, capsys):
     # The depth of a code by LeRobot's formula, the other way round.

@@ -133,23 +133,15 @@ def test_a_valid_configuration_is_used(config):
     ('file', 'old', 'new', 'named'),
     [
         ('modes.yaml', 'rate_hz: 15,', '', 'rate_hz'),
-        ('modes.yaml', 'rate_hz: 15', 'rate_hz: fast', 'fast'),
         ('modes.yaml', 'range_m: [0.1, 2.4]', 'range_m: 2.4', 'modes.yaml'),
         ('modes.yaml', 'a: 0.002362, ', '', "'a'"),
         ('modes.yaml', 'noise: Mode_5_30fps', 'noise: Mode_7', 'Mode_7'),
-        ('modes.yaml', 'modes:', 'moods:', 'modes'),
         ('modes.yaml', 'schema: 1', 'schema: 99', 'schema'),
-        ('modes.yaml', 'noise:', 'noise: [', 'modes.yaml'),
         ('flexx2.yaml', 'width: 224', 'width: -1', 'width'),
-        ('flexx2.yaml', 'height: 172', 'height: .inf', 'height'),
         ('flexx2.yaml', 'incidence_cap_deg: 85.0', 'incidence_cap_deg: 90', 'incidence_cap_deg'),
         ('flexx2.yaml', 'field_of_view_deg: [56, 44]', 'field_of_view_deg: 56', 'flexx2.yaml'),
-        ('flexx2.yaml', 'schema: 1', '', 'schema'),
-        ('flexx2.yaml', 'model: Flexx2', 'model: "\x07"', 'flexx2.yaml'),
-        ('flexx2.yaml', 'incidence_cap_deg: 85.0', '', 'incidence_cap_deg'),
         ('flexx2.yaml', 'jump_share: 0.01', 'jump_share: small', 'jump_share'),
         ('flexx2.yaml', 'neighbourhood_px: 8', 'neighbour: 8', 'neighbourhood_px'),
-        ('flexx2.yaml', 'zero_at_sigma_m: 0.07', '', 'zero_at_sigma_m'),
     ],
 )
 def test_a_malformed_configuration_is_named(config, file, old, new, named):
@@ -158,13 +150,6 @@ def test_a_malformed_configuration_is_named(config, file, old, new, named):
     (config / file).write_text(text.replace(old, new))
     with pytest.raises(InputError, match=named):
         Camera().capture(IMAGE, K, 0)
-
-
-@pytest.mark.parametrize('content', [b'', b'- 1', b'\xff\xfe\x00\xd8', b'schema: 1\nmodes: 5'])
-def test_a_ruined_file_is_named(config, content):
-    (config / 'modes.yaml').write_bytes(content)
-    with pytest.raises(InputError, match=r'modes\.yaml'):
-        flexx2()
 
 
 def test_a_missing_file_is_named(config):

@@ -200,24 +200,6 @@ def test_no_file_stops_a_running_node(seen, tmp_path):
         assert seen.get('effects') == ''
 
 
-def test_an_unknown_parameter_type_is_refused(seen):
-    kind = 255
-    bad = ParameterMessage(name='frame_id')
-    bad.value.type = kind
-    good = messages_of({'invalid_value': 'zero'})
-    results = call(seen, SetParameters, SetParameters.Request(parameters=[bad, *good])).results
-    assert [result.successful for result in results] == [False, True]
-    assert results[0].reason == f'frame_id: type: must be 0 to 9, got {kind}'
-    result = call(
-        seen,
-        SetParametersAtomically,
-        SetParametersAtomically.Request(parameters=[*messages_of({'invalid_value': 'nan'}), bad]),
-    ).result
-    assert not result.successful
-    assert seen.get('invalid_value') == 'zero'
-    assert seen.set(invalid_value='nan').successful
-
-
 def test_odd_requests_are_answered(seen):
     names = ['', 'x' * 10_000, 'a\x1b[31mb', '\n', 'usecase.', '.', 'usecas']
     for name in names:

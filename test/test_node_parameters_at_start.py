@@ -6,7 +6,7 @@ import re
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.robot_node import RobotCameras
 from hostile_files import hostile_texts
-from programs import node_words, PATIENCE, run_node, starting
+from programs import node_words, PATIENCE, starting
 import pytest
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import SetParameters
@@ -19,15 +19,6 @@ import yaml
 pytestmark = pytest.mark.usefixtures('ros')
 
 _numbers = itertools.count()
-
-
-def test_no_file_gives_a_traceback_at_the_start(tmp_path, child_env):
-    path = tmp_path / 'deep.yaml'
-    path.write_text('[' * 3000)
-    done = run_node('flexx2_camera', '-p', f'process:={path}', env=child_env, timeout=60)
-    assert done.returncode == 1
-    assert done.stderr.startswith('error: process: ')
-    assert done.stderr.count('\n') == 1
 
 
 @pytest.mark.parametrize('name', ['effects', 'process', 'profile'])

@@ -2,6 +2,7 @@
 
 import json
 
+from campaigns import leaving
 import cv2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.profiles.files import load_profile
@@ -20,6 +21,8 @@ BOARDS = (0.6, 5), (0.9, 40), (1.3, 10), (1.8, 45), (2.2, 20)
 WALLS = (0.7, 10), (0.9, -30), (1.1, 2), (1.4, 35), (1.6, -20), (1.8, 5)
 HIDDEN = np.s_[45:, 66:]  # A part of the robot is in view there.
 Z = np.array([0.7, 1.3, 2.0])
+KEPT = 'offset', 'depth_scale', 'amplitude_bias', 'spatial_filter', 'excess_noise', 'quantisation'
+KEPT += 'fixed_pattern', 'heavy_tails', 'intrinsics_error', 'pose_error'
 
 
 def sigma_z(z):
@@ -77,7 +80,8 @@ def fit(boards):
 
 def diagnose(campaign, profile):
     out = campaign.with_name('diagnosis')
-    run('gap', 'diagnose', campaign, '--profile', profile, '--out', out, '--jobs', 1)
+    words = 'gap', 'diagnose', campaign, '--profile', profile, '--out', out, '--jobs', 1
+    run(*words, *leaving(*KEPT))
     return dict(json.loads((out / 'diagnosis.json').read_text()))
 
 

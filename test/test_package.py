@@ -158,18 +158,6 @@ def test_colcon_build_compiles_the_camera(workspace):
     assert run('bash', '-c', script, cwd=workspace) == 'everything was compiled before\n'
 
 
-def test_a_workspace_of_links_runs_what_is_in_the_source(source, tmp_path):
-    colcon = (sys.executable, '-m', 'colcon', 'build', '--symlink-install')
-    run(*colcon, '--base-paths', source, cwd=tmp_path, COLCON_HOME=tmp_path)
-    script = f'. install/setup.bash && "$AMENT_PREFIX_PATH/lib/{NAME}/flexx2" modes'
-    assert set(re.findall(r'Mode_\w+', run('bash', '-c', script, cwd=tmp_path))) == MODES
-    script = (
-        f'. install/setup.bash && "{sys.executable}" -c "import {NAME}; print({NAME}.__file__)"'
-    )
-    found = Path(run('bash', '-c', script, cwd=tmp_path).strip())
-    assert found.resolve() == source / NAME / '__init__.py'
-
-
 def test_launch_files_find_the_executables(workspace):
     for name in sorted(EXECUTABLES):
         program = f"from {NAME}.paths import executable; print(executable('{name}'))"

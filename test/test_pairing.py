@@ -89,15 +89,6 @@ def test_camera_infos_that_keep_the_first_stamp_delay_no_image(order):
         assert run(pairing, *events) == [(stamp, 'info 0', None)]
 
 
-def test_without_camera_info_nothing_is_paired():
-    pairing = StampPairing()
-    assert run(pairing, 'image 1', 'image 2', 'image 3') == [
-        (1, None, None),
-        (2, None, None),
-        (3, None, None),
-    ]
-
-
 def test_companions_of_other_stamps_are_not_used():
     pairing = StampPairing()
     assert run(pairing, 'info 1', 'reflectivity 0', 'reflectivity 2', 'image 1') == [
@@ -120,21 +111,6 @@ def test_a_run_that_starts_again_does_not_see_the_last_ones_companions():
             ]
 
 
-def test_companions_that_are_ahead_of_a_restart_are_kept():
-    pairing = StampPairing()
-    for stamp in range(5):
-        run(pairing, f'info {stamp}', f'reflectivity {stamp}', f'image {stamp}')
-    assert run(
-        pairing, 'info 0', 'info 1', 'reflectivity 0', 'reflectivity 1', 'image 0', 'image 1'
-    ) == [(0, 'info 0', 'reflectivity 0'), (1, 'info 1', 'reflectivity 1')]
-
-
-def test_one_info_outlives_a_restart():
-    pairing = StampPairing()
-    run(pairing, 'info 50', 'image 90', 'image 91')
-    assert run(pairing, 'image 1', 'image 2') == [(1, 'info 50', None), (2, 'info 50', None)]
-
-
 EVENTS = st.lists(
     st.tuples(st.sampled_from(['image', 'info', 'reflectivity']), st.integers(0, 30)), max_size=80
 )
@@ -155,22 +131,6 @@ def test_any_order_keeps_every_image(events):
     assert [(match.stamp, match.image) for match in matches] == sent[: len(matches)]
     for match in matches:
         assert match.reflectivity is None or match.reflectivity[0] == match.stamp
-
-
-def test_paired_and_unpaired_messages_are_counted():
-    pairing = StampPairing()
-    for stamp in range(0, 100, 2):
-        run(pairing, f'info {stamp}', f'reflectivity {stamp}', f'image {stamp}')
-    assert (pairing.paired, pairing.unpaired) == (
-        {'info': 50, 'reflectivity': 50},
-        {'info': 0, 'reflectivity': 0},
-    )
-    for stamp in range(100, 200):
-        run(pairing, f'reflectivity {2 * stamp + 1}', f'image {2 * stamp}')
-    assert pairing.paired['reflectivity'] == 50
-    assert 80 <= pairing.unpaired['reflectivity'] <= 100
-    run(pairing, 'reflectivity 0')  # A restart: what waited is dropped.
-    assert pairing.unpaired['reflectivity'] == 100
 
 
 def test_memory_is_bounded():

@@ -295,29 +295,6 @@ def test_diagnoses_that_cannot_be_randomised(rows, effects, said, tmp_path):
     assert not (tmp_path / 'r.yaml').exists()
 
 
-def test_an_effect_with_a_frequency_of_its_own_is_drawn(tmp_path):
-    """Assert it of a period that the recordings showed, which all fits have."""
-    camera = {**FITTED, 'wiggling': {'a2': 0.004, 'mhz': 44.0}}
-    folder = diagnosed(tmp_path / 'diagnosis', 8, camera)
-    path = folder / 'diagnosis.json'
-    table = json.loads(path.read_text())
-    for k, row in enumerate(table['recordings']):
-        row['effects_without']['wiggling'] = {'a2': 0.004 + 0.0001 * (-1) ** k, 'mhz': 44.0}
-    path.write_text(json.dumps(table))
-    found = randomise(folder, tmp_path / 'r.yaml')
-    assert 'wiggling.a2' in [one.name for one in found.randomisation.distributions]
-    for drawn in load_randomisation(tmp_path / 'r.yaml').draw(3, 1):
-        (wave,) = (one for one in drawn if one.name == 'wiggling')
-        assert wave.settings['mhz'] == 44.0
-    # Fits without a recording that lack the frequency are of another form.
-    calibrated = diagnosed(tmp_path / 'calibrated', 8, camera)
-    for row in table['recordings']:
-        del row['effects_without']['wiggling']['mhz']
-    (calibrated / 'diagnosis.json').write_text(json.dumps(table))
-    with pytest.raises(InputError, match='got wiggling in another form'):
-        randomise(calibrated)
-
-
 def test_numbers_that_a_diagnosis_has_fitted_are_drawn(tmp_path):
     """Assert it of raw frames, whose stamp the form of the catalogue has at the other end."""
     before, name = {'stretch': 0.6, 'stamp_at': 1.0}, 'motion_artefact'
@@ -379,46 +356,3 @@ def test_each_environment_draws_a_camera_at_reset(tmp_path):
     )
     with pytest.raises(InputError, match='intrinsics_error: cannot be drawn again'):
         cameras.randomise(wrong)
-
-
-def test_drawn_cameras_stay_where_effects_and_modes_do_not_change(tmp_path):
-    bias = {'strength': 1.0, 'bias': {'low': 0.05, 'high': 0.15}}
-    late = {'strength': 1.0, 'latency': 0.0, 'delay': {'low': 0.06, 'high': 0.07}}
-    table = {'effects': {'offset': {'parameters': bias}, 'time_offset': {'parameters': late}}}
-    cameras = BatchCamera(4, 'Mode_9_30fps', device='cpu', step_s=0.02)
-    cameras.randomise(load_randomisation(write(tmp_path / 'r.yaml', table)), seed=1, pool=1000)
-    wall, mask = np.full((4, 24, 32), 1.5, np.float32), np.arange(4) == 1
-
-    def biases():
-        for _ in range(8):
-            seen = cameras(wall)
-        delays = (cameras.stamps.numpy() - cameras.image_stamps.numpy()) > 60_000_000
-        np.testing.assert_array_equal(delays, own != 0)
-        return np.asarray(np.nanmean(seen, (1, 2)) - 1.5)
-
-    def drawn():
-        biases = np.array(
-            [{one.name: one for one in own}['offset'].bias for own in cameras.drawn.cameras]
-        )
-        chosen = cameras.drawn.drawn.numpy()
-        return np.where(chosen < 0, 0.0, biases[chosen])
-
-    own = drawn()
-    assert np.ptp(own) > 0.01
-    np.testing.assert_allclose(biases(), own, atol=0.002)
-    cameras.set_usecase('Mode_5_30fps', mask)
-    np.testing.assert_array_equal(drawn(), own)
-    np.testing.assert_allclose(biases(), own, atol=0.002)
-    cameras.set_effects((), mask)
-    own = np.where(mask, 0.0, own)
-    np.testing.assert_array_equal(drawn(), own)
-    np.testing.assert_allclose(biases(), own, atol=0.002)
-    cameras.reset()
-    assert (drawn()[~mask] != own[~mask]).all()
-    own = drawn()
-    np.testing.assert_allclose(biases(), own, atol=0.002)
-    assert own[1] == 0
-    cameras.set_effects((), ~mask)
-    own[:] = 0
-    assert cameras.drawn is None
-    np.testing.assert_allclose(biases(), own, atol=0.002)

@@ -83,38 +83,6 @@ def test_a_failure_leaves_nothing_behind(tmp_path, existing, when):
     assert not existing or path.read_bytes() == b'precious'
 
 
-def test_frames_that_are_missing_or_do_not_fit_are_refused(tmp_path):
-    path = tmp_path / 'r.npz'
-    with (
-        pytest.raises(InputError, match='depth: 2 frames are missing'),
-        RecordingWriter(path, 4, 5, 6) as writer,
-    ):
-        writer.add_depth(np.ones((2, 5, 6)))
-    for wrong in ((5, 5, 6), (1, 6, 5)):
-        with (
-            pytest.raises(InputError, match='depth: must '),
-            RecordingWriter(path, 4, 5, 6) as writer,
-        ):
-            writer.add_depth(np.ones(wrong))
-    with (
-        pytest.raises(InputError, match="depth: 4 frames are missing before 'K'"),
-        RecordingWriter(path, 4, 5, 6) as writer,
-    ):
-        writer.add_array('K', K)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_an_unwritable_path_is_refused(tmp_path):
-    with pytest.raises(InputError, match='nowhere/r.npz: cannot be written'):
-        RecordingWriter(tmp_path / 'nowhere' / 'r.npz', 1, 1, 1)
-    folder = tmp_path / 'folder'
-    folder.mkdir()
-    with pytest.raises(InputError, match='folder: cannot be written'):
-        write(folder, np.ones((1, 5, 6), np.float32))
-    assert list(tmp_path.iterdir()) == [folder]
-    assert list(folder.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ('arrays', 'parts'),
     [

@@ -1,7 +1,6 @@
 """Clean images with the names of a simulator, which the camera node takes by remaps."""
 
 from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
-from flexx2_sim_ros.nodes.probe import Capture, Probe
 from flexx2_sim_ros.nodes.viewer import Viewer
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.bag_files import Bag
@@ -119,40 +118,3 @@ def test_the_page_shows_clean_depth(simulator):
         assert list(viewer.shots) == ['remapped/left']
     finally:
         viewer.destroy_node()
-
-
-def test_two_cameras_of_one_simulator_both_have_the_ground_truth(child_env, tmp_path):
-    """Assert it also where the second camera takes what has the usual name of the first."""
-    usual = {topic: f'{SPACE}/{topic}' for topic in TOPICS}
-    for number, (source, first) in enumerate(((TOPICS, True), (usual, False))):
-        remaps = [word for name, topic in source.items() for word in ('-r', f'{name}:={topic}')]
-        one = Simulator(list(TOPICS)[:2], source, remap=first)
-        two = Flexx2Camera(namespace='/remapped/right', cli_args=['--ros-args', *remaps])
-        one.add(two)
-        bag = tmp_path / str(number)
-        try:
-            with flexx2(child_env, 'record', bag, '--seconds', 1) as process:
-                while process.poll() is None:
-                    one.show()
-                finish(process)
-        finally:
-            one.close()
-            two.destroy_node()
-        assert recording_cameras(bag) == ['remapped/left', 'remapped/right']
-        for camera in recording_cameras(bag):
-            clean = load_recording(bag, camera=camera).clean_depth
-            assert clean is not None
-            assert np.nanmax(clean) == pytest.approx(1.5)
-
-
-def test_the_probe_measures_a_camera_with_remapped_images(simulator):
-    probe = Probe([SPACE[1:]])
-    try:
-        simulator.add(probe._node)
-        simulator.spin_until(lambda: simulator.show() or probe.streaming(), 'frames')
-        probe.captures = {SPACE[1:]: Capture()}
-        probe._from[SPACE[1:]] = 0
-        simulator.spin_until(lambda: simulator.show() or probe.captures[SPACE[1:]].stamps, 'pair')
-        np.testing.assert_array_equal(probe.captures[SPACE[1:]].clean, CLEAN)
-    finally:
-        probe._node.destroy_node()

@@ -1,6 +1,5 @@
 """The robot's URDF and its link frames agree with the model that MuJoCo moves."""
 
-from dataclasses import replace
 from xml.etree import ElementTree
 
 from flexx2_sim_ros.profiles.modes import flexx2
@@ -72,32 +71,6 @@ def test_joints_without_names_have_those_of_the_description(tmp_path):
     assert parts.velocities.size == len(moving) == 2
     assert moving[0].startswith('arm_joint_')
     assert len({*parts.joints.values()}) == 2
-
-
-def test_every_link_has_a_name_of_its_own(tmp_path):
-    path = tmp_path / 'torso.xml'
-    path.write_text("""
-        <mujoco><worldbody><body name="torso"><freejoint/><geom size="0.1"/>
-          <body name="arm_a" pos="0.1 0 0"><joint name="j"/><geom size="0.1"/></body>
-          <body name="trunk" pos="0.2 0 0"><joint name="neck"/><geom size="0.1"/>
-            <body name="base" pos="0.2 0 0"><geom size="0.1"/></body></body>
-          <body name="arm" pos="-0.2 0 0">
-            <joint name="a" axis="1 0 0"/><joint name="b"/><geom size="0.1"/></body>
-        </body></worldbody></mujoco>
-        """)
-    robot = replace(load_robot(), trunk='torso', legs=None)
-    model = build_model(str(path), intrinsics=flexx2().intrinsics, robot=robot)
-    links = links_of(model, robot)
-    assert [(link.parent, link.name) for link in links] == [
-        ('base', 'trunk'),
-        ('trunk', 'arm_a'),
-        ('trunk', 'trunk_2'),
-        ('trunk_2', 'base_2'),
-        ('trunk', 'arm_a_2'),
-        ('arm_a_2', 'arm'),
-    ]
-    joints = ElementTree.fromstring(urdf(model, links)).findall('joint')
-    assert len({joint.get('name') for joint in joints}) == len(links)
 
 
 def test_links_of_the_description_are_at_the_models_bodies(model):

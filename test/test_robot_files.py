@@ -1,6 +1,5 @@
 """Robots other than the built-in one, and joints by all their names."""
 
-import math
 import shutil
 
 from flexx2_sim_ros.errors import InputError
@@ -66,15 +65,6 @@ def test_a_joint_is_known_by_all_its_names(name, plain):
     assert plain_name(name) == plain
 
 
-@pytest.mark.parametrize('name', ['go1', 'go2'])
-def test_the_built_in_robot_has_its_twelve_joints(name):
-    robot = load_robot(name)
-    parts = find_parts(build_model(intrinsics=K, robot=robot), robot)
-    assert tuple(parts.joints) == robot.legs.all_names
-    assert parts.free == 0
-    assert sorted(parts.leg_addresses.ravel()) == list(range(7, 19))
-
-
 def test_a_urdf_moves_with_its_trunk_where_it_is_put(tmp_path):
     path = tmp_path / 'robot.urdf'
     path.write_text(URDF)
@@ -91,30 +81,6 @@ def test_a_urdf_moves_with_its_trunk_where_it_is_put(tmp_path):
     mujoco.mj_forward(model, data)
     np.testing.assert_allclose(data.body('trunk').xpos, position, atol=1e-9)
     np.testing.assert_allclose(data.body('trunk').xquat, quaternion, atol=1e-9)
-
-
-def test_the_twist_is_that_of_the_trunk(tmp_path):
-    path = tmp_path / 'robot.urdf'
-    path.write_text(URDF)
-    for name in (str(path), 'builtin'):
-        model = build_model(name, 'corner', intrinsics=K)
-        data = mujoco.MjData(model)
-        robot = find_parts(model)
-        # Half a turn in a second on a circle of one metre, seen from the trunk.
-        seconds, before = 1e-3, None
-        for angle in (0.7, 0.7 + math.pi * seconds):
-            before = data.qpos.copy()
-            robot.place(
-                data,
-                np.array([math.sin(angle), -math.cos(angle), 0.4]),
-                np.array([math.cos(angle / 2), 0, 0, math.sin(angle / 2)]),
-            )
-            mujoco.mj_forward(model, data)
-        velocity = np.zeros(model.nv)
-        mujoco.mj_differentiatePos(model, velocity, seconds, before, data.qpos)
-        linear, angular = robot.twist(data, velocity)
-        np.testing.assert_allclose(linear, [math.pi, 0, 0], atol=0.01)
-        np.testing.assert_allclose(angular, [0, 0, math.pi], atol=1e-6)
 
 
 def test_joints_above_the_trunk_move_it(tmp_path):
@@ -152,19 +118,6 @@ def test_joints_above_the_trunk_move_it(tmp_path):
     change = turn.T @ (data.body('trunk').xmat.reshape(3, 3) - turn) / seconds
     np.testing.assert_allclose(linear, moved, atol=1e-4)
     np.testing.assert_allclose(angular, [change[2, 1], change[0, 2], change[1, 0]], atol=1e-4)
-
-
-def test_a_robot_that_is_fixed_does_not_move(tmp_path):
-    path = tmp_path / 'robot.xml'
-    path.write_text(
-        '<mujoco><worldbody><body name="trunk"><geom size="0.1"/></body></worldbody></mujoco>'
-    )
-    model = build_model(str(path), intrinsics=K)
-    robot = find_parts(model)
-    assert robot.free == -1
-    linear, angular = robot.twist(mujoco.MjData(model), np.zeros(model.nv))
-    assert not linear.any()
-    assert not angular.any()
 
 
 @pytest.mark.parametrize(('name', 'radius'), [('go1', '0.02'), ('go2', '0.022')])

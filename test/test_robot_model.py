@@ -155,19 +155,6 @@ def test_positive_angles_turn_as_ros_says():
     assert axes(0, 20, 30)[0][2] == pytest.approx(0)
 
 
-@pytest.mark.parametrize('size', ['1', '500'])
-def test_the_clip_planes_do_not_follow_the_scene(tmp_path, size):
-    scene = written(
-        tmp_path / 'scene.xml',
-        f"""
-        <mujoco><worldbody><geom type="box" size="{size} 1 1" pos="900 0 0"/></worldbody></mujoco>
-        """,
-    )
-    model = build_model(scene=scene, intrinsics=K, near=0.05, far=12.0)
-    planes = np.array([model.vis.map.znear, model.vis.map.zfar]) * model.stat.extent
-    np.testing.assert_allclose(planes, [0.05, 12.0], rtol=1e-6)
-
-
 def test_a_robot_without_home_or_free_joint_keeps_its_pose(tmp_path):
     robot = written(tmp_path / 'robot.xml', TINY_ROBOT.replace('<freejoint/>', ''))
     model = build_model(robot_model=robot, intrinsics=K)
@@ -240,12 +227,6 @@ def test_a_bad_model_file_is_named(tmp_path, parameter, case):
     assert message.startswith(f'{parameter}: ')
     assert str(path) in message
     assert said in message
-
-
-def test_parts_that_do_not_fit_are_refused():
-    twice = [CameraMount('front', (0.3, 0, 0), (0, 0, 0))] * 2
-    with pytest.raises(InputError, match='do not fit together.*front'):
-        build_model(intrinsics=K, mounts=twice)
 
 
 @pytest.mark.parametrize(

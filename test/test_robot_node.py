@@ -2,12 +2,11 @@
 
 import math
 import sys
-import types
 from xml.etree import ElementTree
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.robots.kinematics import feet, rotation
-from flexx2_sim_ros.robots.robot import load_mounts, load_robot, robot_path
+from flexx2_sim_ros.robots.robot import load_mounts
 import mujoco
 import numpy as np
 import pytest
@@ -30,7 +29,6 @@ from robots import (
 )
 from std_msgs.msg import String
 from streams import array_of, nanoseconds
-import yaml
 
 pytestmark = pytest.mark.usefixtures('ros')
 
@@ -269,34 +267,6 @@ def test_frames_follow_the_conventions_of_ros():
         np.testing.assert_allclose(matrix(link) @ matrix(optical), mount.rotation, atol=1e-9)
 
 
-def test_frames_are_published_where_their_message_is_there(monkeypatch):
-    # tf2_msgs is not on the package index: a stand-in of its one message's shape.
-    sent = []
-
-    class TFMessage(types.SimpleNamespace):
-        pass
-
-    class Node:
-        """Keep what is published."""
-
-        def create_publisher(self, kind, topic, qos):
-            assert kind is TFMessage
-            return types.SimpleNamespace(publish=lambda message: sent.append((topic, message)))
-
-    package, module = types.ModuleType('tf2_msgs'), types.ModuleType('tf2_msgs.msg')
-    module.TFMessage = TFMessage
-    monkeypatch.setitem(sys.modules, 'tf2_msgs', package)
-    monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', module)
-    frames = tf_frames.FramePublisher(Node())
-    fixed = tf_frames.camera_transforms('base', load_mounts())
-    frames.fixed(fixed)
-    frames.moving(fixed[:1])
-    assert [(topic, message.transforms) for topic, message in sent] == [
-        ('/tf_static', fixed),
-        ('/tf', fixed[:1]),
-    ]
-
-
 def test_without_tf2_the_log_says_so_once(monkeypatch):
     monkeypatch.setitem(sys.modules, 'tf2_msgs', None)
     with robot_node() as seen:
@@ -341,19 +311,6 @@ def test_an_impossible_start_gives_the_reason(tmp_path, case):
             files[name] = str(path)
     with pytest.raises(InputError, match=said):
         RobotUnderTest(**{**values, **files})
-
-
-def test_a_robots_file_may_have_whole_numbers(tmp_path):
-    robot, position = load_robot(), [0, 0, 1]
-    found = yaml.safe_load(robot_path('go1').read_text())
-    found['models']['builtin'] = str(robot.builtin)
-    found['cameras'] = [{'name': 'eye', 'position': position, 'rpy_deg': [0, 20, 0]}]
-    path = tmp_path / 'own.yaml'
-    path.write_text(yaml.safe_dump(found))
-    with robot_node(robot=str(path)) as seen:
-        infos = seen.hear('eye/clean/camera_info', CameraInfo)
-        seen.more(infos, 1)
-        assert list(seen.robot.get_parameter('eye.position').value) == position
 
 
 def test_late_subscribers_get_the_description():

@@ -75,28 +75,6 @@ def test_another_simulator_moves_the_robot():
         assert 'the simulator that has the time' in seen.change(real_time_factor=2.0).reason
 
 
-def test_joints_that_differ_only_in_their_prefix_are_different_joints(tmp_path):
-    arm = '<body name="{0}" pos="0 {1} 0.1"><joint name="{0}/elbow"/><geom size="0.1"/></body>'
-    path = tmp_path / 'robot.xml'
-    path.write_text(
-        '<mujoco><worldbody><body name="trunk"><freejoint/><geom size="0.1"/>'
-        f'{arm.format("left", 0.3)}{arm.format("right", -0.3)}'
-        '<body pos="0.3 0 0"><joint name="tail_joint"/><geom size="0.1"/></body>'
-        '</body></worldbody></mujoco>'
-    )
-    with robot_node(robot_model=str(path), motion='external') as seen:
-        states = seen.to('joint_states', JointState)
-        data = seen.robot._data
-        states.publish(joints(1, (0.1, 0.2, 0.3), ('right/elbow', 'left/elbow', 'x/tail')))
-        seen.spin_until(lambda: data.qpos[7:].any(), 'joints')
-        assert [
-            data.joint(name).qpos[0] for name in ('left/elbow', 'right/elbow', 'tail_joint')
-        ] == [0.2, 0.1, 0.3]
-        # A name that could be either joint's is neither's.
-        states.publish(joints(2, (0.5,), ('elbow',)))
-        seen.spin_until(lambda: seen.logged('the robot does not have: elbow'))
-
-
 def test_after_a_reset_of_the_other_simulator_a_pose_waits_for_new_joints():
     before, after = np.tile([0.1, 1.0, -1.7], 4), np.tile([0.2, 0.8, -1.5], 4)
     with robot_node(motion='external') as seen:

@@ -1,12 +1,10 @@
 """Scenes of the demo and what they show: shapes, boards, and reflectivity by material."""
 
-from contextlib import closing
 import math
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
-from flexx2_sim_ros.rendering.pinholes import board_model
 from flexx2_sim_ros.rendering.rays import SceneGround
 from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.rendering.scenes import load_materials, place_board, reflectivity_table, SCENES
@@ -95,21 +93,6 @@ def test_the_stairs_go_up_and_down():
     np.testing.assert_allclose(rises[np.abs(rises) > 0.01], [0.1] * 6 + [-0.1] * 6, atol=1e-6)
 
 
-def test_the_corner_is_of_two_bright_walls_at_a_right_angle():
-    model, data = standing('corner')
-    renderer = open_renderer(model, K, 'ray')
-    names = [model.geom(f'scene/wall_{side}').id for side in ('left', 'right')]
-    for camera in CAMERAS:
-        _, geom_id = renderer.render(data, camera)
-        assert all((geom_id == name).mean() > 0.05 for name in names)
-    # Their inner faces: x of the one, y of the other, in the frame that both are in.
-    axes = [data.geom_xmat[name].reshape(3, 3) for name in names]
-    assert axes[0][:, 1] @ axes[1][:, 0] == pytest.approx(0, abs=1e-9)
-    corner = SceneGround(model, data, find_parts(model).geoms)
-    ahead = corner.free(np.array([0.0, 0.0, 0.5]), np.array([1.0, 0.0, 0.0]))
-    assert ahead == pytest.approx(1.6, abs=1e-3)
-
-
 @pytest.mark.parametrize('colour', ['', 'rgba="1 0 0 0"', 'material="clear"'])
 def test_the_robot_stands_and_walks_on_shapes_that_cannot_be_seen(colour, tmp_path):
     path = tmp_path / 'scene.xml'
@@ -162,31 +145,6 @@ def test_the_board_has_exactly_the_distance_and_angle_asked_for(camera, backend)
     renderer.close()
 
 
-def test_the_board_needs_no_robot():
-    model = board_model(K, 'eye')
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    place_board(model, data, 'eye', 2.0, 30.0)
-    with closing(open_renderer(model, K, 'ray')) as renderer:
-        depth, geom_id = renderer.render(data, 'eye')
-    expected = 2.0 / (1 - math.tan(math.radians(30.0)) * (np.arange(K.width) - K.cx) / K.fx)
-    middle = slice(100, 124)
-    assert (geom_id[86, middle] == model.geom('scene/board').id).all()
-    np.testing.assert_allclose(depth[86, middle], expected[middle], atol=1e-6)
-    assert {model.body(body).name for body in range(1, model.nbody)} == {
-        'scene/board',
-        'scene/backdrop',
-    }
-
-
-def test_the_boards_place_survives_a_reset():
-    model, data = standing('board')
-    place_board(model, data, 'front_right', 2.0, 30.0)
-    before = data.geom('scene/board').xpos.copy()
-    stand(model, data)
-    np.testing.assert_allclose(data.geom('scene/board').xpos, before)
-
-
 @pytest.mark.parametrize(
     ('scene', 'arguments', 'said'),
     [
@@ -200,42 +158,6 @@ def test_the_boards_place_survives_a_reset():
 def test_a_board_that_cannot_be_placed_is_refused(scene, arguments, said):
     with pytest.raises(InputError, match=said):
         place_board(*standing(scene), *arguments)
-
-
-def test_hidden_bodies_are_never_rendered():
-    # With rays, everything: no pixel shows what is left out, in any pose of the walk.
-    model, data = standing('lab')
-    hidden = {name: unseen_geoms(model, model.cam(name).id, K) for name in CAMERAS}
-    assert all(left_out.sum() > 30 for left_out in hidden.values())
-    rays = np.stack(
-        np.broadcast_arrays(
-            (np.arange(0, K.width, 4) - K.cx) / K.fx,
-            -((np.arange(0, K.height, 4) - K.cy) / K.fy)[:, None],
-            -1.0,
-        ),
-        axis=-1,
-    ).reshape(-1, 3)
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    hit = np.empty(len(rays), np.int32)
-    for seconds in (0.1, 0.2, 0.3, 0.5, 0.8):
-        walked(model, data, (0.6, 0.2, 0.8), seconds)
-        for name, left_out in hidden.items():
-            pose_of = data.camera(name)
-            mujoco.mj_multiRay(
-                model,
-                data,
-                pose_of.xpos,
-                (rays @ pose_of.xmat.reshape(3, 3).T).ravel(),
-                np.array([1, 1, 1, 0, 0, 0], np.uint8),
-                1,
-                -1,
-                hit,
-                np.empty(len(rays)),
-                None,
-                len(rays),
-                30.0,
-            )
-            assert not left_out[hit[hit >= 0]].any()
 
 
 @pytest.mark.parametrize('backend', ['auto', 'ray'])
@@ -264,13 +186,6 @@ def test_a_camera_elsewhere_sees_other_parts():
     bodies = {model.body(model.geom_bodyid[geom]).name for geom in np.flatnonzero(hidden)}
     assert not {'RR_calf', 'RL_calf', 'RR_thigh'} & bodies
     assert {'FR_calf', 'FL_calf'} <= bodies
-
-
-def test_a_camera_in_the_world_hides_nothing():
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><camera name="c"/><geom size="1"/></worldbody></mujoco>'
-    )
-    assert not unseen_geoms(model, 0, K).any()
 
 
 FLEXX2 = Intrinsics.from_field_of_view(224, 172, 56.0, 44.0)

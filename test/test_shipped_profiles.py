@@ -21,7 +21,6 @@ from flexx2_sim_ros.profiles.files import (
     save_profile,
     shipped,
 )
-from flexx2_sim_ros.profiles.sensor import Sensor
 from flexx2_sim_ros.profiles.valid_mask import mask_of
 from matplotlib.image import imread, imsave
 import numpy as np
@@ -58,21 +57,6 @@ def test_names_are_listed_and_found(capsys):
     assert 'depth_848x480_30fps' in said
     assert main(['modes', '--profile', '/no/such.yaml']) == 2
     assert '/no/such.yaml' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize('name', shipped())
-def test_a_profile_is_read_back_as_it_was_written(name, tmp_path):
-    camera = find_profile(name)
-    save_profile(tmp_path / 'copy.yaml', ProfileFile(camera))
-    copy = load_profile(tmp_path / 'copy.yaml')
-    assert (copy.intrinsics, copy.sensor) == (camera.intrinsics, camera.sensor)
-    for mode, own in zip(copy.modes, camera.modes, strict=True):
-        assert replace(mode, noise_of=own.noise_of, source=own.source) == own
-
-
-def test_a_profile_that_says_nothing_of_its_sensor_has_that_of_the_flexx2():
-    assert flexx2().sensor == Sensor()
-    assert {mode.noise.incidence_cap for mode in flexx2().modes} == {np.radians(85)}
 
 
 @pytest.mark.parametrize(
@@ -119,7 +103,7 @@ def test_effects_on_phases_do_not_apply_to_a_stereo_camera():
             assert np.isfinite(shot().depth).any(), name
 
 
-@pytest.mark.parametrize('name', OTHERS)
+@pytest.mark.parametrize('name', ['kinect_v2', 'realsense_d435'])
 def test_boards_give_the_profile_back(name, tmp_path):
     """Six boards, 60 frames of 3,000 pixels: sigma is known to well below 1 % at each board."""
     recordings, out = record(tmp_path, name, 60), tmp_path / 'result'
@@ -134,7 +118,7 @@ def test_boards_give_the_profile_back(name, tmp_path):
     np.testing.assert_allclose(found.noise.sigma_z(z, 0), mode.noise.sigma_z(z, 0), rtol=0.05)
 
 
-@pytest.mark.parametrize('name', OTHERS)
+@pytest.mark.parametrize('name', ['kinect_v2', 'realsense_d435'])
 def test_excess_noise_is_diagnosed(name, tmp_path):
     effects = tmp_path / 'effects.yaml'
     effects.write_text(f'schema: 1\neffects: {{excess_noise: {{factor: {FACTOR}}}}}\n')
@@ -243,20 +227,6 @@ def test_no_depth_outside_the_valid_region():
     np.testing.assert_array_equal(frames[False], frames[True])
 
 
-def test_a_batch_filters_nothing_outside_the_valid_region():
-    camera = find_profile('azure_kinect_nfov')
-    matrix = camera.intrinsics.matrix * [[0.25], [0.25], [1]]
-    scene = np.full((144, 160), 1.5, np.float32)
-    effects = {'spatial_filter': None}
-    alone = Camera(camera.default_usecase, profile=camera, effects=effects, seed=3)
-    batch = BatchCamera(
-        1, profile=camera, usecase=camera.default_usecase, effects=effects, seed=3, K=matrix
-    )
-    np.testing.assert_allclose(
-        batch(scene[None].copy())[0], alone.capture(scene, matrix, 0).depth, rtol=0, atol=2e-5
-    )
-
-
 def test_noise_that_follows_exposure():
     """Predictions for the unmeasured modes from the measured pair; the rest is the Flexx2's."""
     by_exposure, nearest = find_profile('flexx2_exposure'), flexx2()
@@ -335,18 +305,3 @@ def with_mask(camera, mask):
     """Return a camera with a mask of valid pixels in all its modes."""
     sensor = replace(camera.sensor, valid_mask=mask)
     return replace(camera, modes=tuple(replace(mode, sensor=sensor) for mode in camera.modes))
-
-
-def test_a_mask_that_a_profile_cannot_have_is_not_saved(tmp_path):
-    camera = find_profile('flexx2_exposure')
-    own = camera.intrinsics
-    elsewhere = replace(own, cx=own.cx - 1000)
-    everywhere = np.ones((own.height, own.width), bool)
-    masked = with_mask(camera, mask_of(everywhere, elsewhere))
-    with pytest.raises(InputError, match=r'camera\.yaml: sensor\.valid_mask: must have a pixel'):
-        save_profile(tmp_path / 'camera.yaml', ProfileFile(masked))
-    masked = with_mask(camera, mask_of(everywhere, own))
-    two = replace(masked, modes=(camera.modes[0], *masked.modes[1:]))
-    with pytest.raises(InputError, match=r'camera\.yaml: sensor: must be the same in all modes'):
-        save_profile(tmp_path / 'camera.yaml', ProfileFile(two))
-    assert not list(tmp_path.iterdir())

@@ -277,10 +277,3 @@ def test_modes(monkeypatch, capsys, columns):
         assert f'{row["sigma_x"]:.3f}' in line
         assert f' {row["n"]:g} ' in line
     assert '…' not in text
-
-
-def test_a_reflectivity_in_percent_is_noted(tmp_path, capsys):
-    out = simulate(save(tmp_path, reflectivity=np.full(SCENE.shape, 50, np.uint8)), tmp_path)
-    np.testing.assert_allclose(out['reflectivity'], 0.5)
-    said = ' '.join(capsys.readouterr().err.split())
-    assert 'in.npz: reflectivity: up to 50: taken for percent' in said

@@ -4,8 +4,7 @@ import math
 
 from flexx2_sim_ros.camera import depth_from_z_buffer, flexx2, Intrinsics, ray_length
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.surface import analyse, tangents
-from flexx2_sim_ros.profiles.sensor import DEFAULT_SENSOR
+from flexx2_sim_ros.physics.surface import analyse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
@@ -95,15 +94,6 @@ def test_planes_up_to_80_degrees(camera, seed):
     ):
         np.testing.assert_array_equal(found, wanted)
     assert worst(surface, truth, seen & ~thin(seen)) < 1
-
-
-def test_inverse_depth_has_a_border_of_two_pixels_of_nothing():
-    inverse, across, down = tangents(np.full((5, 7), 2.0, np.float32), DEFAULT_SENSOR)
-    assert inverse.shape == (9, 11)
-    assert (inverse[2:-2, 2:-2] == 0.5).all()
-    assert inverse.sum() == 0.5 * 35
-    assert not across.any()
-    assert not down.any()
 
 
 @pytest.mark.parametrize('distance', [1.0, 2.0, 4.0])
@@ -219,16 +209,6 @@ def test_creases_are_not_taken_for_jumps(one, two, fold):
             clear &= np.roll(on_first, step, axis) == on_first
             clear &= np.roll(valid, step, axis)
     assert worst(surface, truth, clear) < 1
-
-
-@pytest.mark.parametrize('shape', [(1, 1), (1, 2), (2, 1), (1, 9), (9, 1), (2, 2), (2, 3), (3, 3)])
-def test_tiny_images(shape):
-    camera = Intrinsics(shape[1], shape[0], 200.0, 200.0, 0.0, 0.0)
-    surface = look(np.full(shape, 2.0), camera)
-    assert not (surface.row_jumps | surface.column_jumps).any()
-    assert surface.incidence.shape == shape
-    assert np.degrees(surface.incidence).max() < 4  # the pixels' angle off the axis
-    assert (look(np.full(shape, np.nan), camera).cos_incidence == 1).all()
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)

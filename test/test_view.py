@@ -6,8 +6,6 @@ import subprocess
 import time
 
 from browser import chromium
-from flexx2_sim_ros.nodes.viewed_camera import ViewedCamera
-from flexx2_sim_ros.recording.bag_cameras import CameraTopics
 from flexx2_sim_ros.view.packing import depth_table, difference_table, INVALID
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
@@ -15,7 +13,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from streams import Listener, listening, Parameter
+from streams import Listener, Parameter
 from views import PATIENCE, View
 
 CAMERAS = ('front_left', 'front_right')
@@ -235,19 +233,6 @@ def test_sliders_set_effects_on_the_node(scene):
     assert result.results[0].successful
     page.until(f'{on} === "all off" && {slider}.value === "0"')
     assert page.evaluate(f'{part("front_right", "effects-on")}.textContent') == 'all off'
-
-
-def test_a_node_without_some_effects_has_sliders_of_the_others(ros):
-    # For example a node of an older version, or beside an effect of another package.
-    with listening() as user:
-        name = user.node.get_fully_qualified_name()
-        user.node.declare_parameter('effect.offset.strength', 0.5)
-        topics = CameraTopics('front', name, 'depth', 'info', 'cloud', 'gray', 'front')
-        camera = ViewedCamera(user.node, topics, lambda: None)
-        user.spin_until(camera.client.services_are_ready, 'parameter services')
-        camera.ask()
-        user.spin_until(lambda: bool(camera.strengths), 'strengths')
-        assert camera.strengths == {'offset': 0.5}
 
 
 def test_the_wipe_shows_clean_depth_to_the_left_of_its_line(scene):

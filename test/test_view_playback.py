@@ -258,16 +258,6 @@ def choose_recording(page, at):
     )
 
 
-def test_another_recording_starts_at_its_first_frame(page):
-    press(page, 'End')
-    page.until(f'{NUMBER} === "{COUNT} / {COUNT}"')
-    choose_recording(page, 1)
-    page.until(f'{NUMBER} === "1 / {COUNT}"')
-    assert page.evaluate('[...document.querySelectorAll("h2")].map((one) => one.textContent)') == [
-        'b'
-    ]
-
-
 def test_cameras_of_a_bag_are_shown_at_the_same_time(page):
     choose_recording(page, 2)
     numbers = '[...document.querySelectorAll("[data-part=number]")].map((one) => one.textContent)'

@@ -13,7 +13,6 @@ from flexx2_sim_ros.cli.view_files import open_files
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, open_recording
-from flexx2_sim_ros.truth.plane_file import read_planes
 from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.packing import UNIT
 from flexx2_sim_ros.view.playback import PlaybackServer
@@ -64,20 +63,6 @@ def test_a_simulation_is_that_of_the_whole_sequence(tmp_path, walk):
     assert not np.allclose(
         recorded.frame(3, 'simulated').clean, walk['depth'][3], atol=1e-6, equal_nan=True
     )
-
-
-def test_a_drift_goes_on_after_a_jump_to_another_frame(tmp_path):
-    effects = parse_effects({'warm_up_drift': {'bias': 0.1, 'tau': 10.0}})
-    stamps = 100.0 + 4.0 * np.arange(30)
-    walk = save_walk(tmp_path / 'walk.npz')
-    arrays = {key: walk[key][np.zeros(30, int)] for key in ('depth', 'clean_depth')}
-    save_walk(tmp_path / 'walk.npz', stamp=stamps, **arrays)
-    recorded = RecordedCamera(open_recording(tmp_path / 'walk.npz'), None, effects, 1 << 20)
-    camera = Camera(USECASE, effects=effects, name='flexx2 view')
-    nanoseconds = np.rint(stamps * 1e9).astype(np.int64)
-    whole = camera.capture(arrays['clean_depth'], K, nanoseconds).depth
-    for number in (25, 26, 14, 0):
-        np.testing.assert_array_equal(recorded.frame(number, 'effects').clean, whole[number])
 
 
 def test_unknown_pixels_are_compared_with_nothing(tmp_path):
@@ -162,15 +147,6 @@ def post(origin, body, **headers):
 
 
 TRIANGLE = [[1, 2], [30, 2], [30, 40]]
-
-
-def test_an_outline_is_saved(planes):
-    origin, path = planes
-    assert post(origin, outline(TRIANGLE)) == (200, '')
-    plan = read_planes(path)
-    assert [plane.name for plane in plan.planes] == ['left']
-    (hint,) = plan.seen_in('walk')
-    assert hint.outline == ((1, 2), (30, 2), (30, 40))
 
 
 @pytest.mark.parametrize(
@@ -296,20 +272,6 @@ def test_a_broken_recording_of_a_folder_is_left_out(tmp_path, capsys):
         open_files(tmp_path / 'folder' / 'broken.npz', None, [], '')
 
 
-def test_a_diagnosis_adds_its_effects_and_its_verdict(tmp_path):
-    (tmp_path / 'campaign').mkdir()
-    save_walk(tmp_path / 'campaign' / 'walk.npz')
-    diagnosis = save_diagnosis(tmp_path / 'diagnosis')
-    recordings, verdict = open_files(diagnosis, tmp_path / 'campaign', [], '')
-    (recorded,) = recordings['walk.npz']
-    assert verdict.startswith('No gap above the tolerance')
-    assert recorded.references == ['clean', 'simulated', 'effects']
-    images = [recorded.frame(0, key).clean for key in ('simulated', 'effects')]
-    # The same noise, and the offset of the diagnosis.
-    bias = parse_effects(EFFECTS)[0].bias
-    np.testing.assert_allclose(images[1] - images[0], bias, atol=2e-4)
-
-
 def test_a_port_in_use_is_reported_before_anything_starts(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv('TMPDIR', str(tmp_path))
     with socket.create_server(('127.0.0.1', 0)) as other:
@@ -345,11 +307,3 @@ def test_an_invalid_address_is_reported(capsys, options, said):
     error = capsys.readouterr().err
     assert said in error
     assert error.count('\n') == 1
-
-
-def test_help_names_what_shows_the_cameras(capsys):
-    with pytest.raises(SystemExit, match='0'):
-        main(['--help'])
-    said = ' '.join(capsys.readouterr().out.split())
-    for word in ('view', 'RViz', 'flexx2.rviz', 'Foxglove', 'foxglove.json'):
-        assert word in said

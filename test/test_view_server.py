@@ -2,7 +2,6 @@
 
 import asyncio
 from contextlib import contextmanager, suppress
-from itertools import count
 import json
 import socket
 
@@ -82,46 +81,6 @@ def test_a_slow_browser_gets_the_newest_frame_and_no_others(served):
     assert source.asked.count('leave') == 2
 
 
-def test_pages_survive_a_camera_that_ends_while_a_frame_waits(served):
-    server, source = served
-
-    async def work():
-        client = await connect_to(server)
-        assert await client.read_message() == '{}'
-        frames = {'left': shot(1)}
-        # Every third look finds the frames gone: the one that is to send them.
-        looks = (frames if look % 3 else {} for look in count(1))
-        type(source).shots = property(lambda _: next(looks))
-        try:
-            server.wake()
-            source.status = '{"cameras": []}'
-            server.wake()
-            assert await client.read_message() == '{"cameras": []}'
-        finally:
-            del type(source).shots
-        client.close()
-
-    run(work())
-
-
-def test_pages_get_the_status_and_send_requests(served):
-    server, source = served
-
-    async def work():
-        source.status = '{"cameras": []}'
-        client = await connect_to(server)
-        assert await client.read_message() == '{"cameras": []}'
-        await client.write_message('{"drive": [0.5, 0, -1]}')
-        await client.write_message('{"usecase": ["left", "Mode_5_60fps"]}')
-        await client.write_message('{"effect": ["left", "offset", 1.5]}')
-        await until(lambda: ('left', 'Mode_5_60fps') in source.asked)
-        client.close()
-        await until(lambda: 'leave' in source.asked)
-
-    run(work())
-    assert source.asked[1:3] == [('drive', (0.5, 0.0, -1.0)), ('left', 'Mode_5_60fps')]
-
-
 @pytest.mark.parametrize(
     'message',
     [
@@ -180,23 +139,6 @@ def silent_page(server):
         )
         assert client.recv(4096).startswith(b'HTTP/1.1 101')
         yield client
-
-
-@pytest.mark.parametrize('part', [b'\xc3\x28', 5000 * b'x'], ids=['not UTF-8', 'too long'])
-def test_broken_frames_end_the_connection_quietly(served, caplog, part):
-    server, _ = served
-    with silent_page(server) as client:
-        size = (
-            bytes([0x80 | 126]) + len(part).to_bytes(2, 'big')
-            if len(part) > 125
-            else bytes([0x80 | len(part)])
-        )
-        # A mask of zeros leaves the text as it is.
-        client.sendall(b'\x81' + size + bytes(4) + part)
-        while client.recv(4096):
-            pass
-    assert [record for record in caplog.records if record.levelname == 'ERROR'] == []
-    assert caplog.text.count('Traceback') == 0
 
 
 def test_a_page_that_answers_no_ping_is_disconnected(monkeypatch):

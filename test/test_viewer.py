@@ -1,17 +1,13 @@
 """The node of `flexx2 view` over real DDS: the frames that it pairs, and driving."""
 
 from dataclasses import dataclass
-import time
 from typing import Any
 
-from flexx2_sim_ros.cli.view import _spin
 from flexx2_sim_ros.nodes.viewer import Viewer
 from geometry_msgs.msg import Twist
 import numpy as np
 import pytest
-from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.msg import ParameterEvent, ParameterValue
-from rclpy.node import Node
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener, Parameter
 
@@ -161,54 +157,6 @@ def test_clean_depth_follows_the_parameter_input_depth(watched):
         shot = watched.show_until(lambda shot, z=corner: abs(shot.clean[0, 0] - z) < 1e-3, first)
         assert shot.clean[86, 112] == pytest.approx(1.5, abs=1e-3)
         first += 1000
-
-
-def test_values_of_types_that_do_not_exist_are_ignored(watched):
-    user, camera = watched.user, watched.viewer._cameras['view_parts/left']
-    events = user.node.create_publisher(ParameterEvent, '/parameter_events', 10)
-    user.spin_until(events.get_subscription_count, 'a subscription to parameter events')
-    names = ('x', 'input_depth', 'input_lens', 'effect.offset.strength', 'usecase')
-    good = ParameterEvent(node='/view_parts/left/flexx2_camera')
-    good.changed_parameters = [Parameter('effect.wiggling.strength', value=0.5).to_parameter_msg()]
-    bad = ParameterEvent(node=good.node)
-    bad.changed_parameters = [
-        ParameterMessage(name=name, value=ParameterValue(type=77, double_value=2.0))
-        for name in names
-    ]
-    events.publish(bad)
-    events.publish(good)
-    # An error in a callback would end this.
-    user.spin_until(lambda: camera.strengths, 'the strength')
-    assert camera.strengths == {'wiggling': 0.5}
-
-
-def test_an_error_in_a_callback_does_not_end_the_page(ros):
-    user, node = Listener(), Node('view_with_an_error')
-    heard = []
-    done = []
-
-    def take(message):
-        heard.append(message)
-        if len(heard) == 1:
-            raise ValueError('not today')
-        done.append(True)
-
-    try:
-        node.create_subscription(Twist, '/view_error/cmd_vel', take, 10)
-        send = user.node.create_publisher(Twist, '/view_error/cmd_vel', 10)
-        user.spin_until(send.get_subscription_count, 'the subscription')
-        ends = time.monotonic() + 60.0
-
-        def publish_again():
-            send.publish(Twist())
-            user.spin_for_a_message()
-
-        _spin(node, lambda: bool(done) or time.monotonic() > ends, publish_again)
-        assert done
-        user.spin_until(lambda: any('not today' in entry.msg for entry in user.log), 'the log')
-    finally:
-        user.close()
-        node.destroy_node()
 
 
 def test_wrong_messages_of_pages_are_one_log_line(watched):

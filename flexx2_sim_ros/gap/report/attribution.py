@@ -52,7 +52,7 @@ def _others(gap: dict[str, Any]) -> dict[str, Any]:
 
 def said(table: dict[str, Any]) -> tuple[list[str], list[str]]:
     """Return the lines below the table, of at most three sentences, and the others."""
-    lines = [*disagreeing(table), *shown_by_one(table), *sentences(table)]
+    lines = [*disagreeing(table), *wrong_mode(table), *shown_by_one(table), *sentences(table)]
     ends = np.cumsum([len(re.findall(r'[.?](?: |$)', line)) for line in lines])
     count = max(int((ends <= _MOST_SENTENCES).sum()), 1)
     return lines[:count], lines[count:]
@@ -67,6 +67,16 @@ def disagreeing(table: dict[str, Any]) -> list[str]:
         f'The recordings disagree: {_some(one["has"])} show {spaced(one["name"])}; '
         f'{_some(one["lacks"])} do not. Was a setting, the mode or the camera changed? '
         'Diagnose them apart.'
+    ]
+
+
+def wrong_mode(table: dict[str, Any]) -> list[str]:
+    """Return a sentence on a mode whose noise the recordings have, and not that of their own."""
+    if not table.get('likelier_mode'):
+        return []
+    return [
+        f'Its noise over distance is that of {table["likelier_mode"]} rather than of '
+        f'{table["settings"]["usecase"]}: is the mode told right?'
     ]
 
 
