@@ -398,8 +398,22 @@ def _identified(*names, **gap):
         'where': [],
         'disagree': None,
         'recordings': [],
+        'settings': {'pose_held': False},
         'age': {'latency': 0.0, 'delay': None},
     }
+
+
+def test_the_accuracy_of_poses_is_asked_for_where_they_may_hide_effects():
+    exact = dict.fromkeys(('unknown', 'sigma', 'pose', 'turn', 'planes', 'offset', 'tilt'))
+    rows = [{'used': True, 'truth': exact}]
+    several = _identified('offset', 'wiggling', at_fitted_poses={'shrink': 0.5})
+    asked = [table | {'recordings': rows} for table in (several, _identified('offset'))]
+    held = asked[0] | {'settings': {'pose_held': True}}
+    known = asked[0] | {
+        'recordings': [{'used': True, 'truth': exact | {'pose': 0.1, 'turn': 1.0}}]
+    }
+    said = ['--pose-prior' in ' '.join(sentences(table)) for table in (*asked, held, known)]
+    assert said == [True, False, False, False]
 
 
 @pytest.mark.parametrize(

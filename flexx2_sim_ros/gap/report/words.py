@@ -41,6 +41,10 @@ SIZES = (
     'simulations: two runs of the simulator with other noise, as an exact simulation would '
     'differ, too. Each row of bars has its own scale.'
 )
+_POSES_HIDE = (
+    'Poses that may be wrong by any amount take over offsets, drifts and scales of depth. If you '
+    'know how accurate yours are, diagnose again with --pose-prior.'
+)
 # Why effects that were found are not named.
 REFUSED = {
     'improbable': 'none of the effects found is probable enough',
@@ -211,8 +215,12 @@ def sentences(table: dict[str, Any]) -> list[str]:
         out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
         out += correction(table)
-    truth = accuracy([row['truth'] for row in table['recordings'] if row['used']])
+    truths = [row['truth'] for row in table['recordings'] if row['used']]
+    truth = accuracy(truths)
     out += [f'Accuracy of the ground truth: {truth}.'] if truth else []
+    free = any(one['pose'] is None and not one['planes'] for one in truths)
+    if free and len(table['effects']) > 1 and not table['settings']['pose_held']:
+        out.append(_POSES_HIDE)
     return out + not_decidable(table) + age_words(table['age'])
 
 
