@@ -19,7 +19,6 @@ from flexx2_sim_ros.gap.inference.selection import (
     without_each,
 )
 from flexx2_sim_ros.gap.inference.support import Support, support_of
-from flexx2_sim_ros.gap.inference.uncertainty import ratio_interval
 import numpy as np
 
 
@@ -28,14 +27,11 @@ class Alternative:
     """
     An effect that explains about as much in place of the selected ones in `instead_of`.
 
-    It is the last candidate of `fit`. `share` is the fraction of the excess loss that it explains,
-    `interval` its 90 % interval, `confidence` the probability that the effect is present.
+    It is the last candidate of `fit`; `confidence` is the probability that it is present.
     """
 
     fit: Fit
     instead_of: tuple[str, ...]
-    share: float
-    interval: list[float]
     confidence: float
 
 
@@ -48,8 +44,7 @@ class Decision:
       effects), ``identified``, ``partly`` or ``unknown``.
     * `base`, `chosen`: without any effect; with those chosen (the best found, if the verdict is
       ``unknown``).
-    * `shares`, `intervals`, `confidences`: for each chosen effect: the fraction of the excess loss
-      that it explains, the 90 % interval of that, and the probability that it is present.
+    * `confidences`: of each chosen effect, the probability that it is present.
     * `alternatives`: other effects that may be present, best first. In 19 of 20 campaigns they and
       the chosen effects together contain a true one.
     * `considered`: the best variant of each single effect, best first.
@@ -68,8 +63,6 @@ class Decision:
     verdict: str
     base: Fit
     chosen: Fit
-    shares: list[float]
-    intervals: list[list[float]]
     confidences: list[float]
     alternatives: list[Alternative]
     considered: list[Choice]
@@ -104,12 +97,10 @@ class Decision:
     def refused(self) -> 'Decision':
         """Return the decision for effects that make the gap larger: the first alternatives."""
         alone = {one.fit.candidates[-1].effect: one.fit for one in self.considered}
-        rows = zip(
-            self.chosen.candidates, self.shares, self.intervals, self.confidences, strict=True
-        )
+        rows = zip(self.chosen.candidates, self.confidences, strict=True)
         chosen = [
-            Alternative(alone[candidate.effect], (), share, interval, confidence)
-            for candidate, share, interval, confidence in rows
+            Alternative(alone[candidate.effect], (), confidence)
+            for candidate, confidence in rows
             if candidate.effect in alone
         ]
         others = [replace(one, instead_of=()) for one in self.alternatives]
@@ -171,19 +162,13 @@ def decide(
     if verdict == 'unknown':
         rivals, instead = tuple(considered), trials.base
         others = others or {one.fit.candidates[-1].effect for one in considered[:1]}
-    without = without_each(trials, chosen)
     alternatives = [one.fit for one in rivals if one.fit.candidates[-1].effect in others]
     return Decision(
         verdict,
         trials.base,
         chosen.fit,
-        [_share(one.fit, chosen.fit, excess) for one in without],
-        [_interval(trials, one.fit, chosen.fit) for one in without],
         [said.effects[c.effect] for c in chosen.fit.candidates],
-        [
-            _alternative(trials, excess, one, instead, said)
-            for one in alternatives[: thresholds.most_alternatives]
-        ],
+        [_alternative(one, instead, said) for one in alternatives[: thresholds.most_alternatives]],
         considered,
         excess,
         [*(one for one in absorbed if one.effect not in settled | names), *hidden],
@@ -202,25 +187,18 @@ def with_effects(
     """
     trials = Trials(model)
     chosen = _as_in_catalogue(trials, trials.choice(candidates, values))
-    without = without_each(trials, chosen)
     names = [one.effect for one in decision.chosen.candidates]
     sure = dict(zip(names, decision.confidences, strict=True))
     kept = {one.effect for one in candidates}
     return replace(
         decision,
         chosen=chosen.fit,
-        shares=[_share(one.fit, chosen.fit, decision.excess) for one in without],
-        intervals=[_interval(trials, one.fit, chosen.fit) for one in without],
         confidences=[sure.get(one.effect, ROUNDS.true) for one in chosen.fit.candidates],
         alternatives=[
             one for one in decision.alternatives if one.fit.candidates[-1].effect not in kept
         ],
         undecided=[one for one in decision.undecided if one.effect not in kept],
     )
-
-
-def _share(without: Fit, chosen: Fit, excess: float) -> float:
-    return min(max((without.total - chosen.total) / excess, 0.0), 1.0)
 
 
 def hidden_could_explain(
@@ -253,30 +231,10 @@ def _as_in_catalogue(trials: Trials, found: Choice) -> Choice:
     return trials.choice([c.given or c for c in parts], found.fit.values)
 
 
-def _alternative(
-    trials: Trials, excess: float, one: Fit, chosen: Fit, said: Judgement
-) -> Alternative:
-    effect, rest = one.candidates[-1].effect, one.candidates[:-1]
-    without = trials.choice(rest).fit if rest else trials.base
+def _alternative(one: Fit, chosen: Fit, said: Judgement) -> Alternative:
     kept = {c.effect for c in one.candidates}
     return Alternative(
         one,
         tuple(c.effect for c in chosen.candidates if c.effect not in kept),
-        float(np.clip((without.total - one.total) / excess, 0, 1)),
-        _interval(trials, without, one),
-        said.effects.get(effect, 0.0),
+        said.effects.get(one.candidates[-1].effect, 0.0),
     )
-
-
-def _interval(trials: Trials, without: Fit, chosen: Fit) -> list[float]:
-    # The 90 % interval of the fraction of the excess loss that an effect explains.
-    base, count = trials.base, trials.count
-    pose = (without.pose_held_out - chosen.pose_held_out) / count
-    top = without.held_out - chosen.held_out + pose
-    bottom = (
-        base.loss
-        - trials.model.null_loss.sum(axis=1)
-        - trials.thresholds.floor
-        + (base.pose_loss - chosen.pose_loss) / count
-    )
-    return ratio_interval(top, bottom)

@@ -203,8 +203,6 @@ def _alternative(model: Model, one: Alternative) -> dict[str, Any]:
     return {
         'name': effect.name,
         'parameters': effect.settings,
-        'share': one.share,
-        'interval': one.interval,
         'confidence': one.confidence,
         'instead_of': list(one.instead_of),
     }
