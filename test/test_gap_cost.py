@@ -152,6 +152,7 @@ def test_the_report_of_a_diagnosis_has_the_cost(tmp_path, capsys):
     assert [row['effect'] for row in table['ranking']][0] == 'offset'
     with chromium(tmp_path) as browser:
         browser.open((tmp_path / 'out' / 'report.html').as_uri())
+        browser.evaluate('document.querySelectorAll("details").forEach(one => one.open = true)')
         shown = browser.evaluate('document.body.innerText')
         assert browser.said('Log.entryAdded') == []
     assert 'What the gap costs a robot' in shown

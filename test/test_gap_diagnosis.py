@@ -18,8 +18,8 @@ import pytest
 
 KEYS = [
     'schema', 'verdict', 'effects', 'alternatives', 'refused', 'not_decidable', 'disagree',
-    'likelier_mode', 'unexplained', 'where', 'gap', 'calibration', 'age', 'evidence', 'recordings',
-    'settings', 'not_considered', 'seconds', 'peak_mb', 'version',
+    'unexplained', 'where', 'gap', 'calibration', 'age', 'evidence', 'recordings', 'settings',
+    'likelier_mode', 'not_considered', 'seconds', 'peak_mb', 'version',
 ]  # fmt: skip
 
 

@@ -239,10 +239,11 @@ def test_the_wipe_shows_clean_depth_to_the_left_of_its_line(scene):
     move_slider(scene.page, 'depth-range', MOST)
     move_slider(scene.page, 'wipe', 50)
     scene.page.evaluate('new Promise(requestAnimationFrame)')
-    images(scene.page, 'front_left')  # waits for a frame that has its clean depth
-    seen = pixels(scene.page, 'front_left', 'simulated')
+    deadline, seen = time.monotonic() + PATIENCE, np.zeros((172, 224, 3))
+    while not (seen[:, 112] == 255).all():  # A busy machine misses the clean depth of frames.
+        assert time.monotonic() < deadline
+        seen = pixels(scene.page, 'front_left', 'simulated')
     move_slider(scene.page, 'wipe', 0)
-    assert (seen[:, 112] == 255).all()
     assert (index_of(seen[83:89, 106:112], depth_table()) == AT_THE_BOARD).all()
 
 

@@ -160,8 +160,6 @@ def _in_millimetres(
     sigma = sigma.sum(axis=0) / np.maximum((sigma > 0).sum(axis=0), 1)
     bias, noise = (_lines(confirmed, channel, axis)[: len(names)] for channel, _ in _IN_MM)
     bias[:, ~np.isfinite(bias[0])] = np.nan
-    if np.isfinite(bias[0]).sum() < 3:
-        return []
     truths = (one.accuracy for one in evidence)
     known = [[one.sigma or 0.0, one.pose or 0.0, one.offset or 0.0] for one in truths]
     wide = 1000 * _NINETY * float(np.sqrt(np.square(known).sum(axis=1).mean()))
@@ -178,6 +176,7 @@ def _in_millimetres(
             band=own,
         )
         for lines, label, own in drawn
+        if np.isfinite(lines[0]).sum() >= 3  # Single frames show no scatter.
     ]
 
 
