@@ -193,8 +193,8 @@ class OtherMode:
         0.4,
         'loss',
         'a recording, of noise over distance',
-        'test_gap_disagreement.py: 0.6 to 1.1 of other modes, at most 0.2 of effects; none in ten '
-        'cameras of python -m bench.gap_many --count 4,8,12',
+        'by hand, recordings of test_gap_disagreement.py: 0.6 to 1.1 of other modes, at most 0.2 '
+        'of effects; none in ten cameras of python -m bench.gap_many --count 4,8,12',
     )
     t: float = constant(1.2, '', 'over recordings, of that', MANY)
     slant: float = constant(30.0, 'deg', 'of surfaces, at which modes are compared')

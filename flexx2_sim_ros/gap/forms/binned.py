@@ -257,11 +257,12 @@ def pixels_lost(scene: PlacedScene) -> np.ndarray:
     """
     Return which share of a recording's frames each pixel is lost in, (H, W).
 
-    It is NaN where the ground truth is unknown.
+    It is NaN where the ground truth is unknown, or out of the camera's range.
     """
-    depth = scene.recording.depth
-    known = np.broadcast_to(np.isfinite(scene.placed.clean), depth.shape)
+    depth, clean, mode = scene.recording.depth, scene.placed.clean, scene.recording.mode
     with np.errstate(invalid='ignore'):
+        inside = (clean > mode.range_min) & (clean < mode.range_max)
+        known = np.broadcast_to(inside, depth.shape)
         return np.asarray((known & np.isnan(depth)).sum(axis=0) / known.sum(axis=0))
 
 

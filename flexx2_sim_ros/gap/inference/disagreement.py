@@ -12,7 +12,6 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.gap.calibration.inference import MODE, UNLIKE
-from flexx2_sim_ros.gap.data.axes import axes_of
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.features.features import LAYOUT
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit, losses_at
@@ -133,7 +132,7 @@ def likelier_mode(model: Model, told: Mode, profile: Profile) -> str:
     A factor on the noise that is the same at all distances has other causes: the mode has to do
     better than the best of these.
     """
-    edges = np.array(axes_of(profile)['distance'].edges)
+    edges = np.array(model.evidence[0].axes['distance'].edges)
     middles = np.sqrt(edges[1:] * edges[:-1])
     at = np.concatenate([edges[:1], middles, edges[-1:]])
     slant = math.radians(MODE.slant)

@@ -75,7 +75,7 @@ def wrong_mode(table: dict[str, Any]) -> list[str]:
     if not table.get('likelier_mode'):
         return []
     return [
-        f'Its noise over distance is that of {table["likelier_mode"]} rather than of '
+        f'The noise of the recordings is that of {table["likelier_mode"]} rather than of '
         f'{table["settings"]["usecase"]}: is the mode told right?'
     ]
 

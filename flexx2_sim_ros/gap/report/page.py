@@ -53,8 +53,8 @@ _VERDICTS = {
 }
 _MEANING = html.Html(
     '<b>Probability</b> that the camera has the effect. <b>Takes off</b>: by how much the '
-    'simulation comes nearer when the effect is switched on, mean over two orders of the '
-    'effects, the largest first and the smallest first, and over recordings, with its 90 % '
+    'simulation comes nearer when the effect is switched on, mean over one order of the '
+    'effects and its reverse, and over recordings, with its 90 % '
     'interval. The rows add up to the last one. Noise: its variance and correlations, in '
     'tolerances; bars: depth and lost pixels, in tolerances. <b>Absorbed by poses</b>: what '
     'the fitted poses take off, and poses in other scenes do not. <b>Not explained</b>: what '
