@@ -9,6 +9,7 @@ from typing import Any
 
 from numba import njit
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.runtime.nrt import rtsys
 import numpy as np
 
 
@@ -36,7 +37,10 @@ class _Cache(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
-            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            # A loop that was kept needs only the memory of arrays. What else numba prepares here
+            # is for compiling, and takes a quarter of a second and 27 MB.
+            rtsys.initialize(target_context)
+            return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except Exception:  # Damaged files raise anything. They are written anew.
             with suppress(OSError):
                 self.flush()  # type: ignore[no-untyped-call]
