@@ -15,7 +15,7 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.camera_info import decode_camera_info, size_words
 from flexx2_sim_ros.messages.decoding import check_stamp, decode_image, stamp_nanoseconds
 from flexx2_sim_ros.nodes import messages
-from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs, EventGroup
+from flexx2_sim_ros.nodes.camera_outputs import CameraOutputs
 from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
 from flexx2_sim_ros.nodes.diagnostics import Statistics
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
@@ -91,9 +91,7 @@ class Flexx2Camera(SteadyNode):
     def _open_topics(self) -> None:
         self._outputs = CameraOutputs(self, self.settings, self._profile.sensor)
         self._late = LateFrames(self)
-        self._diagnostics = self.create_publisher(
-            DiagnosticArray, '/diagnostics', 10, callback_group=EventGroup()
-        )
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         # The image is last: of messages that wait together, it is then handled after the others.
         self._inputs = {
             topic: Input(self, kind, topic, callback)

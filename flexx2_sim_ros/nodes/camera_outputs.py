@@ -1,7 +1,5 @@
-"""The topics on which a camera node publishes its frames, and when their events are handled."""
+"""The topics on which a camera node publishes its frames."""
 
-import math
-import time
 from typing import Any
 
 from flexx2_sim_ros.camera.frame import Frame, gray_image
@@ -11,7 +9,6 @@ from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
 from flexx2_sim_ros.physics.geometry import pixel_rays, points
 from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
-from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -34,7 +31,6 @@ class CameraOutputs:
         self._rays = pixel_rays(settings.intrinsics)
         # The lens does not change while the node runs: only the header is set for each frame.
         self._lens = messages.camera_info_message(Header(), settings.intrinsics)
-        self._events = EventGroup()
         self._depth = self._publisher(Image, '~/depth_image_0')
         self._info = self._publisher(CameraInfo, '~/camera_info')
         self._cloud = self._publisher(PointCloud2, '~/point_cloud_0')
@@ -53,7 +49,6 @@ class CameraOutputs:
             topic,
             # A new profile for each topic: rclpy writes the topic's override into it.
             QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE),
-            callback_group=self._events,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 
@@ -104,29 +99,3 @@ class CameraOutputs:
 
 def _is_wanted(publisher: Any) -> bool:
     return publisher is not None and bool(publisher.get_subscription_count() > 0)
-
-
-_PERIOD = 0.5  # s
-_LOOK = 0.02  # s, long enough to wait for events and to handle those that are there
-
-
-class EventGroup(ReentrantCallbackGroup):
-    """
-    Let the executor look for events of publishers twice a second only.
-
-    After each callback, rclpy collects all that it waits for anew, and each publisher has two
-    events. An event, such as a subscription with an incompatible quality of service, remains until
-    it is handled, so it can wait.
-    """
-
-    def __init__(self) -> None:
-        """Let the first look be at once."""
-        super().__init__()
-        self._looked = -math.inf
-
-    def can_execute(self, entity: Any) -> bool:
-        """Return whether it is time to look."""
-        now = time.monotonic()
-        if now - self._looked >= _PERIOD:
-            self._looked = now
-        return now - self._looked < _LOOK

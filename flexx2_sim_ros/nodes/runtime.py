@@ -27,8 +27,9 @@ def run_node(make_node: Callable[..., Any], several: bool = False) -> int:
     `rclpy.node.Node`. With ``several``, the command line may name namespaces. Each of them gets a
     node; one that cannot start does not stop the others.
     """
+    from flexx2_sim_ros.nodes.executor import MessageExecutor
     import rclpy
-    from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+    from rclpy.executors import ExternalShutdownException
     from rclpy.signals import install_signal_handlers, SignalHandlerOptions
 
     nodes: list[Any] = []
@@ -42,7 +43,7 @@ def run_node(make_node: Callable[..., Any], several: bool = False) -> int:
         if not nodes:
             return status
         # Before a signal can end the context: one that is made after it prints a traceback.
-        pairs = [(SingleThreadedExecutor(), node) for node in nodes]
+        pairs = [(MessageExecutor(), node) for node in nodes]
         for number in SIGNALS:
             signal.signal(number, lambda number, _frame: told.append(number))
         # From here on a signal ends spin(), so that the node can leave the ROS graph. A signal
