@@ -66,6 +66,13 @@ def test_boards_seen_by_a_kinect_are_filtered(tmp_path, monkeypatch):
     # Its depth comes in whole millimetres, which hardly change what it measures.
     if 'quantisation' in effects:
         assert effects['quantisation']['step'] == pytest.approx(0.001, rel=0.1)
+    # What loses pixels is light beyond the full well: dark squares have all of theirs.
+    assert 'low_signal_dropout' not in effects
+    # The pose of a free plane is fitted to it.
+    assert 'pose_error' not in {*effects, *(row['name'] for row in table['alternatives'])}
+    low, high = table['gap']['interval']
+    assert low <= table['gap']['shrink'] <= high
+    assert table['gap']['shrink'] > 0.1
     # Nothing was measured of the boards.
     assert 'offset' in {row['name'] for row in table['not_decidable']}
     (board,) = blocks('What the gap of the Kinect', 'python')
