@@ -44,15 +44,17 @@ _REQUIRED = [_REASONS[name] for name in os.environ.get('FLEXX2_REQUIRE', '').spl
 _OF_EXTRAS = 'cv2', 'h5py', 'mcap', 'trimesh', 'warp'
 
 
-# Files of long tests. They go first, so that no process is left alone with one of them.
+# Files of long tests. They go first, so that no process is left alone with one of them. The first
+# compiles loops that others then find kept; the second needs none meanwhile.
 _LONG = 'test_compile_command', 'test_documentation', 'test_gap_benchmark', 'test_gap_cost'
 _LONG += 'test_diagnose_your_flexx2', 'test_gap_forms', 'test_gap_next', 'test_gap_truth'
-_LONG += 'test_real_cameras', 'test_gap_real', 'test_truth_real', 'test_own_camera'
+_LONG += 'test_real_cameras', 'test_truth_real', 'test_own_camera'
 
 
 def pytest_collection_modifyitems(items):
     """Begin with what takes longest."""
-    items.sort(key=lambda item: item.path.stem not in _LONG)
+    order = {name: place for place, name in enumerate(_LONG)}
+    items.sort(key=lambda item: order.get(item.path.stem, len(_LONG)))
 
 
 def _require(report):
