@@ -3,7 +3,7 @@ How effects of a camera look like another mount: ``python -m bench.mount [EFFECT
 
 The blind camera takes four walks of 56 x 43 pixels through a furnished room, with one effect of
 usual strength, and is mounted as it says. The table has the motion of the camera in its body that
-`truth.mount` fits, beside a bias, a latency and bounced light: how far ground truth would move
+`truth.joint` fits, beside a bias, a latency and bounced light: how far ground truth would move
 with the effect if the mount were taken from the recordings. In parentheses: what the fit takes for
 its standard deviation.
 """
@@ -13,7 +13,7 @@ import sys
 import tempfile
 
 from flexx2_sim_ros.truth import RoomRequest
-from flexx2_sim_ros.truth.mount import fitted_motion
+from flexx2_sim_ros.truth.joint import fitted_motion
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Job, Registered, views_of
 import numpy as np

@@ -9,8 +9,7 @@ from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.recording.convert import convert
 from flexx2_sim_ros.truth import make_truth, PlaneRequest
 from flexx2_sim_ros.truth.files import write_results
-from flexx2_sim_ros.truth.requests import Placing, TruthRequest
-from flexx2_sim_ros.truth.run import no_progress, running
+from flexx2_sim_ros.truth.run import no_progress, Placing, running, TruthRequest
 import numpy as np
 import pytest
 import yaml

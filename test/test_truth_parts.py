@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from flexx2_sim_ros.truth.alignment import AlignedPixels, PosedImage
-from flexx2_sim_ros.truth.columns import ErrorColumns
+from flexx2_sim_ros.truth.alignment import AlignedPixels, ErrorColumns, PosedImage
 from flexx2_sim_ros.truth.joint import Solution
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.shared import _hidden_by_bounce

@@ -9,11 +9,11 @@ from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_truth, RoomRequest
 from flexx2_sim_ros.truth.alignment import NO_ERRORS, view_of
 from flexx2_sim_ros.truth.clean import Clean, KNOWN, render
+from flexx2_sim_ros.truth.from_room import roughness
 from flexx2_sim_ros.truth.joint import solve
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Job, register, views_of
-from flexx2_sim_ros.truth.room_writing import roughness
 from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.shared import estimate
 from flexx2_sim_ros.truth.verdict import room_error

@@ -9,7 +9,7 @@ the room and what was measured of them.
 
 from flexx2_sim_ros.truth.campaign import make_truth
 from flexx2_sim_ros.truth.from_planes import asked_for
-from flexx2_sim_ros.truth.requests import BoardRequest, PlaneRequest, RoomRequest
+from flexx2_sim_ros.truth.run import BoardRequest, PlaneRequest, RoomRequest
 from flexx2_sim_ros.truth.trajectory import PoseSource
 
 __all__ = ['BoardRequest', 'PlaneRequest', 'PoseSource', 'RoomRequest', 'asked_for', 'make_truth']

@@ -5,7 +5,6 @@ from functools import cached_property
 import math
 from pathlib import Path
 
-from flexx2_sim_ros.truth.columns import ErrorColumns
 from flexx2_sim_ros.truth.observation import Observation
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Hits, load_room
@@ -25,25 +24,105 @@ _LONGEST_STEP, _WIDEST_STEP = 0.15, 0.15  # metres, radians
 _CONVERGED = 2e-6
 _POSE_PRIOR = 1.0  # 1/m2: keeps the equations regular if the recording does not determine the pose
 _TILE = 8  # pixels
+# Standard deviations of the priors: bias, drift and amplitudes in metres; gain of the bounce.
+PRIOR = 0.02
+_PRIOR_GAIN = 1.0
+_PRIOR_SCALE = 0.005  # scale error of a scan; photogrammetry without a measured length is worse
+# Errors of the lens: relative error of the focal length; principal point, as tangents of angles
+# (about 4 pixels of 224); radial distortion.
+LENS = {'focal': 0.02, 'cx': 0.02, 'cy': 0.02, 'k1': 0.05}
+_INVERSIONS = 4  # of distortion: enough for a tenth of a pixel
+
+
+@dataclass(frozen=True)
+class ErrorColumns:
+    """Which errors are fitted that all recordings share; `names` has the order of coefficients."""
+
+    bias: bool = True  # a constant along the ray, metres
+    periods: tuple[float, ...] = ()  # of wiggling along the range, metres
+    bounce: bool = True  # a gain of the light that bounced once
+    scale: bool = False  # a relative scale of depth against the room
+    lens: bool = False  # focal length, principal point and distortion
+    drift: float = 0.0  # seconds: time constant of a bias that decays after power-on; 0: none
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the coefficients."""
+        return (
+            *['bias'] * self.bias,
+            *(f'{part} {one:.3f} m' for one in self.periods for part in ('sine', 'cosine')),
+            *['scale'] * self.scale,
+            *tuple(LENS) * self.lens,
+            *['drift'] * bool(self.drift),
+            *['bounce'] * self.bounce,
+        )
+
+    @property
+    def precision(self) -> np.ndarray:
+        """Return the priors' inverse variances."""
+        own = {'bounce': _PRIOR_GAIN, 'scale': _PRIOR_SCALE, **LENS}
+        deviations = [own.get(name, PRIOR) for name in self.names]
+        return np.array(deviations, float) ** -2.0
+
+    def true_rays(self, values: np.ndarray, rays: np.ndarray) -> np.ndarray:
+        """Return (N, 2) the rays along which a camera sees, from those of the given lens."""
+        if not self.lens:
+            return rays
+        focal, cx, cy, k1 = values[[self.names.index(name) for name in LENS]]
+        image = (rays - (cx, cy)) / (1 + focal)
+        true = image
+        for _ in range(_INVERSIONS):
+            true = image / (1 + k1 * (true**2).sum(axis=-1, keepdims=True))
+        return true
+
+    @property
+    def of_lens(self) -> np.ndarray:
+        """Return (k,) bool: the errors of the lens."""
+        return np.isin(self.names, tuple(LENS))
+
+    def design(
+        self, hits: Hits, rays: np.ndarray, bounce: np.ndarray, uptime: float
+    ) -> np.ndarray:
+        """Return (N, k) depth errors, metres, by a unit of each coefficient; see `PosedImage`."""
+        depth, length = hits.depth, np.sqrt(1 + (rays**2).sum(axis=-1))
+        parts = [1 / length] if self.bias else []
+        for period in self.periods:
+            turn = 2 * np.pi * depth * length / period
+            parts += [np.sin(turn) / length, np.cos(turn) / length]
+        if self.scale:
+            parts.append(depth)
+        if self.lens:
+            parts += _lens_columns(hits, rays)
+        if self.drift:
+            parts.append(math.exp(-uptime / self.drift) / length)
+        if self.bounce:
+            parts.append(bounce)
+        return np.stack(parts, axis=-1) if parts else np.zeros((len(depth), 0))
+
+
+def _lens_columns(hits: Hits, rays: np.ndarray) -> list[np.ndarray]:
+    # Coefficients as of LENS: those of the true lens minus those given. Each bends the rays.
+    x, y = rays.T
+    with np.errstate(invalid='ignore', divide='ignore'):
+        across, down = -hits.depth * hits.normal[:, :2].T / hits.slant(rays)  # per change of a ray
+    outwards = across * x + down * y
+    return [-outwards, -across, -down, -outwards * (x**2 + y**2)]
+
+
 NO_ERRORS = ErrorColumns(False, (), False)
 
 
 @dataclass(frozen=True)
 class AlignedPixels:
-    """
-    The pixels that are aligned; fields that are not described as in `Observation`.
-
-    `rays` is (N, 2), the other arrays (N,). `pixel` is places in the flat image, `tile` the number
-    of the 8 x 8 block of the image; errors within a block are not independent.
-    """
+    """The N pixels of an `Observation` that are aligned; `rays` is (N, 2), other arrays (N,)."""
 
     rays: np.ndarray
     depth: np.ndarray
     sigma: np.ndarray
     length: np.ndarray
     wraps: tuple[float, ...]
-    pixel: np.ndarray
-    tile: np.ndarray
+    pixel: np.ndarray  # places in the flat image
+    tile: np.ndarray  # numbers of blocks of 8 x 8; errors within one are not independent
 
     def picked(self, use: np.ndarray) -> 'AlignedPixels':
         """Return the pixels that an (N,) bool array picks."""
@@ -53,16 +132,11 @@ class AlignedPixels:
 
 @dataclass(frozen=True)
 class AlignedPose:
-    """
-    An aligned pose.
-
-    `cost` is the mean truncated residual, 0 to 1; `rival` that of the best pose elsewhere,
-    infinite if there is none.
-    """
+    """An aligned pose."""
 
     pose: Pose
-    cost: float
-    rival: float = math.inf
+    cost: float  # mean truncated residual, 0 to 1
+    rival: float = math.inf  # cost of the best pose elsewhere; infinite if there is none
 
 
 def choose(observation: Observation, most: int, seed: int = 0) -> AlignedPixels:
@@ -87,8 +161,7 @@ def unwrapped(residual: np.ndarray, length: np.ndarray, wraps: tuple[float, ...]
     """
     Return residuals (metres along the optical axis) without the whole wraps that explain them.
 
-    A wrap is subtracted where it explains nine tenths of the residual; `length` is that of a ray
-    per metre of depth.
+    These explain nine tenths of them; `length` is that of a ray per metre of depth.
     """
     out = residual.copy()
     for period in wraps:
@@ -110,19 +183,14 @@ def jacobian(hits: Hits, rays: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Linear:
-    """
-    The weighted linear equations of a view: y = J motion + A coefficients.
+    """The weighted linear equations of a view: y = J motion + A coefficients."""
 
-    `J` is (N, 6), `A` (N, k), `y` and `weight` (N,); `tile` (N,) as in `AlignedPixels`; `bias`
-    (N,) the depth error by a bias of 1 m along the ray.
-    """
-
-    J: np.ndarray
-    A: np.ndarray
-    y: np.ndarray
-    weight: np.ndarray
-    tile: np.ndarray
-    bias: np.ndarray
+    J: np.ndarray  # (N, 6)
+    A: np.ndarray  # (N, k)
+    y: np.ndarray  # (N,)
+    weight: np.ndarray  # (N,)
+    tile: np.ndarray  # (N,) as in `AlignedPixels`
+    bias: np.ndarray  # (N,) the depth error by a bias of 1 m along the ray
 
     @property
     def H(self) -> np.ndarray:  # noqa: N802
@@ -148,28 +216,18 @@ class Linear:
 
 @dataclass(frozen=True)
 class PosedImage:
-    """
-    One image with its pose.
+    """One image with its pose; a `State`."""
 
-    * `recording`: number of its recording.
-    * `room`: the room's file; see `load_room`.
-    * `bounce`: (N,) simulated depth error of each pixel by light that bounced once, metres.
-    * `uptime`: seconds since the camera was switched on; infinite if unknown.
-    * `columns`: the errors that its camera has.
-    * `values`: (k,) coefficients of these.
-    * `reach`: metres: larger residuals are truncated to this.
-    * `speed`: (6,) motion of its camera per second, as of `Pose.motion_to`.
-    """
-
-    recording: int
-    room: Path
+    recording: int  # its number
+    room: Path  # see `load_room`
     target: AlignedPixels
     pose: Pose
-    bounce: np.ndarray
-    uptime: float = math.inf
-    columns: ErrorColumns = NO_ERRORS
-    values: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    reach: float = TRUNCATION
+    bounce: np.ndarray  # (N,) simulated depth error by light that bounced once, metres
+    uptime: float = math.inf  # seconds since the camera was switched on; infinite if unknown
+    columns: ErrorColumns = NO_ERRORS  # the errors that its camera has
+    values: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (k,) their coefficients
+    reach: float = TRUNCATION  # metres: larger residuals are truncated to this
+    # (6,) motion of its camera per second, as of `Pose.motion_to`.
     speed: np.ndarray = field(default_factory=lambda: np.zeros(6))
 
     @cached_property
@@ -256,12 +314,7 @@ def view_of(room: Path, image: Observation, most: int, pose: Pose) -> PosedImage
 def align(
     room: Path, target: AlignedPixels, start: Pose, steps: int, reach: float = TRUNCATION
 ) -> AlignedPose:
-    """
-    Align pixels to a room, in so many steps, from a pose within about 0.2 m and 10 degrees.
-
-    Residuals beyond `reach`, metres, are truncated. A large value converges from farther away, a
-    small one is more robust.
-    """
+    """Align pixels to a room, from a pose within about 0.2 m and 10 degrees; see `PosedImage`."""
     none = np.zeros(len(target.depth))
     found = PosedImage(0, room, target, start, none, reach=reach).settled(steps)
     return AlignedPose(found.pose, found.cost)

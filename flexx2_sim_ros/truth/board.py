@@ -70,6 +70,8 @@ def _pictures(image: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
 def _poses_from(target: Printed, tags: dict[int, np.ndarray], rays: np.ndarray) -> list[Pose]:
     # The camera's poses in the target's frame that explain these points, the better one first: a
     # distant plane can be mistaken for its mirror image.
+    if not tags:
+        return []
     places = sorted(tags)
     on_board = target.corners()[places].reshape(-1, 3)
     pixels = np.concatenate([tags[place] for place in places])
@@ -97,17 +99,10 @@ def _poses_from(target: Printed, tags: dict[int, np.ndarray], rays: np.ndarray) 
 
 
 def likeness(kinds: Sequence[Printed], gray: Gray) -> tuple[float, ...]:
-    """
-    Return the correlation of an image with each of several boards; empty where none is found.
-
-    The boards have the same `corners`.
-    """
-    tags = _find_tags(kinds[0], gray.image)
-    starts = _poses_from(kinds[0], tags, gray.rays) if tags else []
-    if not starts:
-        return ()
+    """Return the correlation of an image with boards of the same corners; empty without these."""
+    starts = _poses_from(kinds[0], _find_tags(kinds[0], gray.image), gray.rays)
     out = []
-    for kind in kinds:
+    for kind in kinds if starts else ():
         white = white_fraction(kind, gray, starts[0], _FIRST_BLUR)
         both = np.isfinite(white) & np.isfinite(gray.image)
         out.append(float(np.corrcoef(white[both], gray.image[both])[0, 1]) if both.any() else 0.0)
@@ -120,8 +115,7 @@ def find_board(
     """
     Find a board in a gray image, and align it; or return why it is not found.
 
-    The scale error is that of the focal length, as a fraction. The fit of the frame before is
-    tried first.
+    `scale_error` is that of the focal length, as a fraction; `before` the fit of the last frame.
     """
     powers: tuple[float, ...] = POWERS
     if before is not None:
@@ -130,7 +124,7 @@ def find_board(
         if best is not None and best.cost < _LOST * before.cost:
             return _refined(target, gray, best, scale_error)
     tags = _find_tags(target, gray.image)
-    starts = _poses_from(target, tags, gray.rays) if tags else []
+    starts = _poses_from(target, tags, gray.rays)
     if not starts:
         return 'the board is not found in its gray image'
     rough = [
@@ -174,12 +168,10 @@ def _tilted(pose: Pose, axis: int, angle: float) -> Pose:
 
 def plane_covariance(pose: Pose, covariance: np.ndarray, middle: np.ndarray) -> np.ndarray:
     """
-    Return the covariance of the board's plane, (3, 3), as in the key ``plane_covariance``.
+    Return the (3, 3) covariance of the board's plane, as in the key ``plane_covariance``.
 
-    Its parameters are an offset along the normal that points away from the camera, metres; turns
-    about the image's x axis on the plane and about normal x that axis, radians. `pose` is that of
-    the camera in the frame of the board, `covariance` (6, 6) of its motion; `middle` (3,) the mean
-    of the plane's known points, optical frame, metres.
+    `pose` is that of the camera in the frame of the board, `covariance` (6, 6) of its motion;
+    `middle` (3,) the mean of the plane's known points, optical frame, metres.
     """
     normal = pose.R[2] * (1.0 if pose.R[2] @ middle >= 0 else -1.0)
     first, second = plane_axes(normal)
@@ -192,12 +184,9 @@ def plane_covariance(pose: Pose, covariance: np.ndarray, middle: np.ndarray) -> 
 
 def read_board(given: str | Path) -> Printed:
     """
-    Return the board that a text or a file describes.
+    Return the board that a text (see --board), ``target.yaml`` or a file of Kalibr describes.
 
-    A text is ``chessboard:9x6:0.03`` as OpenCV counts inner corners,
-    ``charuco:5x7:0.04:0.03:DICT`` as OpenCV counts squares, ``circles:7x6:0.03`` or
-    ``acircles:4x11:0.02`` as it counts circles; a file ``target.yaml``, or that of a target of
-    Kalibr. Raises `InputError` when it is none of these, or impossible.
+    Raises `InputError` when it is none of these, or impossible.
     """
     kind, *words = str(given).split(':')
     if kind in _MAKERS:
@@ -209,19 +198,14 @@ def read_board(given: str | Path) -> Printed:
     content = read_mapping(path) if path.suffix == '.yaml' else {}
     if 'target_type' not in content:
         return read_target(path)
-    makers: dict[str, Callable[[dict[str, Any]], Printed]] = {
-        'aprilgrid': _april_grid,
-        'checkerboard': _kalibr_chessboard,
-        'circlegrid': _kalibr_circles,
-    }
     kind = content['target_type']
-    if kind not in makers:
+    if kind not in _OF_KALIBR:
         raise InputError(
-            f'{shown_path(path)}: target_type: must be one of {", ".join(makers)}, got '
+            f'{shown_path(path)}: target_type: must be one of {", ".join(_OF_KALIBR)}, got '
             f'{shown(kind)}'
         )
     try:
-        return makers[kind](content)
+        return _OF_KALIBR[kind](content)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f'{shown_path(path)}: must be a target of Kalibr, got {error}') from None
 
@@ -288,4 +272,9 @@ _MAKERS: dict[str, Callable[..., Printed]] = {
     'charuco': _charuco,
     'circles': _circles,
     'acircles': partial(_circles, asymmetric=True),
+}
+_OF_KALIBR: dict[str, Callable[[dict[str, Any]], Printed]] = {
+    'aprilgrid': _april_grid,
+    'checkerboard': _kalibr_chessboard,
+    'circlegrid': _kalibr_circles,
 }

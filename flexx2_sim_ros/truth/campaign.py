@@ -14,8 +14,15 @@ from flexx2_sim_ros.truth.from_planes import PlaneCampaign
 from flexx2_sim_ros.truth.from_room import RoomCampaign
 from flexx2_sim_ros.truth.page import page
 from flexx2_sim_ros.truth.reflectivity import find_scale
-from flexx2_sim_ros.truth.requests import BoardRequest, PlaneRequest, RoomRequest, TruthRequest
-from flexx2_sim_ros.truth.run import no_progress, Progress, running
+from flexx2_sim_ros.truth.run import (
+    BoardRequest,
+    no_progress,
+    PlaneRequest,
+    Progress,
+    RoomRequest,
+    running,
+    TruthRequest,
+)
 from flexx2_sim_ros.truth.writing import read_light, write_recording, Writing
 
 _LONGEST_COMMAND = 2000  # characters that are stored

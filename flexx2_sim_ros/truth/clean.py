@@ -16,30 +16,21 @@ OUTSIDE, KNOWN, HIDDEN, REFUSED = range(4)
 _BORDER = 2  # pixels around a hole that may belong to it
 _STEEPEST = 0.05  # of the product of normal and ray: a surface along the ray is of no use
 _STEP = 0.03  # fraction of depth: a jump between neighbouring pixels
-# At least 5 x 5 pixels that differ by this much, and wraps do not explain it, are another thing or
-# an error.
+# At least 5 x 5 pixels that differ by this much, and wraps do not explain it, are another thing if
+# they are nearer. Nothing is seen through a surface: what is farther is an error.
 _STRANGE, _STRANGE_NOISE, _PATCH = 0.15, 6.0, 2
 
 
 @dataclass(frozen=True)
 class Clean:
-    """
-    Ground truth of one image, each (H, W).
+    """Ground truth of one image, each (H, W), float32; NaN where there is no return."""
 
-    * `depth`: float32 metres along the optical axis, NaN where there is no return.
-    * `incidence`: float32 radians between ray and surface normal, NaN where there is no return.
-    * `reflectivity`: float32, 0 to 1.
-    * `part`: uint8, one of `PARTS` by its number.
-    * `sigma`: float32 metres: standard deviation of the room's surface along the optical axis.
-    * `reflectivity_spread`: float32, standard deviation of the logarithm of `reflectivity` over a
-      surface.
-    """
-
-    depth: np.ndarray
-    incidence: np.ndarray
-    reflectivity: np.ndarray | None
-    part: np.ndarray
-    sigma: np.ndarray
+    depth: np.ndarray  # metres along the optical axis
+    incidence: np.ndarray  # radians between ray and surface normal
+    reflectivity: np.ndarray | None  # 0 to 1
+    part: np.ndarray  # uint8, one of `PARTS` by its number
+    sigma: np.ndarray  # metres: standard deviation of the surface along the optical axis
+    # Standard deviation of the logarithm of the reflectivity over a surface.
     reflectivity_spread: np.ndarray | None = None
 
     @property
@@ -83,20 +74,15 @@ def render(room: Room, pose: Pose, rays: np.ndarray, room_error: float) -> Clean
 
 def unknown(image: Observation) -> Clean:
     """Return ground truth of an image in which nothing is known."""
-    shape = image.depth.shape
-    depth, incidence = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
-    part = np.full(shape, OUTSIDE, np.uint8)
-    return Clean(depth, incidence, None, part, np.zeros(shape, np.float32))
+    nothing = np.full(image.depth.shape, np.nan, np.float32)
+    part = np.full(nothing.shape, OUTSIDE, np.uint8)
+    return Clean(nothing, nothing.copy(), None, part, np.zeros_like(nothing))
 
 
 def render_plane(
     image: Observation, inverse: np.ndarray, plane_error: float, where: np.ndarray | bool = True
 ) -> Clean:
-    """
-    Render a plane, which is given as of `ImagePlane`.
-
-    It is accurate to `plane_error` along its normal, metres. All pixels but ``where`` are outside.
-    """
+    """Render an `ImagePlane`, accurate to `plane_error` metres; all but `where` is outside."""
     along = image.directions @ (inverse / np.linalg.norm(inverse))
     with np.errstate(invalid='ignore', divide='ignore'):
         seen = (along > 0) & where
@@ -118,8 +104,7 @@ def _steps(depth: np.ndarray) -> np.ndarray:
 
 def edges(clean: Clean) -> np.ndarray:
     """Return (H, W) bool: pixels where clean depth jumps or ends."""
-    ends = np.isfinite(clean.depth)
-    out = _steps(clean.depth)
+    out, ends = _steps(clean.depth), np.isfinite(clean.depth)
     out[1:] |= ends[1:] != ends[:-1]
     out[:, 1:] |= ends[:, 1:] != ends[:, :-1]
     return out
@@ -132,12 +117,7 @@ def difference(clean: Clean, image: Observation) -> np.ndarray:
 
 
 def apart(clean: Clean, image: Observation) -> np.ndarray:
-    """
-    Return (H, W) int: -1 in whole patches that are nearer than the ground truth, 1 if farther.
-
-    What is nearer stands before the surface, and hides it. Nothing is seen through a surface: what
-    is farther is an error of the camera, or of the ground truth.
-    """
+    """Return (H, W) int: -1 in patches that are nearer than the ground truth, 1 if farther."""
     error = np.where(clean.known, difference(clean, image), 0.0)
     out = np.zeros(error.shape, np.int8)
     for sign in (-1, 1):
@@ -145,3 +125,8 @@ def apart(clean: Clean, image: Observation) -> np.ndarray:
             far = sign * error > _STRANGE + _STRANGE_NOISE * image.sigma
         out[grow(~grow(~far, _PATCH), _PATCH) & far] = sign
     return out
+
+
+def without_hidden(clean: Clean, image: Observation) -> Clean:
+    """Return ground truth that is unknown where something stands before it."""
+    return clean.without(apart(clean, image) < 0, HIDDEN)

@@ -26,16 +26,11 @@ Poses = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class ClockOffset:
-    """
-    An offset between two clocks: stamps of the recording minus stamps of the poses, seconds.
+    """An offset between two clocks, with the latency of the images."""
 
-    The latency of the images is part of it. `deviation` is its standard deviation, seconds;
-    `reason` why it cannot be trusted, empty if it can.
-    """
-
-    seconds: float = 0.0
-    deviation: float = math.inf
-    reason: str = ''
+    seconds: float = 0.0  # stamps of the recording minus stamps of the poses
+    deviation: float = math.inf  # standard deviation, seconds
+    reason: str = ''  # why it cannot be trusted, empty if it can
 
 
 def find_offset(
@@ -44,12 +39,10 @@ def find_offset(
     """
     Find the offset at which given poses turn and move as the fitted ones do.
 
-    Angles and distances between two poses do not depend on the frame that poses are given in, nor
-    (as for angles) on where the camera is mounted. Offsets within a second of `middle`, seconds,
-    are tried; if the poses share no time with the recording, there all at which they do.
-    `stamp_ns` is (T,) int64 stamps of the frames; `fitted` and `told` give poses of the camera as
-    fitted to its frames, by stamp, and as given, by their own stamps, of which `span_ns` is the
-    first and the last.
+    Offsets within a second of `middle`, seconds, are tried; if the poses share no time with the
+    recording there, all at which they do. `stamp_ns` is (T,) int64 stamps of the frames; `fitted`
+    gives poses of the camera by these, `told` those given by their own stamps, of which `span_ns`
+    is the first and the last.
     """
     seen = _motions(fitted, stamp_ns)
     good = np.isfinite(seen).all(axis=1)
@@ -140,7 +133,8 @@ class _Model:
 
 
 def _motions(poses: Poses, stamp_ns: np.ndarray) -> np.ndarray:
-    # (T, 2) angle and distance from half a window before to half a window after each stamp.
+    # (T, 2) angle and distance from half a window before to half a window after each stamp. They
+    # do not depend on the frame of the poses, nor (as for angles) on where the camera is mounted.
     half = round(_WINDOW / 2 * 1e9)
     before, after = poses(stamp_ns - half), poses(stamp_ns + half)
     out = np.full((len(stamp_ns), 2), np.nan)
@@ -153,11 +147,7 @@ def _motions(poses: Poses, stamp_ns: np.ndarray) -> np.ndarray:
 
 
 def common_offset(offsets: Sequence[ClockOffset]) -> ClockOffset:
-    """
-    Return the offset that recordings agree on: their weighted mean.
-
-    `offsets` are those of recordings that move; at least one.
-    """
+    """Return the offset that recordings agree on, at least one: their weighted mean."""
     good = [one for one in offsets if not one.reason]
     if not good:
         return offsets[0]

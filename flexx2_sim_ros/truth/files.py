@@ -1,6 +1,6 @@
 """The recordings of a run, and the files that it writes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -12,7 +12,7 @@ from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.recording import RecordingReader
 from flexx2_sim_ros.recording.opening import BAG_FILES, find_recordings, is_bag
 from flexx2_sim_ros.recording.reader import uptime_of
-from flexx2_sim_ros.truth.requests import TruthRequest
+from flexx2_sim_ros.truth.run import TruthRequest
 import numpy as np
 import yaml
 
@@ -22,17 +22,12 @@ _LONGEST = 24 * 3600.0  # seconds: recordings farther apart are not of one sessi
 
 @dataclass(frozen=True)
 class TruthSource:
-    """
-    One of the recordings, and the `target` file to write it to with ground truth.
-
-    `uptime` is as in `uptimes`; `notes` is what a person should know of the file, as in
-    `Recording`.
-    """
+    """One of the recordings, and the `target` file to write it to with ground truth."""
 
     path: Path
     target: Path
-    uptime: np.ndarray | None = None
-    notes: tuple[str, ...] = ()
+    uptime: np.ndarray | None = None  # as in `uptimes`
+    notes: tuple[str, ...] = ()  # what a person should know of the file, as in `Recording`
 
     def row(self, verdict: str, reasons: Sequence[str], **more: Any) -> dict[str, Any]:
         """Return the row of the recording in ``truth.yaml``."""
@@ -77,50 +72,51 @@ def uptimes(
     """
     Return the time since power-on of each recording, (T,) seconds, from stamps of one clock.
 
-    A bag does not say when the camera was switched on. An error that decays with time looks the
-    same from any moment on, but for its size. So without `first`, the seconds from power-on to the
-    first frame of the earliest recording, the time is counted from that frame.
-
-    The recordings are of one session: the camera was not switched off in between. Where one of
-    them says its times itself, such times are returned. None where nothing is known: the stamps
-    are not of one clock and one session. Raises `InputError` where `first` cannot be used.
+    `first` is that of the first frame of the earliest recording. Without it the time is counted
+    from there: an error that decays looks the same from any moment on, but for its size.
+    Recordings that say their times themselves keep them. None where the stamps are not of one
+    clock and one session. Raises `InputError` where `first` cannot be used.
     """
     if not readers:
         return []
     own = [uptime_of(reader) for reader in readers]
-    if any(one is not None for one in own):
-        if first is not None:
-            raise InputError('--uptime: must not be given where recordings have the key uptime')
-        return own
     stamps = sorted((reader.stamp_ns for reader in readers), key=lambda stamp: int(stamp[0]))
-    begin = stamps[0][0]
-    apart = all(one[-1] < other[0] for one, other in zip(stamps, stamps[1:], strict=False))
-    together = (stamps[-1][-1] - begin) / 1e9 < _LONGEST
-    if not (apart and together):
-        if first is not None:
-            raise InputError(
-                '--uptime: must be given for recordings of one session and one clock, got '
-                + ('more than a day between two of them' if apart else 'stamps that overlap')
-            )
-        return own
-    return [(reader.stamp_ns - begin) / 1e9 + (first or 0.0) for reader in readers]
+    begin, why = stamps[0][0], ''
+    if any(one is not None for one in own):
+        why = 'must not be given where recordings have the key uptime'
+    elif any(one[-1] >= other[0] for one, other in zip(stamps, stamps[1:], strict=False)):
+        why = 'must be given for recordings of one session and one clock, got stamps that overlap'
+    elif (stamps[-1][-1] - begin) / 1e9 >= _LONGEST:
+        why = (
+            'must be given for recordings of one session and one clock, got more than a day '
+            'between two of them'
+        )
+    if why and first is not None:
+        raise InputError(f'--uptime: {why}')
+    return own if why else [(one.stamp_ns - begin) / 1e9 + (first or 0.0) for one in readers]
 
 
 def sources_of(request: TruthRequest, inputs: Sequence[Path]) -> list[TruthSource]:
     """
-    Return the recordings of a request, after a check that their ground truth can be written.
+    Return the recordings of a request; those of a folder may be unreadable, as their rows say.
 
-    A file of a folder that cannot be read stays: the run refuses it, and goes on. Raises
-    `InputError` where a folder has none, one that was named cannot be read, its file cannot be
-    written, or a file that is read, one of `inputs` too, would be overwritten.
+    Raises `InputError` where a folder has none, one that was named cannot be read, its file cannot
+    be written, or a file that is read, one of `inputs` too, would be overwritten.
     """
     paths = recordings_of(request.recordings)
     targets = [request.out / name for name in names_of(paths)]
     atomic.check_outputs('--out', request.out, FILES)
     results = [request.out / name for name in FILES]
     _check_kept(request.out, [*results, *targets], [*paths, *request.recordings, *inputs])
-    readers = list(_readers(request, paths))
-    for target, reader in zip(targets, readers, strict=True):
+    readers: list[RecordingReader | None] = []
+    for path, target in zip(paths, targets, strict=True):
+        try:
+            reader = request.opened(path)
+        except InputError:
+            if path in request.recordings:
+                raise
+            reader = None
+        readers.append(reader)
         if reader is not None and target.exists() and not has_truth(target):
             raise InputError(
                 f'--out: must be a folder without other recordings, got {shown_path(request.out)}:'
@@ -135,23 +131,13 @@ def sources_of(request: TruthRequest, inputs: Sequence[Path]) -> list[TruthSourc
     ]
 
 
-def _readers(request: TruthRequest, paths: Sequence[Path]) -> Iterator[RecordingReader | None]:
-    for path in paths:
-        try:
-            yield request.opened(path)
-        except InputError:
-            if path in request.recordings:
-                raise
-            yield None
-
-
 def reason_of(error: InputError, path: Path) -> str:
     """Return why a recording cannot be used, without its name, for its row in ``truth.yaml``."""
     return str(error).removeprefix(f'{path}: ')
 
 
 def _check_kept(out: Path, written: Sequence[Path], inputs: Sequence[Path]) -> None:
-    # No input is overwritten, whichever of the inputs a file is written for.
+    # No input is overwritten, whichever of the inputs a file is written for, through links or not.
     read = {_identity(path): path for path in inputs}
     for path in written:
         found = _identity(path)
@@ -163,7 +149,6 @@ def _check_kept(out: Path, written: Sequence[Path], inputs: Sequence[Path]) -> N
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    # The same for all paths to one file, through links as well; None where there is no file.
     try:
         stat = path.stat()
     except (OSError, ValueError):

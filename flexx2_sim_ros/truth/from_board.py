@@ -9,17 +9,24 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import never_decided
 from flexx2_sim_ros.truth.board import find_board, likeness, plane_covariance, read_board
-from flexx2_sim_ros.truth.clean import Clean, difference, OUTSIDE, REFUSED, render_plane, unknown
+from flexx2_sim_ros.truth.clean import (
+    Clean,
+    difference,
+    OUTSIDE,
+    REFUSED,
+    render_plane,
+    unknown,
+    without_hidden,
+)
 from flexx2_sim_ros.truth.files import reason_of, TruthSource
 from flexx2_sim_ros.truth.gray import Gray, GrayFit, inside, white_fraction
 from flexx2_sim_ros.truth.observation import Footage, gray_images, grow, has_gray, Observation
 from flexx2_sim_ros.truth.plane_finding import surface_around
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import Printed
-from flexx2_sim_ros.truth.requests import BoardRequest, Placing
-from flexx2_sim_ros.truth.run import Run
+from flexx2_sim_ros.truth.run import BoardRequest, Placing, Run
 from flexx2_sim_ros.truth.shared import MOST_BIAS
-from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, without_hidden, Written
+from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
 import numpy as np
 
 _MOST_METRES, _MOST_DEGREES = 0.01, 2.0  # standard deviation of the plane
@@ -36,40 +43,30 @@ _ELSEWHERE = 0.5  # reflectivity where it is unknown
 
 @dataclass(frozen=True)
 class BoardPoses:
-    """
-    The poses of the camera relative to the board in a recording.
-
-    * `poses`: poses of the camera in the frame of the board, as `Pose.numbers`: one for a still
-      recording, one for each frame of a moving one; None where the board is not found.
-    * `covariances`: (6, 6) covariances of the motions of those that are found.
-    * `blur`, `contrast`: medians of these values of `GrayFit`.
-    * `reason`: why the board is not found; empty if it is found in a frame.
-    """
+    """The poses of the camera in the frame of the board in a recording."""
 
     moving: bool = False
+    # As `Pose.numbers`: one, or one a frame if it moves; None where the board is not found.
     poses: tuple[tuple[float, ...] | None, ...] = ()
-    covariances: tuple[np.ndarray, ...] = ()
-    blur: float = 0.0
+    covariances: tuple[np.ndarray, ...] = ()  # (6, 6) of the motions of those that are found
+    blur: float = 0.0  # median, as of `GrayFit`
     contrast: float = 0.0
-    reason: str = ''
+    reason: str = ''  # why the board is not found; empty if it is found in a frame
 
 
 @dataclass(frozen=True)
 class _OnBoard:
-    # How well depth agrees with the board in the first frame that shows it: the pose, median clean
-    # depth, median of measured minus clean depth (metres; NaN without valid pixels), the fraction
-    # of known pixels near that, and the standard deviation of the plane (metres along its normal,
-    # degrees about its worse axis).
+    # How well depth agrees with the board in the first frame that shows it.
     pose: tuple[float, ...]
-    distance: float
-    difference: float
-    fitting: float
-    deviation: tuple[float, float]
+    distance: float  # median clean depth, metres
+    difference: float  # median of measured minus clean depth, metres; NaN without valid pixels
+    fitting: float  # fraction of known pixels near that
+    deviation: tuple[float, float]  # of the plane: metres along its normal, degrees at worst
 
 
 @dataclass(frozen=True)
 class BoardSurfaces(Placing):
-    """A board in a recording, with the settings of the run and what was found; see `Surfaces`."""
+    """A board in a recording; see `Surfaces`."""
 
     request: BoardRequest
     target: Printed
@@ -85,23 +82,21 @@ class BoardSurfaces(Placing):
 
     def truth(self, footage: Footage) -> GroundTruth:
         """Return the board in each frame, or in the median of a still recording."""
-        frames = map(footage.observe, footage.frames()) if self.moving else [footage.still]
+        number = next(i for i, one in enumerate(self.placed.poses) if one is not None)
         cleans = []
-        shown: list[tuple[int, Observation, Clean, Pose]] = []
-        for number, (image, numbers) in enumerate(zip(frames, self.placed.poses, strict=True)):
+        for i, (frame, numbers) in enumerate(
+            zip(footage.images(), self.placed.poses, strict=True)
+        ):
             if numbers is None:
-                nothing = unknown(image)
+                nothing = unknown(frame)
                 cleans.append(replace(nothing, reflectivity=nothing.depth))
                 continue
-            pose = Pose.from_numbers(np.array(numbers))
-            clean = self._clean(image, pose)
-            cleans.append(without_hidden(clean, image))
-            if not shown:
-                shown.append((number, image, clean, pose))
-        (number, image, clean, pose), *_ = shown
+            whole = self._clean(frame, Pose.from_numbers(numbers))
+            cleans.append(without_hidden(whole, frame))
+            if i == number:
+                image, clean, pose = frame, whole, Pose.from_numbers(numbers)
         covariance = np.asarray(np.mean(self.placed.covariances, axis=0))
-        known = cleans[number].known
-        known = known if known.any() else clean.known
+        known = cleans[number].known if cleans[number].known.any() else clean.known
         points = image.directions[known] * clean.depth[known, None]
         plane = plane_covariance(pose, covariance, points.mean(axis=0))
         keys = {'pose_covariance': covariance}
@@ -132,29 +127,21 @@ class BoardSurfaces(Placing):
 
 def place_board(job: BoardSurfaces) -> BoardPoses:
     """Find the board in a recording, or the reason why it is not found."""
-    try:
-        return _search(job)
-    except InputError as error:  # The others can be used.
-        return _placed(False, [reason_of(error, job.path)])
-
-
-def _search(job: BoardSurfaces) -> BoardPoses:
-    footage = job.footage()
-    reader, moving, rays = footage.reader, footage.moving, footage.still.rays
-    if not has_gray(reader):
-        return _placed(moving, ['it has no gray image (amplitude)'])
-    if not has_gray(reader, moving):
-        return _placed(moving, ['it has one gray image for all frames, but moves'])
     found: list[GrayFit | str] = []
-    before = None
-    for image in gray_images(reader, moving):
-        fit = find_board(job.target, Gray(image, rays), job.request.lens_error, before)
-        found.append(fit)
-        before = None if isinstance(fit, str) else fit
-    return _placed(moving, found)
-
-
-def _placed(moving: bool, found: Sequence[GrayFit | str]) -> BoardPoses:
+    moving = False
+    try:
+        footage = job.footage()
+        reader, moving = footage.reader, footage.moving
+        if not has_gray(reader):
+            raise InputError('it has no gray image (amplitude)')
+        if not has_gray(reader, moving):
+            raise InputError('it has one gray image for all frames, but moves')
+        for image in gray_images(reader, moving):
+            before = found[-1] if found and isinstance(found[-1], GrayFit) else None
+            gray = Gray(image, footage.still.rays)
+            found.append(find_board(job.target, gray, job.request.lens_error, before))
+    except InputError as error:  # The others can be used.
+        found = [reason_of(error, job.path)]
     fits = [fit for fit in found if isinstance(fit, GrayFit)]
     reasons = [fit for fit in found if isinstance(fit, str)]
     return BoardPoses(
@@ -216,11 +203,8 @@ class BoardCampaign:
         jobs = self._jobs(self.target, sources)
         text = 'finding the board'
         self.placed = run.each_once(text, (0.0, 0.7), place_board, jobs, (BoardPoses,))
-        found = {
-            i: replace(job, placed=one)
-            for i, (job, one) in enumerate(zip(jobs, self.placed, strict=True))
-            if not one.reason
-        }
+        pairs = enumerate(zip(jobs, self.placed, strict=True))
+        found = {i: replace(job, placed=one) for i, (job, one) in pairs if not one.reason}
         if not found:
             raise InputError(f'{shown_path(sources[0].path)}: {self.placed[0].reason}')
         return found
@@ -242,13 +226,8 @@ class BoardCampaign:
         self.scale = _scale([one.found for one in written.values()])
         rows = []
         for i, (source, one) in enumerate(zip(self.sources, self.placed, strict=True)):
-            row = source.row(
-                'refused',
-                [one.reason],
-                motion='moving' if one.moving else 'still',
-                frames=len(one.poses) if one.moving else 1,
-                fitting=0.0,
-            )
+            motion, frames = ('moving', len(one.poses)) if one.moving else ('still', 1)
+            row = source.row('refused', [one.reason], motion=motion, frames=frames, fitting=0.0)
             rows.append(row | _numbers(written[i], one, self.scale) if i in written else row)
         return rows
 

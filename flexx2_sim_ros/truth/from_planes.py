@@ -11,8 +11,8 @@ from flexx2_sim_ros.truth.clean import Clean, KNOWN, OUTSIDE, render_plane, unkn
 from flexx2_sim_ros.truth.files import reason_of, TruthSource
 from flexx2_sim_ros.truth.observation import Footage, Observation
 from flexx2_sim_ros.truth.plane_constraints import (
+    check_agreement,
     Constraints,
-    contradiction,
     doubts_of,
     PlacedPlanes,
     settle,
@@ -20,8 +20,7 @@ from flexx2_sim_ros.truth.plane_constraints import (
 )
 from flexx2_sim_ros.truth.plane_file import PlaneFile, PlaneHint, read_planes
 from flexx2_sim_ros.truth.plane_finding import find_planes, ImagePlane
-from flexx2_sim_ros.truth.requests import Placing, PlaneRequest, TruthRequest
-from flexx2_sim_ros.truth.run import Run
+from flexx2_sim_ros.truth.run import Placing, PlaneRequest, Run, TruthRequest
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
 import numpy as np
 
@@ -30,25 +29,15 @@ _FRONTAL = 20.0  # degrees between the normal and the optical axis
 
 @dataclass(frozen=True)
 class Judged:
-    """
-    Whether a recording's planes can be trusted.
+    """Whether a recording's planes can be trusted, and where they are; none if it is refused."""
 
-    * `state`: ``used``, ``doubtful`` or ``refused``.
-    * `reasons`: why the recording is doubtful or refused, and notes on missing measurements.
-    * `surfaces`: the planes as fitted to the recording; none if it is refused.
-    * `placed`: the planes moved to the measurements.
-    * `covariance`: (3 P, 3 P) covariance, as in recordings.
-    * `taped`: of which of them a distance was measured.
-    * `square`: whether an angle between two of them was measured.
-    """
-
-    state: str
-    reasons: tuple[str, ...]
-    surfaces: tuple[ImagePlane, ...] = ()
-    placed: PlacedPlanes | None = None
-    covariance: np.ndarray | None = None
-    taped: tuple[bool, ...] = ()
-    square: bool = False
+    state: str  # used, doubtful or refused
+    reasons: tuple[str, ...]  # why it is doubtful or refused, and notes
+    surfaces: tuple[ImagePlane, ...] = ()  # the P planes as fitted to the recording
+    placed: PlacedPlanes | None = None  # the planes moved to the measurements
+    covariance: np.ndarray | None = None  # (3 P, 3 P), as in recordings
+    taped: tuple[bool, ...] = ()  # of which of them a distance was measured
+    square: bool = False  # an angle between two of them was measured
 
     @property
     def frontal(self) -> float:
@@ -61,37 +50,31 @@ class Judged:
         """Return the planes for ``truth.yaml``."""
         if self.placed is None or self.covariance is None:
             return []
-        placed, spread = self.placed, np.sqrt(np.diag(self.covariance))
-        distances = placed.distance_deviations(self.covariance)
+        spread = np.sqrt(np.diag(self.covariance)).reshape(-1, 3)
+        distances = self.placed.distance_deviations(self.covariance)
+        away = self.placed.distances.tolist()
         return [
             {
-                'name': surface.name,
-                'distance_m': round(away, 5),
-                'normal': [round(float(value), 5) for value in placed.normals[k]],
+                'name': one.name,
+                'distance_m': round(away[k], 5),
+                'normal': [round(float(value), 5) for value in self.placed.normals[k]],
                 'sigma_mm': round(float(distances[k]) * 1e3, 2),
-                'sigma_deg': round(float(np.degrees(spread[3 * k + 1 : 3 * k + 3].max())), 3),
-                'residual_mm': round((surface.distance - away) * 1e3, 2) if told else None,
-                'bend_mm': round(surface.bend * 1e3, 2),
+                'sigma_deg': round(float(np.degrees(spread[k, 1:].max())), 3),
+                'residual_mm': round((one.distance - away[k]) * 1e3, 2) if self.taped[k] else None,
+                'bend_mm': round(one.bend * 1e3, 2),
             }
-            for k, (surface, told, away) in enumerate(
-                zip(self.surfaces, self.taped, placed.distances.tolist(), strict=True)
-            )
+            for k, one in enumerate(self.surfaces)
         ]
 
 
 @dataclass(frozen=True)
 class PlaneSurfaces(Placing):
-    """
-    Planes in a recording; see `Surfaces`.
-
-    `hints` are those in it, `plan` the file that they are from. `found` is None before they are
-    looked for.
-    """
+    """Planes in a recording; see `Surfaces`."""
 
     request: PlaneRequest
-    hints: tuple[PlaneHint, ...]
-    plan: PlaneFile
-    found: Judged | None = None
+    hints: tuple[PlaneHint, ...]  # those in it
+    plan: PlaneFile  # that they are from
+    found: Judged | None = None  # None before they are looked for
     moving = False
 
     def at(self, footage: Footage, number: int) -> Clean:
@@ -132,45 +115,42 @@ class PlaneSurfaces(Placing):
 def place_planes(job: PlaneSurfaces) -> Judged:
     """Find the planes of a recording and move them to the measurements."""
     try:
-        footage = job.footage()
+        return _placed(job)
     except InputError as error:  # The others can be used.
         return Judged('refused', (reason_of(error, job.path),))
+
+
+def _placed(job: PlaneSurfaces) -> Judged:
+    footage = job.footage()
     if footage.moving:
-        return Judged('refused', ('the camera moves; planes need one that stands still',))
+        raise InputError('the camera moves; planes need one that stands still')
     surfaces = find_planes(footage.still, job.hints)
     names = [surface.name for surface in surfaces]
     missing = [hint for hint in job.hints if hint.name not in names]
     for hint in missing:
         if hint.box or hint.outline:
-            return Judged('refused', (f'{hint.name}: no plane is found where the file says',))
+            raise InputError(f'{hint.name}: no plane is found where the file says')
     if not surfaces:
-        return Judged('refused', ('no plane is found in it',))
-    constraints = _constraints(job, names)
-    reason, notes = turned(surfaces, constraints)
-    if reason:
-        return Judged('refused', (reason,))
+        raise InputError('no plane is found in it')
+    told = {hint.name: hint.distance for hint in job.hints}
+    distances = tuple(told[name] for name in names)
+    angles = tuple(a for a in job.plan.angles if a.first in names and a.second in names)
+    constraints = Constraints(tuple(names), distances, angles, job.plan.origin)
+    notes = turned(surfaces, constraints)
     placed, covariance = settle(_fitted(surfaces, footage.still), constraints)
-    reason = contradiction(placed, constraints)
-    if reason:
-        return Judged('refused', (reason,))
+    check_agreement(placed, constraints)
     doubts = doubts_of(surfaces, constraints)
     notes += [f'{hint.name}: not found' for hint in missing]
     notes += [note for surface in surfaces for note in surface.notes()]
     return Judged(
         'doubtful' if doubts else 'used',
-        tuple(doubts + notes),
+        (*doubts, *notes),
         tuple(surfaces),
         placed,
         covariance,
-        tuple(told is not None for told in constraints.distances),
-        bool(constraints.angles),
+        tuple(distance is not None for distance in distances),
+        bool(angles),
     )
-
-
-def _constraints(job: PlaneSurfaces, names: list[str]) -> Constraints:
-    told = {hint.name: hint.distance for hint in job.hints}
-    angles = tuple(a for a in job.plan.angles if a.first in names and a.second in names)
-    return Constraints(tuple(names), tuple(told[name] for name in names), angles, job.plan.origin)
 
 
 def _fitted(surfaces: list[ImagePlane], image: Observation) -> PlacedPlanes:
@@ -197,21 +177,21 @@ class PlaneCampaign:
 
     def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
         """Find the planes in each recording."""
-        self.sources, settings = sources, self.request.settings()
-        jobs = [
-            PlaneSurfaces(one.path, settings, self.plan.seen_in(one.target.stem), self.plan)
-            for one in sources
-        ]
+        self.sources, settings, plan = sources, self.request.settings(), self.plan
+        seen = [plan.seen_in(one.target.stem) for one in sources]
+        pairs = zip(sources, seen, strict=True)
+        jobs = [PlaneSurfaces(one.path, settings, hints, plan) for one, hints in pairs]
         kinds = Judged, ImagePlane, PlacedPlanes
         text = 'finding planes'
         self.found: list[Judged] = run.each_once(text, (0.0, 0.7), place_planes, jobs, kinds)
-        if not any(one.surfaces for one in self.found):
-            raise InputError(f'{shown_path(sources[0].path)}: {self.found[0].reasons[0]}')
-        return {
+        out = {
             i: replace(job, found=one)
             for i, (job, one) in enumerate(zip(jobs, self.found, strict=True))
             if one.surfaces
         }
+        if not out:
+            raise InputError(f'{shown_path(sources[0].path)}: {self.found[0].reasons[0]}')
+        return out
 
     def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
         """Return what was found in each recording; what contradicts a plane is counted there."""
@@ -232,25 +212,27 @@ class PlaneCampaign:
     def findings(self) -> dict[str, Any]:
         """Return what the planes cannot decide, and what they hide."""
         absent = sorted(set(self.plan.changes) - {one.target.stem for one in self.sources})
-        taped = all(any(one.taped) for one in self.found if one.surfaces)
+        found = [one for one in self.found if one.surfaces]
+        taped = [any(one.taped) for one in found]
+        open_ = hidden_by_planes(any(taped), any(one.square for one in found))
+        if all(one.frontal < _FRONTAL for one in found):
+            reason = (
+                'all recordings show one wall from the front; views tilted by 40 degrees, and the '
+                'distance of each, would decide it'
+            )
+            open_.append({'effect': 'wiggling', 'reason': reason})
         return {
             **({'not_given': absent} if absent else {}),
-            'cannot_decide': _cannot_decide(self.found),
-            'absorbed': absorbed('tape' if taped else 'planes'),
+            'cannot_decide': open_,  # The diagnosis computes others for each recording.
+            'absorbed': absorbed('tape' if all(taped) else 'planes'),
         }
 
 
 def asked_for(request: TruthRequest) -> str:
     """
-    Return what should be measured before the work, and what is not decided without; or nothing.
+    Return what should be measured before the work: the distance of planes; or nothing.
 
-    It is the distance of planes.
-
-    Raises
-    ------
-    InputError
-        When the file of the planes cannot be used.
-
+    Raises `InputError` when the file of the planes cannot be used.
     """
     if not isinstance(request, PlaneRequest):
         return ''
@@ -264,19 +246,3 @@ def asked_for(request: TruthRequest) -> str:
         'the camera, and write for example "distance: 1.20 +- 0.003". Without it '
         f'{", ".join(row["effect"] for row in rows)} cannot be decided'
     )
-
-
-def _cannot_decide(judged: Sequence[Judged]) -> list[dict[str, Any]]:
-    # The diagnosis computes others for each recording.
-    found = [one for one in judged if one.surfaces]
-    taped = any(any(one.taped) for one in found)
-    out = hidden_by_planes(taped, any(one.square for one in found))
-    if all(one.frontal < _FRONTAL for one in found):
-        out.append(
-            {
-                'effect': 'wiggling',
-                'reason': 'all recordings show one wall from the front; views tilted by 40 '
-                'degrees, and the distance of each, would decide it',
-            }
-        )
-    return out

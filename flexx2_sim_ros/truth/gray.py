@@ -1,10 +1,9 @@
 """
 Align a printed target to a gray image.
 
-The image of the sheet is rendered from a pose, blurred and lit. Pose, blur and light are
-fitted to the gray values of all pixels inside it (Gauss-Newton, Huber loss). Blur moves the
-corners of dark squares inwards, so that a pose from corners is too far; a fit with a free blur
-is not.
+The sheet is rendered from a pose, blurred and lit; pose, blur and light are fitted to the gray
+values of all pixels inside it (Gauss-Newton, Huber loss). Blur moves the corners of dark squares
+inwards, so that a pose from corners is too far; a fit with a free blur is not.
 """
 
 from dataclasses import dataclass, replace
@@ -36,43 +35,27 @@ POWERS = 1.0, 0.5
 
 @dataclass(frozen=True)
 class Gray:
-    """
-    A gray image to align to.
+    """A gray image to align to."""
 
-    `image` is (H, W) float64, any unit; `rays` (H, W, 2) x/z and y/z of each pixel, without lens
-    distortion, NaN for pixels without a ray.
-    """
-
-    image: np.ndarray
-    rays: np.ndarray
+    image: np.ndarray  # (H, W) float64, any unit
+    rays: np.ndarray  # (H, W, 2), as of `Observation`
 
 
 @dataclass(frozen=True)
 class GrayFit:
-    """
-    An aligned sheet.
+    """An aligned sheet."""
 
-    * `pose`: of the camera in the sheet's frame.
-    * `covariance`: (6, 6) covariance of a motion of the camera, see `Pose.moved`; from noise only.
-    * `scale_shift`: (6,) motion of the camera per relative change of the focal length, linearised.
-    * `blur`: standard deviation of the blur, pixels.
-    * `contrast`: reflectivity of black as a fraction of that of white.
-    * `power`: one of `POWERS`.
-    * `cost`: mean Huber loss of gray values, as a fraction of white, without the square.
-    """
-
-    pose: Pose
-    covariance: np.ndarray
-    scale_shift: np.ndarray
-    blur: float
-    contrast: float
-    power: float
-    cost: float
+    pose: Pose  # of the camera in the sheet's frame
+    covariance: np.ndarray  # (6, 6) of a motion of the camera, see `Pose.moved`; from noise only
+    scale_shift: np.ndarray  # (6,) motion of the camera per relative change of the focal length
+    blur: float  # standard deviation of the blur, pixels
+    contrast: float  # reflectivity of black as a fraction of that of white
+    power: float  # one of `POWERS`
+    cost: float  # mean Huber loss of gray values, as a fraction of white, without the square
 
 
 class _View:
-    """The part of an image around the sheet, and its subpixel points."""
-
+    # The part of an image around the sheet, and its subpixel points.
     def __init__(self, target: Printed, gray: Gray, pose: Pose) -> None:
         self.target = target
         height, width = gray.image.shape
@@ -90,14 +73,12 @@ class _View:
         pixel = float(np.nanmedian(np.abs(np.diff(self.rays[..., 0], axis=1)))) * distance
         self.step = max(pixel / self.finer, 1e-4)
         self.paint = target.paint(self.step)
-        v, u = np.mgrid[: self.image.shape[0], : self.image.shape[1]]
-        u = 2 * u / max(u.max(), 1) - 1
-        v = 2 * v / max(v.max(), 1) - 1
+        v, u = (2 * a / max(a.max(), 1) - 1 for a in np.indices(self.image.shape))
         self.light = np.stack([np.ones(u.shape), u, v, u * u, u * v, v * v], axis=-1)
 
     def blurred(self, pose: Pose, log_blur: float) -> np.ndarray:
-        """Return the white fraction at all subpixel points."""
-        # Points without a ray are white, like those beside the sheet.
+        # The white fraction at all subpixel points; those without a ray are white, as those beside
+        # the sheet.
         x, y = (np.nan_to_num(one, nan=_BESIDE) for one in _on_sheet(pose, self.fine))
         height, width = self.paint.shape
         seen = cv2.remap(
@@ -111,13 +92,13 @@ class _View:
         return np.asarray(cv2.GaussianBlur(seen, (0, 0), float(np.exp(log_blur)) * self.finer))
 
     def pixels(self, fine: np.ndarray) -> np.ndarray:
-        """Return (h, w) means over the area of each pixel."""
+        # (h, w) means over the area of each pixel.
         height, width = self.image.shape
         small = fine.reshape(height, self.finer, width, self.finer)
         return np.asarray(small.mean(axis=(1, 3)), np.float64)
 
     def flow(self, pose: Pose) -> np.ndarray:
-        """Return (h, w, 2, 7): motion of the sheet in pixels, per camera motion and zoom."""
+        # (h, w, 2, 7): motion of the sheet in pixels, per camera motion and zoom.
         normal = pose.R[2]
         point = np.concatenate([self.rays, np.ones((*self.rays.shape[:2], 1))], axis=-1)
         point *= (-pose.t[2] / (point @ normal))[..., None]
@@ -174,11 +155,9 @@ def align_gray(
     target: Printed, gray: Gray, start: Pose, power: float, blur: float, steps: int
 ) -> GrayFit | None:
     """
-    Align a target to a gray image from a pose nearby, in at most so many steps.
+    Align a target to a gray image from a pose and blur nearby, in at most so many steps.
 
-    `start` is the pose of the camera in the sheet's frame, accurate enough that edges are within a
-    few pixels; `power` one of `POWERS`; `blur` the initial one, pixels. None if too little of the
-    sheet is in the image.
+    From the pose, edges are within a few pixels. None if too little of the sheet is in the image.
     """
     view = _View(target, gray, start)
     if view.window[0].stop == 0:

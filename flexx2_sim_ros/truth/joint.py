@@ -1,5 +1,5 @@
 """
-Poses of many recordings and the errors that they share, estimated together.
+Poses of many recordings and the errors that they share, or one motion of all, fitted together.
 
 A pose that is fitted alone absorbs most of a bias and of wiggling. The errors of a camera are the
 same in all recordings, the poses are not. Four recordings or more therefore distinguish them.
@@ -8,40 +8,47 @@ same in all recordings, the poses are not. Four recordings or more therefore dis
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+import math
 
-from flexx2_sim_ros.truth.alignment import clamped, Linear, PosedImage
-from flexx2_sim_ros.truth.columns import ErrorColumns, PRIOR
-from flexx2_sim_ros.truth.solver import minimise, tile_sums
+from flexx2_sim_ros.truth.alignment import (
+    clamped,
+    ErrorColumns,
+    Linear,
+    NO_ERRORS,
+    PosedImage,
+    PRIOR,
+)
+from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.solver import damped_step, information, minimise, tile_sums, TRUNCATION
 import numpy as np
 
 _ROUNDS = 6  # Gauss-Newton steps, at most
 _CONVERGED = 1e-6
+# Of the motion of all: steps, the least one.
+_STEPS, _LEAST_STEP = 15, 1e-5
+# Standard deviations of priors: the motion (metres, radians), a latency (seconds). ASSUMED
+_PRIOR = 0.3, math.radians(20), 1.0
+_CLEAR = 5.0  # standard deviations
+_REACH = 0.5  # metres: poses may be far off
+# Costs, 0 to 1: the room is what the recordings show, and much better so. ASSUMED
+_MOST_COST, _BETTER = 0.2, 0.5
 
 
 @dataclass(frozen=True)
 class Solution:
-    """
-    The solution for all recordings.
-
-    * `values`: (k,) coefficients.
-    * `deviations`: (k,) standard deviations: the larger of the one from the pixels and the one
-      from leaving out one recording at a time.
-    * `condition`: condition number of the coefficients' equations, scaled to a unit diagonal.
-    * `views`: the views with their new poses.
-    * `covariances`: (6, 6) each, of the views' motions (metres, radians).
-    * `drags`: (6,) each: the pose error that a bias of one prior standard deviation causes if the
-      bias is not estimated.
-    * `recordings`: how many of them the views are of.
-    """
+    """The solution for all recordings."""
 
     columns: ErrorColumns
-    values: np.ndarray
+    values: np.ndarray  # (k,) coefficients
+    # (k,) standard deviations: the larger of the one from the pixels and the one from leaving out
+    # one recording at a time.
     deviations: np.ndarray
-    condition: float
-    views: tuple[PosedImage, ...]
-    covariances: tuple[np.ndarray, ...]
+    condition: float  # of the coefficients' equations, scaled to a unit diagonal
+    views: tuple[PosedImage, ...]  # with their new poses
+    covariances: tuple[np.ndarray, ...]  # (6, 6) each, of the views' motions (metres, radians)
+    # (6,) each: the pose error by a bias of one prior standard deviation that is not estimated.
     drags: tuple[np.ndarray, ...]
-    recordings: int
+    recordings: int  # how many the views are of
 
     def full_covariance(self, view: int) -> np.ndarray:
         """Return the (6, 6) covariance of a pose, including a bias that is not estimated."""
@@ -153,3 +160,69 @@ def _tile_scores(one: Linear, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
     left = one.weight * (one.y - one.A @ values - one.J @ motion)
     g, own = one.J * left[:, None], one.free(one.A) * left[:, None]
     return tile_sums(one.tile, g), tile_sums(one.tile, own)
+
+
+def common_motion(views: Sequence[PosedImage], covariance: np.ndarray, mount: Pose) -> str:
+    """
+    Return by which motion of the camera in its body given poses are off; nothing if it is unclear.
+
+    `covariance` (6, 6) is that of the poses; `mount` where the camera is in the body, as given.
+    """
+    if not any(len(view.linear.y) for view in views):
+        return ''
+    motion, variance, seen = fitted_motion(views)
+    clear = (np.abs(motion) > _CLEAR * np.sqrt(variance + np.diag(covariance))).any()
+    before, after = (
+        float(np.mean([replace(view, reach=TRUNCATION).cost for view in some]))
+        for some in (views, seen)
+    )
+    if not clear or after > min(_MOST_COST, _BETTER * before):
+        return ''
+    metres, turn = np.linalg.norm(motion[:3]), math.degrees(np.linalg.norm(motion[3:]))
+    better = ','.join(f'{number:.4g}' for number in mount.moved(motion).numbers())
+    return (
+        f'the given poses are all off by {metres * 1e3:.0f} mm and {turn:.1f} degrees: measure '
+        f'--camera-in-body again (what the recordings show: {better})'
+    )
+
+
+def fitted_motion(views: Sequence[PosedImage]) -> tuple[np.ndarray, np.ndarray, list[PosedImage]]:
+    """
+    Return the (6,) motion of the camera in its body that fits best, its variances, the views so.
+
+    A latency and a bias of the camera are fitted with it.
+    """
+    bounce = any(view.bounce.any() for view in views)
+    columns = replace(NO_ERRORS, bias=True, bounce=bounce)
+    precision = np.concatenate([np.repeat(_PRIOR, [3, 3, 1]) ** -2.0, columns.precision])
+    values, eye = np.zeros(len(precision)), np.eye(len(precision))
+    for _ in range(_STEPS):
+        seen = [_at(view, columns, values) for view in views]
+        J, weight, left, tile = _equations(seen)  # noqa: N806
+        weights = np.concatenate([weight, precision])
+        step = damped_step(np.vstack([J, eye]), weights, np.concatenate([left, -values]), 0.0)
+        step[:6] = clamped(step[:6])
+        values = values + step
+        if np.abs(step).max() < _LEAST_STEP:
+            break
+    inverse = np.linalg.inv(information(J, weight) + np.diag(precision))
+    score = tile_sums(tile, J * (weight * left)[:, None])  # Errors within one are not independent.
+    spread = inverse @ (score.T @ score + np.diag(precision)) @ inverse
+    return values[:6], np.diag(spread)[:6], seen
+
+
+def _at(view: PosedImage, columns: ErrorColumns, values: np.ndarray) -> PosedImage:
+    # The view from where the camera is with these values.
+    pose = view.pose.moved(values[:6] - values[6] * view.speed)
+    return replace(view, pose=pose, columns=columns, values=values[7:], reach=_REACH)
+
+
+def _equations(views: Sequence[PosedImage]) -> tuple[np.ndarray, ...]:
+    # Slopes by all values, weights, what is left, and tiles, of all pixels.
+    parts, first = [], 0
+    for view in views:
+        one = view.linear
+        slopes = np.column_stack([one.J, -one.J @ view.speed, one.A])
+        parts.append((slopes, one.weight, one.y - one.A @ view.values, one.tile + first))
+        first += int(view.target.tile.max(initial=-1)) + 1
+    return tuple(map(np.concatenate, zip(*parts, strict=True)))

@@ -15,9 +15,7 @@ from flexx2_sim_ros.recording.truth import read_truth
 import numpy as np
 from scipy import ndimage
 
-_MOST_FRAMES = (
-    40  # frames of a still recording; more would not make the median better than the mesh
-)
+_MOST_FRAMES = 40  # of a still recording; more would not make the median better than the mesh
 _NEAREST = 0.02  # metres
 # A recording moves if more than this fraction of its blocks of pixels changes by more than this
 # many metres (and sigmas of a pixel), from its first to its middle or last frames. Warm-up changes
@@ -33,20 +31,14 @@ _SATURATED = 0.002  # fraction of pixels at the largest gray value
 
 @dataclass(frozen=True)
 class Observation:
-    """
-    One depth image to be registered.
+    """One depth image to be registered."""
 
-    * `rays`: (H, W, 2) x/z and y/z of each pixel, without lens distortion; NaN where the lens has
-      no inverse, and where a mask marks pixels as unknown.
-    * `depth`: (H, W) float64 metres along the optical axis, NaN where invalid.
-    * `sigma`: (H, W) float64 metres, standard deviation of `depth`.
-    * `wraps`: metres: range is ambiguous by multiples of each, most likely first.
-    """
-
+    # (H, W, 2) x/z and y/z of each pixel, without lens distortion; NaN where the lens has no
+    # inverse, and where a mask marks pixels as unknown.
     rays: np.ndarray
-    depth: np.ndarray
-    sigma: np.ndarray
-    wraps: tuple[float, ...]
+    depth: np.ndarray  # (H, W) float64 metres along the optical axis, NaN where invalid
+    sigma: np.ndarray  # (H, W) float64 metres, standard deviation of `depth`
+    wraps: tuple[float, ...]  # metres: range is ambiguous by multiples of each, likely ones first
 
     @cached_property
     def smooth(self) -> np.ndarray:
@@ -85,17 +77,12 @@ def _jumps(depth: np.ndarray, sigma: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Footage:
-    """
-    A recording as registration needs it.
-
-    `still` is the median of a still recording, the first frame of a moving one. `moving`: the
-    camera moved. `mode` is None where the file does not say, or names one that the profile lacks.
-    """
+    """A recording as registration needs it."""
 
     reader: RecordingReader
-    still: Observation
+    still: Observation  # the median of a still recording, the first frame of a moving one
     moving: bool
-    mode: Mode | None
+    mode: Mode | None  # None where the file does not say, or names one that the profile lacks
 
     def frames(self) -> Iterator[np.ndarray]:
         """Yield the (H, W) depth of each frame, NaN where a mask of this frame hides it."""
@@ -104,20 +91,21 @@ class Footage:
     def observe(self, depth: np.ndarray) -> Observation:
         """Return the observation of one (H, W) frame."""
         good = np.where(depth > _NEAREST, depth, np.nan).astype(np.float64)
-        return Observation(
-            self.still.rays, good, _typical_sigma(good, self.mode), self.still.wraps
-        )
+        return replace(self.still, depth=good, sigma=_typical_sigma(good, self.mode))
+
+    def images(self) -> Iterator[Observation]:
+        """Return each frame of a moving recording, the one image of a still one."""
+        return map(self.observe, self.frames()) if self.moving else iter([self.still])
 
 
 def observe(reader: RecordingReader, profile: Profile | None, motion: str = 'auto') -> Footage:
     """Prepare a recording for registration; motion is ``still``, ``moving`` or ``auto``."""
-    path = reader.path
     _check_stamps(reader)
     rays = _rays(reader)
     mode = _mode(reader, profile or flexx2())
     frames, hidden = _chosen_frames(reader)
     if not np.isfinite(frames).any():
-        raise InputError(f'{path}: depth: all pixels of all frames are invalid')
+        raise InputError(f'{reader.path}: depth: all pixels of all frames are invalid')
     moving = motion == 'moving' or (motion == 'auto' and _moved(frames, mode))
     if moving:
         depth, sigma = frames[0], _typical_sigma(frames[0], mode)
@@ -152,12 +140,7 @@ def _rays(reader: RecordingReader) -> np.ndarray:
 
 
 def mask_of(reader: RecordingReader) -> np.ndarray | None:
-    """
-    Return where a recording shows its room and not, for example, the robot.
-
-    That is its ``known``, (H, W) or (T, H, W) bool. None without one, and where that is of earlier
-    ground truth and not a mask of the user.
-    """
+    """Return the user's mask, ``known``, (H, W) or (T, H, W) bool; None without, or with truth."""
     if 'clean_depth' in reader.layouts or 'clean_depth' in reader.arrays:
         return None
     return read_truth(reader.path, reader.arrays, reader.shape).known
@@ -270,8 +253,7 @@ def gray_images(reader: RecordingReader, moving: bool) -> Iterator[np.ndarray]:
     They are (H, W) float64, NaN where saturated, not a number or hidden by a mask.
     """
     if moving:
-        for image in _gray_shown(reader):
-            yield _unsaturated(image, image)
+        yield from (_unsaturated(image, image) for image in _gray_shown(reader))
         return
     total = top = None
     count: Any = 0

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.plane_file import Angle, Measured
 from flexx2_sim_ros.truth.plane_finding import ImagePlane
@@ -31,25 +32,14 @@ _STEP = 1e-6
 
 @dataclass(frozen=True)
 class PlacedPlanes:
-    """
-    Planes of one recording, in the optical frame.
+    """P planes of one recording, in the optical frame."""
 
-    `normals` are (P, 3) unit normals that point away from the camera; `distances` (P,) metres from
-    the optical centre, perpendicular; `pivots` (P, 3) metres, points about which tilts turn the
-    planes.
-    """
-
-    normals: np.ndarray
-    distances: np.ndarray
-    pivots: np.ndarray
+    normals: np.ndarray  # (P, 3) unit normals that point away from the camera
+    distances: np.ndarray  # (P,) metres from the optical centre, perpendicular
+    pivots: np.ndarray  # (P, 3) metres, points about which tilts turn the planes
 
     def moved(self, change: np.ndarray) -> 'PlacedPlanes':
-        """
-        Return the planes moved.
-
-        `change` is (3 P,) an offset in metres and two tilts in radians for each plane, as in
-        recordings.
-        """
+        """Return the planes moved: (3 P,) an offset (metres) and two tilts (radians) of each."""
         normals, distances = self.normals.copy(), self.distances.copy()
         for k, (offset, *tilts) in enumerate(change.reshape(-1, 3)):
             normal = self.normals[k]
@@ -60,56 +50,35 @@ class PlacedPlanes:
         return PlacedPlanes(normals, distances, pivots)
 
     def distance_deviations(self, covariance: np.ndarray) -> np.ndarray:
-        """
-        Return the (P,) standard deviations of `distances`, metres.
-
-        `covariance` is (3 P, 3 P) of the planes' parameters. A tilt turns a plane about its pivot
-        and so changes its distance.
-        """
+        """Return (P,) standard deviations of `distances`, by a (3 P, 3 P) covariance, metres."""
         slope = _slope(lambda change: self.moved(change).distances, np.zeros(len(covariance)))
         return np.asarray(np.sqrt(np.einsum('pi,ij,pj->p', slope, covariance, slope)))
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """
-    The measurements of the planes of one recording; `names` are those of the P planes.
-
-    `distances` are those of each plane, metres from `origin`, which is in the optical frame,
-    metres; `angles` are between them.
-    """
+    """The measurements of the P planes of one recording."""
 
     names: tuple[str, ...]
-    distances: tuple[Measured | None, ...]
+    distances: tuple[Measured | None, ...]  # metres from `origin`
     angles: tuple[Angle, ...]
-    origin: tuple[float, float, float]
+    origin: tuple[float, float, float]  # optical frame, metres
 
     def errors(self, placed: PlacedPlanes) -> tuple[np.ndarray, list[str]]:
-        """
-        Return (C,) differences between planes and measurements, and the description of each.
-
-        They are in standard deviations.
-        """
+        """Return (C,) errors of planes, in standard deviations, and what each was measured of."""
         errors, words = [], []
-        for name, found, told in zip(
-            self.names, self.tape_errors(placed), self.distances, strict=True
-        ):
+        away = placed.distances - placed.normals @ np.array(self.origin)
+        for name, found, told in zip(self.names, away, self.distances, strict=True):
             if told is not None:
-                errors.append(found / told.deviation)
+                errors.append((found - told.value) / told.deviation)
                 words.append(f'distance of {name}')
         for angle in self.angles:
-            one, other = (
-                placed.normals[self.names.index(name)] for name in (angle.first, angle.second)
-            )
-            parts = _angle_errors(one, other, np.radians(angle.degrees.value))
+            first, second = (self.names.index(name) for name in (angle.first, angle.second))
+            told = np.radians(angle.degrees.value)
+            parts = _angle_errors(placed.normals[first], placed.normals[second], told)
             errors += list(parts / np.radians(angle.degrees.deviation))
             words += [f'angle between {angle.first} and {angle.second}'] * len(parts)
         return np.array(errors), words
-
-    def tape_errors(self, placed: PlacedPlanes) -> np.ndarray:
-        """Return (P,) distance minus measured distance, metres; NaN if not measured."""
-        told = np.array([np.nan if d is None else d.value for d in self.distances])
-        return np.asarray(placed.distances - placed.normals @ np.array(self.origin) - told)
 
 
 def _seen_angle(one: np.ndarray, other: np.ndarray) -> float:
@@ -129,9 +98,8 @@ def settle(placed: PlacedPlanes, constraints: Constraints) -> tuple[PlacedPlanes
     """
     Move planes, as fitted to a recording, to the measurements, by generalised least squares.
 
-    Return the moved planes, and the (3 P, 3 P) covariance of their parameters. The covariance
-    comes from the measurements alone; parameters without a measurement have `FREE_OFFSET` and
-    `FREE_TILT`.
+    Return them and the (3 P, 3 P) covariance of their parameters, by the measurements alone: those
+    without have `FREE_OFFSET` and `FREE_TILT`.
     """
 
     def errors(planes: PlacedPlanes) -> Callable[[np.ndarray], np.ndarray]:
@@ -158,12 +126,11 @@ def _slope(values: Callable[[np.ndarray], np.ndarray], at: np.ndarray) -> np.nda
     return np.stack(columns, axis=1) / (2 * _STEP)
 
 
-def turned(surfaces: list[ImagePlane], constraints: Constraints) -> tuple[str, list[str]]:
+def turned(surfaces: list[ImagePlane], constraints: Constraints) -> list[str]:
     """
-    Return where a recording shows other angles than were measured.
+    Return notes on where a recording shows other angles than were measured.
 
-    The first is an angle that says that it shows other planes than the file means, or nothing; the
-    others are a finding.
+    Raises `InputError` where one is so far off that the file means other planes.
     """
     normals = {surface.name: surface.normal for surface in surfaces}
     notes = []
@@ -172,29 +139,27 @@ def turned(surfaces: list[ImagePlane], constraints: Constraints) -> tuple[str, l
         seen = float(np.degrees(_seen_angle(normals[angle.first], normals[angle.second])))
         off, least = abs(seen - told.value), _CONTRADICTION * told.deviation
         if off > 2 * _MOST_TURN + least:
-            reason = (
+            raise InputError(
                 f'the angle between {angle.first} and {angle.second} must be that of the planes '
                 f'found, {seen:.0f} degrees, got {told.value:g}'
             )
-            return reason, []
         if off > least:
             notes.append(
                 f'{angle.first} and {angle.second}: the recording shows {seen:.1f} degrees '
                 f'between them, {told.value:g} +- {told.deviation:g} were measured and count'
             )
-    return '', notes
+    return notes
 
 
-def contradiction(placed: PlacedPlanes, constraints: Constraints) -> str:
-    """Return which measurements contradict each other, or nothing."""
+def check_agreement(placed: PlacedPlanes, constraints: Constraints) -> None:
+    """Raise `InputError` where measurements contradict each other."""
     errors, words = constraints.errors(placed)
-    if not len(errors) or np.abs(errors).max() <= _CONTRADICTION:
-        return ''
-    worst = int(np.abs(errors).argmax())
-    return (
-        f'the {words[worst]} must agree with the other measurements, got one that is '
-        f'{abs(errors[worst]):.0f} standard deviations off'
-    )
+    worst, what = max(zip(np.abs(errors).tolist(), words, strict=True), default=(0.0, ''))
+    if worst > _CONTRADICTION:
+        raise InputError(
+            f'the {what} must agree with the other measurements, got one that is {worst:.0f} '
+            'standard deviations off'
+        )
 
 
 def doubts_of(surfaces: list[ImagePlane], constraints: Constraints) -> list[str]:

@@ -1,7 +1,7 @@
 """`planes.yaml`: measurements of the planes of a room, and outlines that are drawn on images."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import json
 import math
 from pathlib import Path
@@ -12,7 +12,6 @@ from flexx2_sim_ros import atomic
 from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.profiles.section import is_number
-import numpy as np
 import yaml
 
 _KEYS = {'schema', 'origin', 'planes', 'recordings'}
@@ -47,49 +46,34 @@ class Measured:
 
 @dataclass(frozen=True)
 class PlaneHint:
-    """
-    How to find a plane in a recording, and its measurements.
-
-    * `box`: left, top, right and bottom pixel of a part of it; empty if it is found by its size.
-    * `distance`: perpendicular distance from the origin, metres.
-    * `flat`: standard deviation of the surface, metres.
-    * `outline`: corners of the whole plane in the image, pixels; empty if the recording shows its
-      borders.
-    """
+    """How to find a plane in a recording, and its measurements."""
 
     name: str
+    # Left, top, right, bottom pixel of a part of it; empty if it is found by its size.
     box: tuple[float, ...] = ()
-    distance: Measured | None = None
-    flat: float | None = None
+    distance: Measured | None = None  # perpendicular, from the origin, metres
+    flat: float | None = None  # standard deviation of the surface, metres
+    # Corners of the whole plane, pixels; empty if the recording shows its borders.
     outline: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True)
 class Angle:
-    """
-    An angle between two planes, on the camera's side: 180 degrees where they are one flat surface.
+    """An angle between two planes, on the camera's side: 180 degrees where they are one flat."""
 
-    `first` and `second` are the names of the planes.
-    """
-
-    first: str
+    first: str  # name of a plane
     second: str
     degrees: Measured
 
 
 @dataclass(frozen=True)
 class PlaneFile:
-    """
-    The content of ``planes.yaml``.
-
-    `origin` is that of the distances: x, y, z in the optical frame, metres. `changes` are
-    differences in single recordings, by the name of the recording without suffix, then by the name
-    of the plane; None if it is not in view.
-    """
+    """The content of ``planes.yaml``."""
 
     planes: tuple[PlaneHint, ...]
     angles: tuple[Angle, ...]
-    origin: tuple[float, float, float]
+    origin: tuple[float, float, float]  # of the distances, optical frame, metres
+    # By the name of a recording without suffix, then of a plane; None if it is not in view.
     changes: Mapping[str, Mapping[str, PlaneHint | None]]
 
     def seen_in(self, recording: str) -> tuple[PlaneHint, ...]:
@@ -127,23 +111,26 @@ def read_planes(path: Path) -> PlaneFile:
     try:
         _check_keys('', content, _KEYS)
         rows = content.get('planes')
-        if not isinstance(rows, list) or not 0 < len(rows) <= _MOST_PLANES:
-            raise InputError(
-                f'planes: must be a list of 1 to {_MOST_PLANES} planes, got {shown(rows)}'
-            )
-        planes = [_plane(f'planes[{i}]', row) for i, row in enumerate(rows)]
+        good = isinstance(rows, list) and 0 < len(rows) <= _MOST_PLANES
+        _check(good, 'planes', f'be a list of 1 to {_MOST_PLANES} planes', rows)
+        planes = [_plane(f'planes[{i}]', row) for i, row in enumerate(content['planes'])]
         names = [plane.name for plane in planes]
         for i, name in enumerate(names):
             if name in names[:i]:
                 raise InputError(f'planes[{i}]: name: must be unique, got {shown(name)} twice')
         return PlaneFile(
             tuple(planes),
-            _angles(rows, names),
+            _angles(content['planes'], names),
             _origin(content.get('origin', 0.0)),
             _changes(content.get('recordings', {}), planes),
         )
     except InputError as error:
         raise InputError(f'{shown_path(path)}: {error}') from error
+
+
+def _check(good: bool, field: str, required: str, value: Any) -> None:
+    if not good:
+        raise InputError(f'{field}: must {required}, got {shown(value)}')
 
 
 def _check_keys(field: str, found: Any, known: set[str]) -> None:
@@ -159,71 +146,54 @@ def _check_keys(field: str, found: Any, known: set[str]) -> None:
 
 def _plane(field: str, row: Any) -> PlaneHint:
     _check_keys(field, row, _OF_PLANE)
-    name = row.get('name')
-    if not isinstance(name, str) or not 0 < len(name) <= _LONGEST_NAME or not name.isprintable():
-        raise InputError(
-            f'{field}: name: must be a text of 1 to {_LONGEST_NAME} letters, got {shown(name)}'
-        )
-    flat = row.get('flat')
-    if flat is not None and not (is_number(flat) and 0 <= flat <= _MOST_ERROR):
-        raise InputError(f'{name}: flat: must be metres, 0 to {_MOST_ERROR:g}, got {shown(flat)}')
+    name, flat = row.get('name'), row.get('flat')
+    good = isinstance(name, str) and 0 < len(name) <= _LONGEST_NAME and name.isprintable()
+    _check(good, f'{field}: name', f'be a text of 1 to {_LONGEST_NAME} letters', name)
+    good = flat is None or is_number(flat) and 0 <= flat <= _MOST_ERROR
+    _check(good, f'{name}: flat', f'be metres, 0 to {_MOST_ERROR:g}', flat)
     return _hint(name, PlaneHint(name, flat=flat), row)
 
 
 def _hint(field: str, plane: PlaneHint, row: Mapping[str, Any]) -> PlaneHint:
     # The plane with the changes of a mapping.
     row = {key: value for key, value in row.items() if value not in (None, BLANK)}
-    given = {place: row[place] for place in _PLACES if place in row}
+    given = [place for place in _PLACES if place in row]
     if len(given) > 1:
         raise InputError(f'{field}: must have one of {", ".join(_PLACES)}, got {", ".join(given)}')
-    place, value = next(iter(given.items()), ('', None))
-    box, outline = plane.box, plane.outline
-    if place == 'outline':
-        box, outline = (), _outline(f'{field}: outline', value)
-    elif place:
-        box, outline = _box(f'{field}: {place}', value), ()
-    distance = row.get('distance')
-    return PlaneHint(
-        plane.name,
-        box,
-        plane.distance if distance is None else _distance(f'{field}: distance', distance),
-        plane.flat,
-        outline,
-    )
+    if 'outline' in row:
+        plane = replace(plane, box=(), outline=_outline(f'{field}: outline', row['outline']))
+    elif 'seed' in row:
+        pixel = _numbers(f'{field}: seed', row['seed'], 'a pixel [u, v]', 2)
+        plane = replace(plane, box=pixel * 2, outline=())
+    elif 'box' in row:
+        plane = replace(plane, box=_box(f'{field}: box', row['box']), outline=())
+    if 'distance' in row:
+        plane = replace(plane, distance=_distance(f'{field}: distance', row['distance']))
+    return plane
 
 
 def _box(field: str, value: Any) -> tuple[float, ...]:
-    if field.endswith('seed'):
-        return _numbers(field, value, 'a pixel [u, v]', 2) * 2
     box = _numbers(field, value, 'pixels [left, top, right, bottom]', 4)
-    if box[0] > box[2] or box[1] > box[3]:
-        raise InputError(
-            f'{field}: must be [left, top, right, bottom] with left <= right and top <= bottom, '
-            f'got {shown(list(box))}'
-        )
+    required = 'be [left, top, right, bottom] with left <= right and top <= bottom'
+    _check(box[0] <= box[2] and box[1] <= box[3], field, required, list(box))
     return box
 
 
 def _outline(field: str, value: Any) -> tuple[tuple[float, ...], ...]:
-    if not (isinstance(value, list) and 3 <= len(value) <= _MOST_CORNERS):
-        raise InputError(
-            f'{field}: must be a list of 3 to {_MOST_CORNERS} corners [u, v], got {shown(value)}'
-        )
+    good = isinstance(value, list) and 3 <= len(value) <= _MOST_CORNERS
+    _check(good, field, f'be a list of 3 to {_MOST_CORNERS} corners [u, v]', value)
     return tuple(_numbers(field, corner, 'corners [u, v] in pixels', 2) for corner in value)
 
 
 def _distance(field: str, value: Any) -> Measured:
-    found = _measured(field, value, _TAPE)
+    found, required = _measured(field, value, _TAPE), f'be metres, {_NEAREST:g} to {_FARTHEST:g}'
     if found.value > _FARTHEST:
         raise InputError(
-            f'{field}: must be metres, {_NEAREST:g} to {_FARTHEST:g}, got {found.value:g}; it '
-            'looks like millimetres'
+            f'{field}: must {required}, got {found.value:g}; it looks like millimetres'
         )
-    if not (found.value >= _NEAREST and 0 < found.deviation <= _MOST_ERROR):
-        raise InputError(
-            f'{field}: must be metres, {_NEAREST:g} to {_FARTHEST:g}, with a standard deviation '
-            f'above 0 and up to {_MOST_ERROR:g}, got {shown(value)}'
-        )
+    good = found.value >= _NEAREST and 0 < found.deviation <= _MOST_ERROR
+    more = f'with a standard deviation above 0 and up to {_MOST_ERROR:g}'
+    _check(good, field, f'{required}, {more}', value)
     return found
 
 
@@ -235,11 +205,8 @@ def _angles(rows: list[dict[str, Any]], names: list[str]) -> tuple[Angle, ...]:
         for other, value in angles.items():
             field = f'{name}: angles: {other}'
             found = _measured(field, value, _SQUARE)
-            if not (0 <= found.value <= 180 and 0 < found.deviation <= 90):
-                raise InputError(
-                    f'{field}: must be degrees, 0 to 180, with a standard deviation above 0, got '
-                    f'{shown(value)}'
-                )
+            good = 0 <= found.value <= 180 and 0 < found.deviation <= 90
+            _check(good, field, 'be degrees, 0 to 180, with a standard deviation above 0', value)
             before = out.setdefault(frozenset((name, other)), Angle(name, other, found))
             if before.degrees != found:
                 raise InputError(
@@ -252,18 +219,14 @@ def _angles(rows: list[dict[str, Any]], names: list[str]) -> tuple[Angle, ...]:
 def _origin(value: Any) -> tuple[float, float, float]:
     ahead = [0.0, 0.0, value] if is_number(value) else value
     x, y, z = _numbers('origin', ahead, 'metres ahead of the optical centre, or [x, y, z]', 3)
-    if max(abs(x), abs(y), abs(z)) > _MOST_ERROR:
-        raise InputError(
-            f'origin: must be metres, at most {_MOST_ERROR:g} from the optical centre, got '
-            f'{shown(value)}'
-        )
+    required = f'be metres, at most {_MOST_ERROR:g} from the optical centre'
+    _check(max(abs(x), abs(y), abs(z)) <= _MOST_ERROR, 'origin', required, value)
     return x, y, z
 
 
 def _changes(given: Any, planes: list[PlaneHint]) -> dict[str, dict[str, PlaneHint | None]]:
     by_name = {plane.name: plane for plane in planes}
-    if not isinstance(given, dict):
-        raise InputError(f'recordings: must be a mapping, got {shown(given)}')
+    _check(isinstance(given, dict), 'recordings', 'be a mapping', given)
     out: dict[str, dict[str, PlaneHint | None]] = {}
     for recording, rows in given.items():
         field = f'recordings: {shown(recording)}'
@@ -272,11 +235,10 @@ def _changes(given: Any, planes: list[PlaneHint]) -> dict[str, dict[str, PlaneHi
         _check_keys(field, rows, set(by_name))
         mine = out.setdefault(recording.removesuffix('.npz'), {})
         for name, row in rows.items():
-            if row is None:
-                mine[name] = None
-                continue
-            _check_keys(f'{field}: {name}', row, _OF_RECORDING)
-            mine[name] = _hint(f'{field}: {name}', by_name[name], row)
+            mine[name] = None
+            if row is not None:
+                _check_keys(f'{field}: {name}', row, _OF_RECORDING)
+                mine[name] = _hint(f'{field}: {name}', by_name[name], row)
     return out
 
 
@@ -292,17 +254,13 @@ def _measured(field: str, value: Any, usual: float) -> Measured:
 
 
 def _numbers(field: str, value: Any, wanted: str, count: int) -> tuple[float, ...]:
-    if not (isinstance(value, list) and len(value) == count and all(map(is_number, value))):
-        raise InputError(f'{field}: must be {wanted}, got {shown(value)}')
-    return tuple(np.array(value, float).tolist())
+    good = isinstance(value, list) and len(value) == count and all(map(is_number, value))
+    _check(good, field, f'be {wanted}', value)
+    return tuple(map(float, value))
 
 
 def drawn(path: Path) -> PlaneFile:
-    """
-    Return the planes of a file that outlines are saved to; none of a file that does not exist.
-
-    Raises `InputError` as `read_planes` does.
-    """
+    """Return the planes of a file; none of one that does not exist. As `read_planes`."""
     return read_planes(path) if path.exists() else PlaneFile((), (), (0.0, 0.0, 0.0), {})
 
 
@@ -312,9 +270,8 @@ def save_outline(
     """
     Write an outline into ``planes.yaml``, whole or not at all; all else in the file stays.
 
-    The file is made if it does not exist. `recording` is a name without suffix; the plane may be a
-    new one. `corners` are pixels [u, v], which are rounded. Raises `InputError` when the file
-    cannot be read or written, or would not be one of planes.
+    The file and the plane may be new; `recording` has no suffix; `corners` are pixels [u, v].
+    Raises `InputError` when the file cannot be read or written, or would not be one of planes.
     """
     if path.exists():
         read_planes(path)

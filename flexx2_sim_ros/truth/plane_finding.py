@@ -34,24 +34,14 @@ _PATCH = 4  # pixels around a seed
 
 @dataclass(frozen=True)
 class ImagePlane:
-    """
-    A plane in an image.
-
-    * `inverse`: (3,) coefficients: inverse depth is the product with the ray (x/z, y/z, 1).
-    * `part`: (H, W) uint8: which of its pixels are known, one of `clean.PARTS`.
-    * `bend`: root mean square distance of what the recording shows of it from the plane, metres.
-    * `contradicting`: pixels of it that are farther from the plane than noise and bent light
-      explain.
-    * `beside`: pixels between its own, in a row or column, that are neither of it nor of other
-      planes.
-    """
+    """A plane in an image."""
 
     name: str
-    inverse: np.ndarray
-    part: np.ndarray
-    bend: float = 0.0
-    contradicting: int = 0
-    beside: int = 0
+    inverse: np.ndarray  # (3,): inverse depth is the product with the ray (x/z, y/z, 1)
+    part: np.ndarray  # (H, W) uint8: which of its pixels are known, one of `clean.PARTS`
+    bend: float = 0.0  # metres, rms distance of what the recording shows of it from the plane
+    contradicting: int = 0  # pixels of it that noise and bent light do not explain
+    beside: int = 0  # pixels between its own, in a row or column, that are of no plane
 
     @property
     def mask(self) -> np.ndarray:
@@ -94,9 +84,8 @@ def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[ImagePla
     """
     Find planes: those with a box or an outline first, then the largest of the rest.
 
-    The region of a plane is its outline. Without one it is the surface that is seen around the
-    box: as far as no depth jump and no other surface ends it. Its size does not depend on how well
-    depth agrees with the plane. Those that are found are in the order of the hints.
+    The region of a plane is its outline, or the surface around the box, as far as no depth jump
+    and no other surface ends it. Those that are found are in the order of the hints.
     """
     search = _Search(image)
     free = image.smooth.copy()
@@ -107,8 +96,7 @@ def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[ImagePla
         inverse = search.plane(start, free, growing=bool(hint.box))
         if inverse is None:
             continue
-        on_it = free & search.near(inverse)
-        core = _most(_closed(on_it), start)
+        core = _most(_closed(free & search.near(inverse)), start)
         if core.sum() >= _LEAST * core.size or hint.outline:
             cores[hint.name] = _Core(inverse, core, told if hint.outline else None)
             free &= ~core
@@ -118,13 +106,8 @@ def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[ImagePla
             fitted = search.fitted(cores[name].inverse, region & image.smooth)
             if fitted is not None:
                 cores[name] = replace(cores[name], inverse=fitted)
-    return [
-        surface
-        for hint in hints
-        if hint.name in cores
-        for surface in [search.surface(hint.name, cores, regions)]
-        if surface.mask.any()
-    ]
+    found = [search.surface(hint.name, cores, regions) for hint in hints if hint.name in cores]
+    return [surface for surface in found if surface.mask.any()]
 
 
 def surface_around(image: Observation, inverse: np.ndarray, core: np.ndarray) -> np.ndarray:
@@ -141,14 +124,13 @@ class _Core:
 
 
 class _Search:
-    """Planes among the pixels of an image."""
-
+    # Planes among the pixels of an image.
     def __init__(self, image: Observation) -> None:
         self.image = image
         self.tolerance = _TOLERANCE + _NOISE * image.sigma
 
     def near(self, inverse: np.ndarray) -> np.ndarray:
-        """Return (H, W) bool: pixels near the plane, except at grazing angles."""
+        # (H, W) bool: pixels near the plane, except at grazing angles.
         along = self.image.directions @ inverse
         cosine = along / np.linalg.norm(inverse) / self.image.length
         with np.errstate(divide='ignore', invalid='ignore'):
@@ -156,7 +138,7 @@ class _Search:
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """Return (H, W, 3) normals of what is seen around each pixel."""
+        # (H, W, 3) of what is seen around each pixel.
         seen = self.image.smooth
         height, width = seen.shape
         window = max(3, min(_WINDOW, min(height, width) // 8))
@@ -171,7 +153,7 @@ class _Search:
         return planes / np.maximum(np.linalg.norm(planes, axis=-1, keepdims=True), _REGULAR)
 
     def region(self, name: str, cores: Mapping[str, _Core]) -> np.ndarray:
-        """Return (H, W) bool: the pixels of a plane, by outline or by the surface around it."""
+        # (H, W) bool: the pixels of a plane, by outline or by the surface around it.
         own = cores[name]
         along = self.image.directions @ own.inverse
         with np.errstate(invalid='ignore'):
@@ -196,7 +178,7 @@ class _Search:
     def surface(
         self, name: str, cores: Mapping[str, _Core], regions: Mapping[str, np.ndarray]
     ) -> ImagePlane:
-        """Return a plane; what it encloses is of it, or is hidden by what is nearer."""
+        # What a plane encloses is of it, or is hidden by what is nearer.
         own, region = cores[name], regions[name]
         others = np.zeros_like(region)
         for other, theirs in regions.items():
@@ -234,7 +216,7 @@ class _Search:
         return np.asarray(gap < self.tolerance)
 
     def plane(self, start: np.ndarray, free: np.ndarray, growing: bool) -> np.ndarray | None:
-        """Return the plane with most pixels of ``start``, grown and fitted to its pixels."""
+        # The plane with most pixels of ``start``, grown and fitted to its pixels.
         places = np.argwhere(start)
         if len(places) < 3:
             return None
@@ -273,7 +255,7 @@ class _Search:
         return np.asarray(planes[near.sum(axis=1).argmax()])
 
     def fitted(self, inverse: np.ndarray, mask: np.ndarray) -> np.ndarray | None:
-        """Return a plane fitted to pixels: Gauss-Newton steps in depth with Cauchy weights."""
+        # Gauss-Newton steps in depth with Cauchy weights.
         rays, depth = self.image.directions[mask], self.image.depth[mask]
         if len(rays) < 3:
             return None
@@ -298,10 +280,8 @@ def _told(hint: PlaneHint, shape: tuple[int, ...]) -> np.ndarray | None:
         return np.asarray(inside.reshape(shape))
     if not hint.box:
         return None
-    left, top, right, bottom = hint.box
-    return np.asarray(
-        (u >= left - _PATCH) & (u <= right + _PATCH) & (v >= top - _PATCH) & (v <= bottom + _PATCH)
-    )
+    (left, top), (right, bottom) = np.array(hint.box).reshape(2, 2) + [[-_PATCH], [_PATCH]]
+    return np.asarray((u >= left) & (u <= right) & (v >= top) & (v <= bottom))
 
 
 def _most(mask: np.ndarray, of: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Rigid poses of a camera in a room, and small motions."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,15 +9,10 @@ from scipy.spatial.transform import Rotation
 
 @dataclass(frozen=True)
 class Pose:
-    """
-    A camera's pose in a room.
+    """A camera's pose in a room; its optical frame has x right, y down and z forward."""
 
-    `R` is the (3, 3) rotation from the optical frame (x right, y down, z forward) to the room's,
-    `t` the (3,) position in the room, metres.
-    """
-
-    R: np.ndarray  # noqa: N815
-    t: np.ndarray
+    R: np.ndarray  # noqa: N815  (3, 3) rotation from the optical frame to the room's
+    t: np.ndarray  # (3,) position in the room, metres
 
     def moved(self, twist: np.ndarray) -> 'Pose':
         """Return the pose after a (6,) motion: metres and a rotation vector, optical frame."""
@@ -33,6 +29,6 @@ class Pose:
         return [*map(float, self.t), *map(float, Rotation.from_matrix(self.R).as_quat())]
 
     @classmethod
-    def from_numbers(cls, numbers: np.ndarray) -> 'Pose':
+    def from_numbers(cls, numbers: Sequence[float] | np.ndarray) -> 'Pose':
         """Return the pose of x, y, z (metres) and a quaternion qx, qy, qz, qw (not 0)."""
         return cls(Rotation.from_quat(numbers[3:]).as_matrix(), np.array(numbers[:3], float))

@@ -21,22 +21,32 @@ class Printed:
     """
     A flat board that gray images show.
 
-    The origin of its frame is its middle. Seen from the front, x points right, y down and z into
-    the board.
-
-    * `width`, `height`: size, metres.
-    * `white`: reflectivity at the camera's wavelength, 0 to 1.
-    * `flatness`: standard deviation of the surface from a plane, metres.
-    * `scale_error`: standard deviation of the printed size, as a fraction.
+    Its frame is in its middle: seen from the front, x points right, y down and z into the board.
     """
 
-    width: float
-    height: float
-    white: float
-    flatness: float
-    scale_error: float
+    white: float  # reflectivity at the camera's wavelength, 0 to 1
+    flatness: float  # standard deviation of the surface from a plane, metres
+    scale_error: float  # standard deviation of the printed size, as a fraction
 
-    turns = 1  # of so many turns about its middle it looks the same to the detector
+    @property
+    def size(self) -> tuple[float, float]:
+        """Return width and height, metres."""
+        raise NotImplementedError
+
+    @property
+    def width(self) -> float:
+        """Return the size across, metres."""
+        return self.size[0]
+
+    @property
+    def height(self) -> float:
+        """Return the size down, metres."""
+        return self.size[1]
+
+    @property
+    def turns(self) -> int:
+        """Return of how many turns about its middle it looks the same to the detector."""
+        return 1
 
     @property
     def kinds(self) -> 'tuple[Printed, ...]':
@@ -52,40 +62,25 @@ class Printed:
         raise NotImplementedError
 
     def paint(self, step: float) -> np.ndarray:
-        """
-        Draw the board as an image with pixels of a side of `step` metres.
-
-        It is (H, W) float32: the white fraction of each pixel's area. Image and board have the
-        same centre.
-        """
+        """Return (H, W) float32 its image about its middle: white fractions of `step` metres."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True)
 class Cells(Printed):
-    """
-    A board of rows of equal cells, drawn at any size.
+    """A board of rows of equal cells, drawn at any size."""
 
-    `columns` and `rows` are numbers of squares, or of tags; `square` is the side of a square, or
-    of a tag with its black border, metres.
-    """
-
-    columns: int
+    columns: int  # of squares, or of tags
     rows: int
-    square: float
+    square: float  # side of a square, or of a tag with its black border, metres
     white: float = 0.8
     flatness: float = 0.001
     scale_error: float = 0.001
 
     @property
-    def width(self) -> float:  # type: ignore[override]
-        """Return the size across, metres."""
-        return self.columns * self.square
-
-    @property
-    def height(self) -> float:  # type: ignore[override]
-        """Return the size down, metres."""
-        return self.rows * self.square
+    def size(self) -> tuple[float, float]:
+        """Return width and height, metres."""
+        return self.columns * self.square, self.rows * self.square
 
     def draw(self, pixels: int) -> np.ndarray:
         """Return an image of the board with so many pixels in a square; 255 for white."""
@@ -93,20 +88,16 @@ class Cells(Printed):
 
     def paint(self, step: float) -> np.ndarray:
         """Draw the board as an image; see `Printed.paint`."""
-        size = [max(round(side / step), 1) for side in (self.width, self.height)]
+        size = [max(round(side / step), 1) for side in self.size]
         fine = self.draw(math.ceil(_FINER * self.square / step))
         return cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
 
 
 @dataclass(frozen=True)
 class Chessboard(Cells):
-    """
-    A chessboard; nothing is known of the paper around its squares.
+    """A chessboard; nothing is known of the paper around its squares."""
 
-    `first` is the colour of the upper left square.
-    """
-
-    first: str = 'black'
+    first: str = 'black'  # colour of the upper left square
 
     @property
     def kinds(self) -> 'tuple[Printed, ...]':
@@ -115,7 +106,7 @@ class Chessboard(Cells):
         return (self, replace(self, first='white')) if even else (self,)
 
     @property
-    def turns(self) -> int:  # type: ignore[override]
+    def turns(self) -> int:
         """Return how often it looks the same in a turn."""
         return 4 if self.columns == self.rows else 2
 
@@ -144,14 +135,10 @@ class Chessboard(Cells):
 
 @dataclass(frozen=True)
 class Charuco(Cells):
-    """
-    OpenCV's chessboard with markers in its white squares.
+    """OpenCV's chessboard with markers in its white squares."""
 
-    `marker` is the side of a marker, metres; `dictionary` as OpenCV names it.
-    """
-
-    marker: float = 0.02
-    dictionary: str = 'DICT_5X5_100'
+    marker: float = 0.02  # side of a marker, metres
+    dictionary: str = 'DICT_5X5_100'  # as OpenCV names it
 
     @cached_property
     def _board(self) -> Any:
@@ -160,8 +147,7 @@ class Charuco(Cells):
 
     def corners(self) -> np.ndarray:
         """Return (N, 4, 3) corners of the markers."""
-        middle = self.width / 2, self.height / 2, 0
-        return np.asarray(self._board.getObjPoints(), float) - middle
+        return np.asarray(self._board.getObjPoints(), float) - (*np.array(self.size) / 2, 0)
 
     def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
         """Return the corners of markers."""
@@ -176,23 +162,15 @@ class Charuco(Cells):
 
 @dataclass(frozen=True)
 class AprilGrid(Cells):
-    """
-    Kalibr's grid of AprilTags 36h11, from below; with a black square at each of their corners.
+    """Kalibr's grid of AprilTags 36h11, from below, with black squares at their corners."""
 
-    `gap` is between two tags, metres.
-    """
-
-    gap: float = 0.01
+    gap: float = 0.01  # between two tags, metres
 
     @property
-    def width(self) -> float:  # type: ignore[override]
-        """Return the size across with the outer squares, metres."""
-        return self.columns * (self.square + self.gap) + self.gap
-
-    @property
-    def height(self) -> float:  # type: ignore[override]
-        """Return the size down with the outer squares, metres."""
-        return self.rows * (self.square + self.gap) + self.gap
+    def size(self) -> tuple[float, float]:
+        """Return width and height with the outer squares, metres."""
+        step = self.square + self.gap
+        return self.columns * step + self.gap, self.rows * step + self.gap
 
     def _places(self) -> np.ndarray:
         # (N, 2) upper left corners from the upper left corner of the board, by number.
@@ -203,7 +181,7 @@ class AprilGrid(Cells):
     def corners(self) -> np.ndarray:
         """Return (N, 4, 3) corners of the tags."""
         around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * self.square
-        flat = self._places()[:, None] + around - np.array([self.width, self.height]) / 2
+        flat = self._places()[:, None] + around - np.array(self.size) / 2
         return np.pad(flat, ((0, 0), (0, 0), (0, 1)))
 
     def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
@@ -227,26 +205,20 @@ class AprilGrid(Cells):
 
 @dataclass(frozen=True)
 class CircleGrid(Cells):
-    """
-    OpenCV's grid of dark circles; the paper is white for half a distance around their centres.
+    """OpenCV's grid of dark circles, on paper that is white for half a distance around them."""
 
-    `asymmetric`: every second row is shifted by a square, and a row has every second column only.
-    `diameter` is that of a circle, metres; 0 if it is not known.
-    """
-
+    # Every second row is shifted by a square, and a row has every second column only.
     asymmetric: bool = False
-    diameter: float = 0.0
+    diameter: float = 0.0  # of a circle, metres; 0 if it is not known
 
     @property
     def kinds(self) -> 'tuple[Printed, ...]':
         """Return this board, or those of usual diameters."""
-        if self.diameter:
-            return (self,)
-        usual = (_DIAMETERS * self.pitch).tolist()
+        usual = [self.diameter] if self.diameter else (_DIAMETERS * self.pitch).tolist()
         return tuple(replace(self, diameter=one) for one in usual)
 
     @property
-    def turns(self) -> int:  # type: ignore[override]
+    def turns(self) -> int:
         """Return how often it looks the same in a turn."""
         if self.asymmetric:
             return 2 - self.rows % 2
@@ -258,15 +230,10 @@ class CircleGrid(Cells):
         return self.square * (math.sqrt(2) if self.asymmetric else 1)
 
     @property
-    def width(self) -> float:  # type: ignore[override]
-        """Return the size across, metres."""
+    def size(self) -> tuple[float, float]:
+        """Return width and height, metres."""
         steps = 2 * self.columns - 1 if self.asymmetric else self.columns - 1
-        return steps * self.square + self.pitch
-
-    @property
-    def height(self) -> float:  # type: ignore[override]
-        """Return the size down, metres."""
-        return (self.rows - 1) * self.square + self.pitch
+        return steps * self.square + self.pitch, (self.rows - 1) * self.square + self.pitch
 
     def corners(self) -> np.ndarray:
         """Return (1, N, 3): the centres of the circles, row by row."""
@@ -294,8 +261,8 @@ class CircleGrid(Cells):
     def draw(self, pixels: int) -> np.ndarray:
         """Draw its circles."""
         scale = pixels / self.square
-        image = np.full([round(side * scale) for side in (self.height, self.width)], 255, np.uint8)
-        places = self.corners()[0, :, :2] + np.array([self.width, self.height]) / 2
+        image = np.full([round(side * scale) for side in self.size[::-1]], 255, np.uint8)
+        places = self.corners()[0, :, :2] + np.array(self.size) / 2
         # In 1/16 of a pixel, whose centre is a whole number.
         for place in np.rint((places * scale - 0.5) * 16).astype(int).tolist():
             cv2.circle(
@@ -318,9 +285,9 @@ def find_markers(
     codes: cv2.aruco.Dictionary, picture: np.ndarray, border: int, count: int, first: int = 0
 ) -> dict[int, np.ndarray]:
     """
-    Return (4, 2) corners of markers, pixels, by their number from the first one.
+    Return (4, 2) corners of markers, pixels, by their number from the first one, but for twins.
 
-    Markers have a black border of so many modules. Those that are seen twice are left out.
+    Markers have a black border of so many modules.
     """
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX

@@ -1,9 +1,8 @@
 """
 Reflectivity of surfaces from gray values, where nothing better is known.
 
-A surface sends back reflectivity * cos(incidence) / depth^2 of the light. Gray values give the
-reflectivity, therefore, but for a factor that is the camera's own. The factor is found over all
-recordings of a campaign.
+A surface sends back reflectivity * cos(incidence) / depth^2 of the light. So gray values give the
+reflectivity, but for a factor of the camera, which is found over all recordings of a campaign.
 """
 
 from collections.abc import Sequence
@@ -33,31 +32,20 @@ _LEAST_SPAN = 0.1  # mean difference within surfaces of the logarithm of light t
 
 @dataclass(frozen=True)
 class GraySamples:
-    """
-    Pixels of a recording that show surfaces, each (N,).
+    """Pixels of a recording that show surfaces, each (N,)."""
 
-    `gray` are gray values above 0; `falloff` is in m^2, see `physics.reflectance.falloff`;
-    `surface` is int, the number of the surface in its image.
-    """
-
-    gray: np.ndarray
-    falloff: np.ndarray
-    surface: np.ndarray
+    gray: np.ndarray  # above 0
+    falloff: np.ndarray  # m^2, see `physics.reflectance.falloff`
+    surface: np.ndarray  # int, the number of the surface in its image
 
 
 @dataclass(frozen=True)
 class GrayScale:
-    """
-    What gray values mean: reflectivity = factor * gray ** power * falloff.
+    """What gray values mean: reflectivity = factor * gray ** power * falloff."""
 
-    `factor` is in 1/m^2. `power` is 1 where gray values are proportional to light, 2 where they
-    are proportional to its root. `spread` is the standard deviation of the logarithm of the factor
-    between recordings.
-    """
-
-    factor: float
-    power: int
-    spread: float
+    factor: float  # 1/m^2
+    power: int  # 1 where gray values are proportional to light, 2: to its root
+    spread: float  # standard deviation of the logarithm of the factor between recordings
 
     def table(self) -> dict[str, Any]:
         """Return what ``truth.yaml`` says of it."""
@@ -72,12 +60,8 @@ class GrayScale:
 
 
 def surfaces(clean: Clean, rays: np.ndarray) -> np.ndarray:
-    """
-    Return (H, W) numbers of the connected surfaces of an image; 0 at borders and the unknown.
-
-    Inverse depth is an affine function of the pixel on a plane. It bends at depth jumps and
-    creases.
-    """
+    """Return (H, W) numbers of the connected surfaces of an image; 0 at borders and unknown."""
+    # Inverse depth is affine in the pixel on a plane. It bends at depth jumps and creases.
     inside = clean.known & np.isfinite(clean.depth)
     with np.errstate(invalid='ignore', divide='ignore'):
         inverse = 1 / np.where(inside, clean.depth, np.nan)
@@ -132,9 +116,7 @@ def find_scale(samples: Sequence[GraySamples]) -> GrayScale | None:
     """
     Find what gray values mean from all recordings of a campaign; None without samples.
 
-    Within a surface, gray values follow the light that depth and incidence predict, or its root.
-    The factor makes bright pixels as bright as white paint, so that it is relative. The recordings
-    have the same exposure.
+    Recordings have the same exposure. The factor is relative: it makes bright pixels white paint.
     """
     if not samples:
         return None
@@ -168,10 +150,9 @@ def with_reflectivity(clean: Clean, gray: np.ndarray, rays: np.ndarray, scale: G
     """
     Return ground truth with the reflectivity, at most 1, that (H, W) gray values imply.
 
-    A surface whose pixels differ by more than noise has a texture: each pixel keeps its own value.
-    Another surface gets the median of its pixels. Pixels without light (0), saturated (NaN) and
-    steep ones and borders get the value of their surface, or of the nearest one. Ground truth is
-    unchanged where most of the image shows no surface.
+    Pixels of a surface with a texture keep their own values, others get the median. Pixels without
+    light (0), saturated (NaN) and steep ones and borders get that of their surface, or the nearest
+    one. Ground truth is unchanged where most of the image shows no surface.
     """
     shown = _shown(gray, clean, rays)
     if shown is None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from itertools import islice
 import math
 from pathlib import Path
 import time
@@ -15,9 +15,9 @@ from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.clock import ClockOffset, find_offset
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.requests import Placing, RoomRequest
 from flexx2_sim_ros.truth.rooms import load_room
-from flexx2_sim_ros.truth.search import find, look_around, Panoramas
+from flexx2_sim_ros.truth.run import Placing, RoomRequest
+from flexx2_sim_ros.truth.search import find, look_around
 from flexx2_sim_ros.truth.trajectory import (
     camera_trajectory,
     CameraTrajectory,
@@ -48,16 +48,11 @@ _NOT_HELD = (
 
 @dataclass(frozen=True)
 class Job(Placing):
-    """
-    A recording to register.
-
-    `guess` is its rough pose: x, y, z (metres), qx, qy, qz, qw. `uptime` is seconds since the
-    camera was switched on; infinite if unknown.
-    """
+    """A recording to register."""
 
     request: RoomRequest
-    guess: tuple[float, ...] | None
-    uptime: float = math.inf
+    guess: tuple[float, ...] | None  # rough pose: x, y, z (metres), qx, qy, qz, qw
+    uptime: float = math.inf  # seconds since the camera was switched on; infinite if unknown
 
     @property
     def files(self) -> list[Path]:
@@ -68,31 +63,19 @@ class Job(Placing):
 
 @dataclass(frozen=True)
 class Registered:
-    """
-    The poses of a recording, each frame fitted by itself.
+    """The poses of a recording, each frame fitted by itself."""
 
-    * `poses`: one for a still recording, one for each frame of a moving one; see `Pose.numbers`.
-    * `costs`: mean truncated residual of each pose.
-    * `rival`: cost of the best other pose.
-    * `mirrored`: cost of the best pose in the mirror image of the room; infinite if not tried.
-    * `told`: median differences from the given rough poses, metres and degrees; None if none were
-      given in the room's frame.
-    * `clock`: offset to the clock of the given poses; None without such poses, and for a still
-      recording.
-    * `given`: (6, 6) covariance of `poses` if they are those that were given, as of `Solution`.
-    * `why`: why they are, if nobody has asked for it.
-    """
-
-    poses: tuple[tuple[float, ...], ...]
-    costs: tuple[float, ...]
-    rival: float
+    poses: tuple[tuple[float, ...], ...]  # one, or one a frame if it moves; see `Pose.numbers`
+    costs: tuple[float, ...]  # mean truncated residual of each
+    rival: float  # cost of the best other pose
     moving: bool
-    mirrored: float
+    mirrored: float  # cost of the best pose in the room's mirror image; infinite if not tried
     seconds: float
+    # Median differences from given rough poses in the room's frame, metres and degrees.
     told: tuple[float, float] | None = None
-    clock: ClockOffset | None = None
-    given: np.ndarray | None = None
-    why: str = ''
+    clock: ClockOffset | None = None  # to the given poses, of a moving recording
+    given: np.ndarray | None = None  # (6, 6) covariance of `poses` if they are those given
+    why: str = ''  # why they are, if nobody has asked for it
 
 
 def strays(told: tuple[float, float] | None) -> bool:
@@ -114,16 +97,19 @@ def register(job: Job) -> Registered:
         motion = 'moving'
     footage = observe(reader, request.profile, motion)
     told = [None] * len(reader.stamp_ns) if given is None else _told(given, footage)
-    as_told = _as_told(given, told)
+    as_told: tuple[tuple[float, ...], ...] = ()
+    # Where the given poses are in the room and of a known clock.
+    if given and not given.source.relative and given.source.clock_offset is not None:
+        as_told = tuple(_NOWHERE if pose is None else tuple(pose.numbers()) for pose in told)
     if given is not None and given.told:
         if not as_told:
             raise InputError(
                 f'{given.told}: must be given with poses in the room and --clock-offset SECONDS'
             )
-        covariance = given.covariance(_their_stamps(given, reader.stamp_ns))
+        covariance = given.covariance(given.theirs(reader.stamp_ns))
         return _as_given(as_told, footage.moving, covariance)
     found, first, mirrored = _search(job, footage, _start(job.guess, given, told))
-    clock = None
+    fits, clock = [found], None
     if footage.moving:
         fits = _track(request.room, footage, found.pose, first, told)
         if given is not None:
@@ -132,19 +118,21 @@ def register(job: Job) -> Registered:
                 told = _told(given, footage, clock.seconds)
             elif not any(told):
                 raise given.no_overlap(reader.stamp_ns)
-    else:
-        fits = [found]
     distance = None if given is None or given.source.relative else _distance(told, fits)
     if as_told and strays(distance) and not _held(request.room, footage, fits):
         # What a camera of few pixels sees may not hold its pose.
         seconds = time.perf_counter() - begin
         assumed = _as_given(as_told, footage.moving, covariance_of(ASSUMED))
         return replace(assumed, seconds=seconds, why=_NOT_HELD)
-    poses = tuple(tuple(one.pose.numbers()) for one in fits)
-    costs = tuple(one.cost for one in fits)
-    seconds = time.perf_counter() - begin
     return Registered(
-        poses, costs, found.rival, footage.moving, mirrored, seconds, distance, clock
+        tuple(tuple(one.pose.numbers()) for one in fits),
+        tuple(one.cost for one in fits),
+        found.rival,
+        footage.moving,
+        mirrored,
+        time.perf_counter() - begin,
+        distance,
+        clock,
     )
 
 
@@ -162,30 +150,13 @@ def _held(room: Path, footage: Footage, fits: Sequence[AlignedPose]) -> bool:
     return not free or float(np.median(free)) < MOST_METRES
 
 
-def _as_told(
-    given: CameraTrajectory | None, told: Sequence[Pose | None]
-) -> tuple[tuple[float, ...], ...]:
-    # The given poses, where they are in the room and of a known clock.
-    if given is None or given.source.relative or given.source.clock_offset is None:
-        return ()
-    return tuple(_NOWHERE if pose is None else tuple(pose.numbers()) for pose in told)
-
-
 def _moves(given: CameraTrajectory, stamp_ns: np.ndarray) -> bool:
     # An image that changes little may hide a motion: the sky, or a camera of few pixels.
-    poses = given.at(_their_stamps(given, stamp_ns))
+    poses = given.at(given.theirs(stamp_ns))
     known = [Pose.from_numbers(one) for one in poses if np.isfinite(one).all()]
     motions = np.array([known[0].motion_to(one) for one in known]).reshape(-1, 2, 3)
     away = (np.linalg.norm(motions, axis=2) > _STANDS).any(axis=1)
     return bool(away.sum() > len(away) / 10)
-
-
-def _their_stamps(
-    given: CameraTrajectory, stamp_ns: np.ndarray, found: float | None = None
-) -> np.ndarray:
-    # By the clock of the given poses, with the offset that was found or told.
-    offset = given.source.clock_offset if found is None else found
-    return stamp_ns - round((offset or 0.0) * 1e9)
 
 
 def _told(
@@ -193,7 +164,7 @@ def _told(
 ) -> list[Pose | None]:
     # The given rough pose of each frame, with the offset of clocks that was found or given. A
     # moving camera may find an offset later, so that all poses may be missing.
-    there = _their_stamps(given, footage.reader.stamp_ns, found)
+    there = given.theirs(footage.reader.stamp_ns, found)
     poses = given.at(there)
     can_wait = footage.moving and given.source.clock_offset is None
     if not can_wait and not np.isfinite(poses).all(axis=1).any():
@@ -206,71 +177,55 @@ def _clock(
 ) -> ClockOffset:
     if given.fixed:
         return ClockOffset(reason='the given poses do not move')
-    numbers = np.array([one.pose.numbers() for one in fits])
-    lost = np.array([one.cost for one in fits]) > LOST
-    fitted = Trajectory('', stamp_ns[~lost], numbers[~lost])
-    if len(fitted.stamp_ns) < 2:
+    good = [i for i, one in enumerate(fits) if one.cost <= LOST]
+    if len(good) < 2:
         return ClockOffset(reason='the camera is lost in most frames')
+    fitted = Trajectory('', stamp_ns[good], np.array([fits[i].pose.numbers() for i in good]))
     middle = given.source.clock_offset or 0.0
     return find_offset(stamp_ns, fitted.at, given.at, given.span_ns, middle)
 
 
 def _start(
     guess: tuple[float, ...] | None, given: CameraTrajectory | None, told: Sequence[Pose | None]
-) -> tuple[int, Pose] | None:
+) -> tuple[int, Pose | None]:
     # The first frame to register, and its rough pose, if there is one.
     if guess is not None:
-        return 0, Pose.from_numbers(np.array(guess))
+        return 0, Pose.from_numbers(guess)
     if given is None or given.source.relative:
-        return None
-    return next(((i, pose) for i, pose in enumerate(told) if pose is not None), None)
+        return 0, None
+    return next(((i, pose) for i, pose in enumerate(told) if pose is not None), (0, None))
 
 
 def _distance(told: Sequence[Pose | None], fits: Sequence[AlignedPose]) -> tuple[float, float]:
     poses = [one.pose for one in fits]
     fitted = poses if len(poses) == len(told) else poses[:1] * len(told)
-    motions = np.array(
-        [one.motion_to(other) for one, other in zip(told, fitted, strict=True) if one is not None]
-    )
+    pairs = zip(told, fitted, strict=True)
+    motions = np.array([one.motion_to(other) for one, other in pairs if one is not None])
     metres, radians = (np.median(np.linalg.norm(motions[:, i : i + 3], axis=1)) for i in (0, 3))
     return float(metres), float(np.degrees(radians))
 
 
-@lru_cache(maxsize=1)
-def _panoramas(path: Path) -> Panoramas:
-    return look_around(load_room(path))
-
-
 def _search(
-    job: Job, footage: Footage, start: tuple[int, Pose] | None
+    job: Job, footage: Footage, start: tuple[int, Pose | None]
 ) -> tuple[AlignedPose, int, float]:
     # The best pose, the number of its frame, and the cost in a mirrored room.
     path, up = job.request.room, job.request.up
-    first, guess = start or (0, None)
-    panoramas = _panoramas(path) if guess is None else None
+    first, guess = start
     tried: list[tuple[AlignedPose, int]] = []
     count = len(footage.reader.stamp)
     for number in (0, count // 2, count - 1) if footage.moving and guess is None else (first,):
-        image = _frame(footage, number)
-        tried.append((find(path, image, guess, panoramas, up), number))
+        tried.append((find(path, _frame(footage, number), guess, up), number))
         if tried[-1][0].cost < 0.5 * min(tried[-1][0].rival, LOST):
             break
     best, number = min(tried, key=lambda one: one[0].cost)
-    mirrored = float('inf')
-    panoramas = _panoramas(path) if best.cost > _SUSPECT else None
-    if panoramas is not None and len(panoramas.places):
-        image = _frame(footage, number)
-        mirrored = find(path, image.mirrored(), None, panoramas, up).cost
+    mirrored = math.inf
+    if best.cost > _SUSPECT and len(look_around(path).places):
+        mirrored = find(path, _frame(footage, number).mirrored(), None, up).cost
     return best, number, mirrored
 
 
 def _frame(footage: Footage, number: int) -> Observation:
-    if not footage.moving:
-        return footage.still
-    for index, image in enumerate(footage.frames()):
-        if index == number:
-            return footage.observe(image)
-    raise IndexError(number)
+    return next(islice(footage.images(), number * footage.moving, None))
 
 
 def _track(
@@ -280,14 +235,14 @@ def _track(
     images = list(footage.frames())
     fits: dict[int, AlignedPose] = {}
     for order in (range(first, len(images)), range(first - 1, -1, -1)):
-        sign = 1 if order.step > 0 else -1
         for number in order:
-            pose = start if number == first else fits[number - sign].pose
-            last, now = told[number - sign] if number != first else None, told[number]
-            if last is not None and now is not None:
-                pose = pose.moved(last.motion_to(now))
-            elif number - 2 * sign in fits and number != first:  # Assumes constant velocity.
-                pose = pose.moved(fits[number - 2 * sign].pose.motion_to(pose))
+            pose, before = start, number - order.step
+            if number != first:
+                pose, last, now = fits[before].pose, told[before], told[number]
+                if last is not None and now is not None:
+                    pose = pose.moved(last.motion_to(now))
+                elif before - order.step in fits:  # Assumes constant velocity.
+                    pose = pose.moved(fits[before - order.step].pose.motion_to(pose))
             fits[number] = _follow(room, footage.observe(images[number]), pose)
     return [fits[number] for number in range(len(images))]
 
@@ -295,11 +250,9 @@ def _track(
 def _follow(room: Path, image: Observation, start: Pose) -> AlignedPose:
     # The pose of a frame, from the expected one.
     fit = align(room, choose(image, _TRACKED), start, 6)
-    if fit.cost > LOST:
-        again = find(room, image, start, None, '+z')
-        if again.cost < fit.cost:
-            fit = again
-    return fit
+    if fit.cost <= LOST:
+        return fit
+    return min(fit, find(room, image, start), key=lambda one: one.cost)
 
 
 def _key_frames(footage: Footage, costs: Sequence[float]) -> dict[int, Observation]:
@@ -308,8 +261,8 @@ def _key_frames(footage: Footage, costs: Sequence[float]) -> dict[int, Observati
         return {0: footage.still}
     chosen = set(np.linspace(0, len(costs) - 1, _KEY_FRAMES).round().astype(int).tolist())
     return {
-        number: footage.observe(image)
-        for number, image in enumerate(footage.frames())
+        number: image
+        for number, image in enumerate(footage.images())
         if number in chosen and costs[number] < LOST
     }
 
@@ -320,7 +273,7 @@ def views_of(job: tuple[int, Job, Registered]) -> list[PosedImage]:
     footage = how.footage(where.moving)
     out = []
     for number, image in _key_frames(footage, where.costs).items():
-        pose = Pose.from_numbers(np.array(where.poses[number]))
+        pose = Pose.from_numbers(where.poses[number])
         view = replace(
             view_of(how.request.room, image, _PIXELS, pose),
             recording=recording,
@@ -352,13 +305,8 @@ def with_bounce(
     reflectivity = clean.reflectivity
     if reflectivity is None:
         reflectivity = np.full(clean.depth.shape, _PLAIN, np.float32)
-    simulated = CommonRandomNumbers(
-        Camera(mode.name, profile=profile, name='truth'),
-        clean.depth,
-        footage.reader.K,
-        np.zeros(1, np.int64),
-        reflectivity,
-    )
+    camera, stamp = Camera(mode.name, profile=profile, name='truth'), np.zeros(1, np.int64)
+    simulated = CommonRandomNumbers(camera, clean.depth, footage.reader.K, stamp, reflectivity)
     base = simulated.depth(())[0]
     change = simulated.depth({'multipath': {}})[0].astype(np.float64) - base
     added = np.where(np.isfinite(change) & (np.abs(change) < _MOST_BOUNCE), change, 0.0)

@@ -30,19 +30,12 @@ _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # Rec. 709
 
 @dataclass(frozen=True)
 class Hits:
-    """
-    The first surfaces that rays hit.
+    """The first surfaces that rays hit."""
 
-    * `depth`: (N,) float64 metres along the optical axis, NaN without a hit.
-    * `normal`: (N, 3) float64 unit normals in the optical frame, towards the camera.
-    * `reflectivity`: (N,) float32, 0 to 1; None if the room has no colours.
-    * `border`: (N,) bool: the hit triangle is at an open border of the mesh.
-    """
-
-    depth: np.ndarray
-    normal: np.ndarray
-    reflectivity: np.ndarray | None
-    border: np.ndarray
+    depth: np.ndarray  # (N,) float64 metres along the optical axis, NaN without a hit
+    normal: np.ndarray  # (N, 3) float64 unit normals in the optical frame, towards the camera
+    reflectivity: np.ndarray | None  # (N,) float32, 0 to 1; None if the room has no colours
+    border: np.ndarray  # (N,) bool: the hit triangle is at an open border of the mesh
 
     def slant(self, rays: np.ndarray) -> np.ndarray:
         """Return (N,) the product of normal and (x/z, y/z, 1), which is negative."""
@@ -54,15 +47,10 @@ class Hits:
 
 
 class Room:
-    """
-    Surfaces in front of a camera.
+    """Surfaces in front of a camera."""
 
-    `complete`: a ray without a hit means that there is no surface; a scan may have a hole there.
-    `bounds` are (2, 3) least and greatest coordinates, metres.
-    """
-
-    complete = False
-    bounds: np.ndarray
+    complete = False  # without a hit there is no surface; a scan may have a hole there
+    bounds: np.ndarray  # (2, 3) least and greatest coordinates, metres
 
     def cast(self, pose: Pose, rays: np.ndarray) -> Hits:
         """Follow a camera's rays to the first surface, (N, 2) x/z and y/z in the optical frame."""
@@ -82,17 +70,17 @@ class Room:
 
 
 class MeshRoom(Room):
-    """
-    A triangle mesh.
-
-    `triangles` are (F, 3, 3) float64 corners, metres; `reflectivity` (F, 3) float32 at each
-    corner, 0 to 1, or None; `border` (F,) bool, triangles at an open border.
-    """
+    """A triangle mesh."""
 
     def __init__(
         self, triangles: np.ndarray, reflectivity: np.ndarray | None, border: np.ndarray
     ) -> None:
-        """Build the tree of bounding boxes."""
+        """
+        Build the tree of bounding boxes.
+
+        `triangles` are (F, 3, 3) float64 corners, metres; `reflectivity` (F, 3) float32 at each
+        corner, 0 to 1, or None; `border` (F,) bool, triangles at an open border.
+        """
         corners = triangles.reshape(-1, 3)
         self.bounds = np.array([corners.min(axis=0), corners.max(axis=0)])
         # Embree calculates in float32: coordinates far from zero would lose digits.

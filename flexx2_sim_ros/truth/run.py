@@ -1,26 +1,102 @@
-"""A run of `flexx2 gap truth`: its work is distributed, and goes on after an interruption."""
+"""A run of `flexx2 gap truth`: what is asked for, and work that goes on after an interruption."""
 
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 import hashlib
 import json
 from pathlib import Path
 import shutil
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 from zlib import compress, decompress
 
 from flexx2_sim_ros import __version__, atomic
+from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.errors import InputError, MachineError
 from flexx2_sim_ros.jobs import Map, workers
-from flexx2_sim_ros.truth.requests import Placing, TruthRequest
+from flexx2_sim_ros.recording import open_recording, RecordingReader
+from flexx2_sim_ros.truth.observation import Footage, observe
+from flexx2_sim_ros.truth.trajectory import PoseSource
 import numpy as np
 
 # Called with the name of the current step and the fraction of the work that is done.
 Progress = Callable[[str, float], None]
 CACHE = '.truth'  # folder for the results of an interrupted run
 _Job = TypeVar('_Job')
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruthRequest:
+    """The options that all kinds of ground truth share."""
+
+    recordings: tuple[Path, ...]  # bags, .npz files, or folders of them
+    out: Path  # the campaign's folder
+    camera: str | None = None  # of bags that have several
+    profile: Profile | None = None  # None: the Flexx2
+    motion: str = 'auto'  # or still, moving: of the camera
+    jobs: int = 1  # processes
+    scheduler: str | None = None  # address of a Dask scheduler
+    uptime: float | None = None  # seconds from power-on to the first frame of all; None: unknown
+    command: str = ''  # the command line, for truth.yaml
+
+    def settings(self) -> Self:
+        """Return the request without what may differ when an interrupted run goes on."""
+        return replace(
+            self, recordings=(), out=Path(), jobs=1, scheduler=None, uptime=None, command=''
+        )
+
+    def opened(self, path: Path) -> RecordingReader:
+        """Open one of the recordings."""
+        return open_recording(path, self.camera, self.profile)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoomRequest(TruthRequest):
+    """A request for ground truth from a room: a mesh or a MuJoCo model, see `load_room`."""
+
+    room: Path
+    poses: tuple[tuple[float, ...], ...] = ()  # rough: none, one for all recordings, or one each
+    up: str = '+z'  # one of `search.UPS`
+    # Standard deviation of the surfaces along their normals, metres; None: estimated.
+    room_error: float | None = None
+    told: PoseSource | None = None  # of rough poses: motion capture, odometry or TF
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoardRequest(TruthRequest):
+    """A request for ground truth from a printed board in gray images, see `read_board`."""
+
+    board: str | Path  # the board, or its file
+    lens_error: float = 0.003  # standard deviation of the focal length, as a fraction
+    wall: bool = False  # the board is glued to a wall, whose rest is known as well
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaneRequest(TruthRequest):
+    """A request for ground truth from planes, see `read_planes`; the camera stands still."""
+
+    planes: Path
+    room_error: float = 0.0  # standard deviation of surfaces whose file does not say it, metres
+
+
+@dataclass(frozen=True)
+class Placing:
+    """A recording whose surfaces are to be placed, and the settings of the run."""
+
+    path: Path
+    request: TruthRequest
+
+    @property
+    def files(self) -> list[Path]:
+        """Return the files that are read for it."""
+        return [self.path]
+
+    def footage(self, moving: bool | None = None) -> Footage:
+        """Open it to place its frames; None: detect whether it moves."""
+        motion = self.request.motion if moving is None else ('moving' if moving else 'still')
+        return observe(self.request.opened(self.path), self.request.profile, motion)
+
 
 _Place = TypeVar('_Place', bound=Placing)
 
@@ -52,13 +128,9 @@ def running(request: TruthRequest, progress: Progress) -> Iterator['Run']:
 
 @dataclass(frozen=True)
 class Run:
-    """
-    A run in progress.
+    """A run in progress."""
 
-    `cache` is a folder for results that an interrupted run leaves to the next one.
-    """
-
-    cache: Path
+    cache: Path  # folder for results that an interrupted run leaves to the next one
     progress: Progress
     mapped: Map
 

@@ -1,6 +1,7 @@
 """Find a camera's pose in a room, from a rough guess or from none."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 import math
 from pathlib import Path
 
@@ -9,7 +10,7 @@ from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose
 from flexx2_sim_ros.truth.observation import Observation
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.rooms import Room
+from flexx2_sim_ros.truth.rooms import load_room
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -40,25 +41,21 @@ _ELSEWHERE = 0.2, math.radians(10)
 
 @dataclass(frozen=True)
 class Panoramas:
-    """
-    Distances in all directions from (P, 3) places in a room, metres.
+    """Distances in all directions from places in a room."""
 
-    `distance` is (P, elevation, azimuth) float32 metres, inf without a hit.
-    """
-
-    places: np.ndarray
-    distance: np.ndarray
+    places: np.ndarray  # (P, 3) metres
+    distance: np.ndarray  # (P, elevation, azimuth) float32 metres, inf without a hit
 
 
-def look_around(room: Room) -> Panoramas:
-    """Return panoramas from a grid of places in free space."""
+@lru_cache(maxsize=1)
+def look_around(path: Path) -> Panoramas:
+    """Return panoramas from a grid of places in the free space of a room; see `load_room`."""
+    room = load_room(path)
     low, high = room.bounds
     size = np.maximum(high - low, 1e-3)
     spacing = max(_SPACING, float((np.prod(np.maximum(size, _SPACING)) / _PLACES) ** (1 / 3)))
-    axes = [
-        a + (np.arange(max(int(s / spacing), 1)) + 0.5) * s / max(int(s / spacing), 1)
-        for a, s in zip(low, size, strict=True)
-    ]
+    counts = np.maximum(size / spacing, 1).astype(int).tolist()
+    axes = [a + (np.arange(n) + 0.5) * s / n for a, s, n in zip(low, size, counts, strict=True)]
     places = np.stack(np.meshgrid(*axes, indexing='ij'), axis=-1).reshape(-1, 3)
     rows, columns = _SKY
     elevation = (np.arange(rows) + 0.5) / rows * np.pi - np.pi / 2
@@ -71,20 +68,20 @@ def look_around(room: Room) -> Panoramas:
     return Panoramas(places[free], np.ascontiguousarray(distance[free], np.float32))
 
 
-def find(
-    room: Path, observation: Observation, guess: Pose | None, panoramas: Panoramas | None, up: str
-) -> AlignedPose:
+def find(room: Path, observation: Observation, guess: Pose | None, up: str = '+z') -> AlignedPose:
     """
     Find the pose of a depth image, within about 0.3 m and 20 degrees of a guess.
 
-    Without a guess, it is searched in the panoramas of the room, whose direction `up` is one of
-    `UPS`. Raises `InputError` where the room then has no free place: a single wall.
+    Without a guess, it is searched in the whole room, whose direction `up` is one of `UPS`.
+    Raises `InputError` where the room then has no free place: a single wall.
     """
     if guess is not None:
-        starts = [guess.moved(motion) for motion in _around()]
+        # The guess itself, then shifted and turned along each axis.
+        around = np.diag(np.repeat([_SHIFT, _TURN], 3))
+        signed = [sign * motion for motion in around for sign in (-1, 1)]
+        starts = [guess.moved(motion) for motion in (np.zeros(6), *signed)]
     else:
-        assert panoramas is not None
-        starts = _candidates(observation, panoramas, up)
+        starts = _candidates(observation, look_around(room), up)
         if not starts:
             raise InputError(
                 'the room: must have free places within its bounds, as a single wall has not; '
@@ -114,17 +111,9 @@ def _distinct(fits: list[AlignedPose], most: int) -> list[AlignedPose]:
     # The first poses that differ from each other.
     out: list[AlignedPose] = []
     for fit in fits:
-        if all(_differ(fit.pose, other.pose) for other in out):
+        if len(out) < most and all(_differ(fit.pose, other.pose) for other in out):
             out.append(fit)
-        if len(out) == most:
-            break
     return out
-
-
-def _around() -> list[np.ndarray]:
-    # The guess itself, then shifted and turned along each axis.
-    motions = np.diag(np.repeat([_SHIFT, _TURN], 3))
-    return [np.zeros(6), *(sign * motion for motion in motions for sign in (-1, 1))]
 
 
 def _differ(one: Pose, other: Pose, place: float = _SAME_PLACE, turn: float = _SAME_TURN) -> bool:

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any
 
-from flexx2_sim_ros.truth.alignment import Linear, PosedImage
-from flexx2_sim_ros.truth.columns import ErrorColumns, LENS
+from flexx2_sim_ros.truth.alignment import ErrorColumns, LENS, Linear, PosedImage
 from flexx2_sim_ros.truth.joint import reduced, Solution, solve
 import numpy as np
 
@@ -41,16 +40,11 @@ Finding = dict[str, Any]
 
 @dataclass(frozen=True)
 class Shared:
-    """
-    The joint estimate with the decidable columns, and a verdict on each error.
-
-    `findings` has by effect (``offset``, ``wiggling``, ``multipath``, ``intrinsics_error``,
-    ``warm_up_drift``): ``verdict`` (``identified`` or ``confounded``), ``reason``, and the values
-    with their standard deviations. An effect is ``identified`` as well where it is known to be
-    absent. Besides ``depth_scale`` (verdict ``found``), where depth and room differ in scale.
-    """
+    """The joint estimate with the decidable columns, and a verdict on each error."""
 
     solution: Solution
+    # By effect: ``verdict``, ``reason``, values and their standard deviations. A verdict is
+    # ``identified`` (also: known to be absent), ``confounded``, or ``found`` (``depth_scale``).
     findings: dict[str, Finding]
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import cv2
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.profiles.section import is_number
 from flexx2_sim_ros.truth.printed import find_markers, Printed
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
@@ -35,38 +36,27 @@ _RULERS = 0.2, 0.1  # metres, along and across
 
 @dataclass(frozen=True)
 class Target(Printed):
-    """
-    A flat sheet with tags; see `Printed` for what is not described here.
+    """A flat sheet with tags, numbered from left to right, then downwards."""
 
-    * `dictionary`: one of `DICTIONARIES`, as OpenCV names them.
-    * `columns`, `rows`: numbers of columns and rows of tags. Tags are numbered from left to right,
-      then downwards.
-    * `first_id`: number of the first tag.
-    * `tag`: side of a tag with its black border, metres.
-    * `gap`: white gap between two tags, metres.
-    * `black`: reflectivity at the camera's wavelength, 0 to 1.
-    """
-
-    dictionary: str = 'DICT_4X4_50'
+    dictionary: str = 'DICT_4X4_50'  # one of `DICTIONARIES`, as OpenCV names them
     columns: int = 3
     rows: int = 2
-    first_id: int = 0
-    tag: float = SHEETS['A3'][2]
-    gap: float = SHEETS['A3'][3]
+    first_id: int = 0  # number of the first tag
+    tag: float = SHEETS['A3'][2]  # side of a tag with its black border, metres
+    gap: float = SHEETS['A3'][3]  # white gap between two tags, metres
     width: float = SHEETS['A3'][0]
     height: float = SHEETS['A3'][1]
     white: float = 0.8
-    black: float = 0.05
+    black: float = 0.05  # reflectivity at the camera's wavelength, 0 to 1
     flatness: float = 0.001
     scale_error: float = 0.001
 
     def __post_init__(self) -> None:
         """Check that the target can be printed and found."""
-        for name, low, high in _LIMITS:
-            value = getattr(self, name)
-            whole = name in _WHOLE
-            good = isinstance(value, int if whole else int | float) and value is not True
-            if not good or value is False or not low <= value <= high:
+        for name, (low, high) in _LIMITS.items():
+            value, whole = getattr(self, name), name in _WHOLE
+            good = is_number(value) and (isinstance(value, int) or not whole)
+            if not (good and low <= value <= high):
                 kind = 'a whole number' if whole else 'a number'
                 raise InputError(
                     f'{name}: must be {kind}, {low:g} to {high:g}, got {shown(value)}'
@@ -146,19 +136,11 @@ class Target(Printed):
 
 
 _WHOLE = {'columns', 'rows', 'first_id'}
-_LIMITS = (
-    ('columns', 1, 50),
-    ('rows', 1, 50),
-    ('first_id', 0, 1000),
-    ('tag', 0.01, 2.0),
-    ('gap', 0.001, 2.0),
-    ('width', 0.02, 5.0),
-    ('height', 0.02, 5.0),
-    ('white', 0.01, 1.0),
-    ('black', 0.0, 1.0),
-    ('flatness', 0.0, 0.05),
-    ('scale_error', 0.0, 0.05),
-)
+_LIMITS = {
+    'columns': (1, 50), 'rows': (1, 50), 'first_id': (0, 1000), 'tag': (0.01, 2.0),
+    'gap': (0.001, 2.0), 'width': (0.02, 5.0), 'height': (0.02, 5.0), 'white': (0.01, 1.0),
+    'black': (0.0, 1.0), 'flatness': (0.0, 0.05), 'scale_error': (0.0, 0.05),
+}  # fmt: skip
 
 
 def _coverage(start: float, module: float, count: int, size: int, step: float) -> np.ndarray:
@@ -170,11 +152,7 @@ def _coverage(start: float, module: float, count: int, size: int, step: float) -
 
 
 def target_of(sheet: str) -> Target:
-    """
-    Return the standard target for a sheet of paper.
-
-    Raises `InputError` when the sheet is not in `SHEETS`.
-    """
+    """Return the standard target for one of `SHEETS`; raises `InputError` for another sheet."""
     if sheet not in SHEETS:
         raise InputError(f'--size: must be one of {", ".join(SHEETS)}, got {shown(sheet)}')
     width, height, tag, gap = SHEETS[sheet]
@@ -182,12 +160,7 @@ def target_of(sheet: str) -> Target:
 
 
 def read_target(path: Path) -> Target:
-    """
-    Read ``target.yaml``.
-
-    Raises `InputError` when the file cannot be read, or describes a target that cannot be found;
-    the message names file and field.
-    """
+    """Read ``target.yaml``; raises `InputError` for one that cannot be read, printed or found."""
     values: Mapping[str, Any] = read_section(path, 'target', dict)
     names = [field.name for field in fields(Target)]
     unknown = [name for name in values if name not in names]
@@ -196,10 +169,9 @@ def read_target(path: Path) -> Target:
             f'{shown_path(path)}: target: must have the fields {", ".join(names)}, got '
             f'{shown(unknown[0])}'
         )
-    needed = 'tag', 'gap', 'width', 'height', 'columns', 'rows'
-    missing = [name for name in needed if name not in values]
-    if missing:
-        raise InputError(f'{shown_path(path)}: {missing[0]}: must be given, got none')
+    for name in ('tag', 'gap', 'width', 'height', 'columns', 'rows'):
+        if name not in values:
+            raise InputError(f'{shown_path(path)}: {name}: must be given, got none')
     try:
         return Target(**values)
     except InputError as error:
@@ -207,11 +179,7 @@ def read_target(path: Path) -> Target:
 
 
 def draw_pdf(target: Target) -> bytes:
-    """
-    Draw a target for printing, true to scale, with two rulers in its white border.
-
-    It is a PDF of one page, as large as the sheet.
-    """
+    """Draw a target as a PDF of one page, true to scale, with two rulers in its white border."""
     page = Figure(figsize=(target.width / _INCH, target.height / _INCH))
     axes = page.add_axes((0, 0, 1, 1))
     axes.set_xlim(-target.width / 2, target.width / 2)

@@ -33,40 +33,19 @@ _MOST_BYTES = 1 << 30
 
 @dataclass(frozen=True)
 class PoseSource:
-    """
-    A source of poses; one of `file`, `topic` and `frames` is set.
+    """A source of poses; one of `file`, `topic` and `frames` is set."""
 
-    Attributes
-    ----------
-    file : pathlib.Path or None
-        TUM text, or a CSV file, see `read_trajectory`; or a folder with one for each recording.
-    topic : str
-        Topic of the bag with odometry or stamped poses.
-    frames : tuple of str
-        Frames of the room and of the body in the TF of the bag; empty for none.
-    camera_in_body : tuple of float
-        Pose of the camera (optical frame) in the frame of the tracked body: x, y, z (metres), qx,
-        qy, qz, qw.
-    clock_offset : float or None
-        Stamps of the recording minus stamps of the poses, seconds; None: it is found.
-    relative : bool
-        Whether the poses are in a frame of their own; then only motions are used.
-    accuracy : tuple of float or None
-        Standard deviations of the poses, metres and degrees: they are used as they are. None: they
-        are rough, and fitted to the recordings, if the file does not say it.
-    recorded : bool
-        Whether the covariances of the topic's messages say it.
-
-    """
-
-    file: Path | None = None
-    topic: str = ''
-    frames: tuple[str, ...] = ()
+    file: Path | None = None  # see `read_trajectory`; or a folder with one for each recording
+    topic: str = ''  # of the bag, with odometry or stamped poses
+    frames: tuple[str, ...] = ()  # of the room and of the body in the TF of the bag
+    # Pose of the camera (optical frame) in the tracked body: x, y, z (metres), qx, qy, qz, qw.
     camera_in_body: tuple[float, ...] = IDENTITY
-    clock_offset: float | None = None
-    relative: bool = False
+    clock_offset: float | None = None  # seconds: stamps minus those of the poses; None: found
+    relative: bool = False  # the poses are in a frame of their own: only motions are used
+    # Standard deviations of the poses, metres and degrees: they are used as they are. None: they
+    # are rough, and fitted to the recordings, if the file does not say it.
     accuracy: tuple[float, float] | None = None
-    recorded: bool = False
+    recorded: bool = False  # the covariances of the topic's messages say it
 
     def file_of(self, recording: Path) -> Path:
         """Return the file with the poses of a recording: in a folder, that of the same name."""
@@ -79,18 +58,13 @@ class PoseSource:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """
-    Poses with stamps; `name` is for messages.
+    """Poses with stamps."""
 
-    `stamp_ns` is (N,) int64, rising; `poses` (N, 7) x, y, z in metres, qx, qy, qz, qw. `fixed`:
-    one pose holds for all times. `covariances`: (N, 6, 6) of the poses, or None: metres and
-    radians, along and about the axes of their frame.
-    """
-
-    name: str
-    stamp_ns: np.ndarray
-    poses: np.ndarray
-    fixed: bool = False
+    name: str  # for messages
+    stamp_ns: np.ndarray  # (N,) int64, rising
+    poses: np.ndarray  # (N, 7) x, y, z in metres, qx, qy, qz, qw
+    fixed: bool = False  # one pose holds for all times
+    # (N, 6, 6) of the poses: metres and radians, along and about the axes of their frame.
     covariances: np.ndarray | None = None
 
     def at(self, stamp_ns: np.ndarray) -> np.ndarray:
@@ -115,14 +89,10 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class CameraTrajectory:
-    """
-    Rough poses of the camera in the recording at `path`, by stamps of their own clock.
-
-    `chain` is from the room to the body; poses of each in the frame of the one before.
-    """
+    """Rough poses of the camera in the recording at `path`, by stamps of their own clock."""
 
     path: Path
-    chain: tuple[Trajectory, ...]
+    chain: tuple[Trajectory, ...]  # from the room to the body, each in the frame before
     source: PoseSource
 
     @property
@@ -143,6 +113,11 @@ class CameraTrajectory:
             poses = _compose(poses, link.at(stamp_ns))
         return _compose(poses, np.tile(self.source.camera_in_body, (len(poses), 1)))
 
+    def theirs(self, stamp_ns: np.ndarray, found: float | None = None) -> np.ndarray:
+        """Return stamps of the recording by the clock of the poses, `found` seconds apart."""
+        offset = self.source.clock_offset if found is None else found
+        return stamp_ns - round((offset or 0.0) * 1e9)
+
     @property
     def told(self) -> str:
         """Return what says how accurate the poses are; nothing if they are rough."""
@@ -153,7 +128,7 @@ class CameraTrajectory:
 
     def covariance(self, stamp_ns: np.ndarray) -> np.ndarray:
         """Return the mean (6, 6) covariance of poses, optical frame, where it is `told`."""
-        body, mount = self.chain[0], Pose.from_numbers(np.array(self.source.camera_in_body))
+        body, mount = self.chain[0], Pose.from_numbers(self.source.camera_in_body)
         if self.source.accuracy is not None:
             return covariance_of(self.source.accuracy)
         assert body.covariances is not None
@@ -217,11 +192,9 @@ def read_trajectory(path: Path) -> Trajectory:
     """
     Read poses with stamps from a text file.
 
-    Each line is ``t x y z qx qy qz qw`` (TUM; seconds, metres; ``#`` begins a comment); the first
-    line of a ``.csv`` names these columns in any order, among others, and may name sx, sy, sz
-    (metres), srx, sry, srz (radians), see `Trajectory`. Lines without numbers in them are left
-    out. Raises `InputError` where there is no such file or it has fewer than two
-    poses.
+    Each line is ``t x y z qx qy qz qw`` (TUM; seconds, metres); the first line of a ``.csv`` names
+    these columns in any order, among others, and may name sx, sy, sz (metres), srx, sry, srz
+    (radians). Lines without numbers are left out. Raises `InputError` below two poses.
     """
     name = f'--trajectory: {shown_path(path)}'
     if not is_regular_file(path):

@@ -20,18 +20,13 @@ _SAME = 1e-6  # metres and quaternion: rounding
 
 @dataclass
 class FrameTransforms:
-    """
-    The transforms of one frame, `child` in its `parent`.
-
-    `rows` are x, y, z, qx, qy, qz, qw, one for each of `stamps`, nanoseconds. `fixed`: it was on
-    ``tf_static``.
-    """
+    """The transforms of one frame, `child` in its `parent`."""
 
     child: str
     parent: str
-    stamps: list[int] = field(default_factory=list)
-    rows: list[list[float]] = field(default_factory=list)
-    fixed: bool = False
+    stamps: list[int] = field(default_factory=list)  # nanoseconds
+    rows: list[list[float]] = field(default_factory=list)  # x, y, z, qx, qy, qz, qw, one a stamp
+    fixed: bool = False  # it was on ``tf_static``
 
     @property
     def poses(self) -> np.ndarray:

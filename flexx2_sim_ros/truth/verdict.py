@@ -32,31 +32,22 @@ _LOST = 'the camera is lost: none of the frames that were tried fits the room'
 
 @dataclass(frozen=True)
 class RoomFit:
-    """
-    How well a recording fits the room.
+    """How well a recording fits the room."""
 
-    * `state`: ``used``, ``doubtful`` or ``refused``.
-    * `reasons`: why it is doubtful or refused.
-    * `fitting`: fraction of its pixels that fit the room.
-    * `residual`: median of the absolute residual, metres.
-    * `deviation`: standard deviation of the pose along and about its least certain axis: metres,
-      degrees.
-    """
-
-    state: str
-    reasons: tuple[str, ...]
-    fitting: float
-    residual: float
+    state: str  # used, doubtful or refused
+    reasons: tuple[str, ...]  # why it is doubtful or refused
+    fitting: float  # fraction of its pixels that fit the room
+    residual: float  # median of the absolute residual, metres
+    # Standard deviation of the pose along and about its least certain axis: metres, degrees.
     deviation: tuple[float, float]
 
 
 def room_error(solution: Solution) -> tuple[float, str]:
     """
-    Return how accurate a room is, metres, from what smooth surfaces of all recordings show.
+    Return how accurate a room is, metres, and whether that is estimated, or assumed and why.
 
-    It is how far the recordings differ from it along normals, beyond noise and the errors that
-    they share. With it comes what it is: estimated; or assumed, and why, with few surfaces, and
-    where they differ more than a usual scan does, since that may be an error of the camera.
+    It is how far smooth surfaces of all recordings differ from it along normals, beyond noise and
+    the errors that they share.
     """
     tiles = np.vstack([_tiles(view) for view in solution.views] or [np.zeros((0, 3))])
     freedom = len(tiles) - 6 * len(solution.views) - len(solution.values)

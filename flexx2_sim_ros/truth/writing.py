@@ -1,8 +1,7 @@
 """Write a recording with its ground truth."""
 
-from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from flexx2_sim_ros.recording import RecordingReader, RecordingWriter
@@ -25,7 +24,7 @@ from flexx2_sim_ros.truth.reflectivity import (
     GrayScale,
     with_reflectivity,
 )
-from flexx2_sim_ros.truth.requests import Placing, TruthRequest
+from flexx2_sim_ros.truth.run import Placing, TruthRequest
 import numpy as np
 
 _WRITTEN = {'clean_depth', 'incidence', 'depth', *KEYS}
@@ -35,23 +34,14 @@ _LIT_FRAMES = 6  # of a moving recording: enough to learn what gray values mean
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """
-    What a recording should show.
+    """What a recording should show."""
 
-    * `cleans`: one for each frame if the camera moved, else one.
-    * `image`: a frame, or the median, for the page.
-    * `accuracy`: the keys of the recording that say how accurate it is.
-    * `number`: of the frame for the page.
-    * `gray`: (H, W) gray values to show in the place of depth.
-    * `found`: what else is learnt of the recording.
-    """
-
-    cleans: Sequence[Clean]
-    image: Observation
-    accuracy: Mapping[str, np.ndarray] = field(default_factory=dict)
-    number: int = 0
-    gray: np.ndarray | None = None
-    found: Any = None
+    cleans: Sequence[Clean]  # one for each frame if the camera moved, else one
+    image: Observation  # a frame, or the median, for the page
+    accuracy: Mapping[str, np.ndarray]  # the keys of the recording that say how accurate it is
+    number: int = 0  # of the frame for the page
+    gray: np.ndarray | None = None  # (H, W) gray values to show in the place of depth
+    found: Any = None  # what else is learnt of the recording
 
 
 class Surfaces(Protocol):
@@ -70,16 +60,12 @@ class Surfaces(Protocol):
 
 @dataclass(frozen=True)
 class Writing:
-    """
-    A recording to write, and its ground truth.
-
-    `scale` is what gray values mean; None where they are not used.
-    """
+    """A recording to write, and its ground truth."""
 
     request: TruthRequest
     source: TruthSource
     surfaces: Surfaces
-    scale: GrayScale | None = None
+    scale: GrayScale | None = None  # what gray values mean; None where they are not used
 
     def footage(self) -> Footage:
         """Return the recording, open."""
@@ -88,25 +74,15 @@ class Writing:
 
 @dataclass(frozen=True)
 class Written:
-    """
-    A recording that was written, and its images for the page: of its first frame or median.
+    """A recording that was written, and its (H, W) images for the page: of a frame or median."""
 
-    * `image`: (H, W) float32: measured depth, or gray values.
-    * `edges`: (H, W) bool, where clean depth jumps.
-    * `residual`: (H, W) float32 metres, measured minus clean; NaN where unknown or invalid.
-    * `part`: (H, W) uint8 as in `Clean`.
-    * `shares`: the fraction of pixels of each of `PARTS`, over all frames.
-    * `notes`: what a person should know of pixels that contradict the ground truth.
-    * `found`: as in `GroundTruth`.
-    """
-
-    image: np.ndarray
-    edges: np.ndarray
-    residual: np.ndarray
-    part: np.ndarray
-    shares: dict[str, float]
-    notes: tuple[str, ...]
-    found: Any
+    image: np.ndarray  # float32: measured depth, or gray values
+    edges: np.ndarray  # bool, where clean depth jumps
+    residual: np.ndarray  # float32 metres, measured minus clean; NaN where unknown or invalid
+    part: np.ndarray  # uint8 as in `Clean`
+    shares: dict[str, float]  # the fraction of pixels of each of `PARTS`, over all frames
+    notes: tuple[str, ...]  # what a person should know of pixels that contradict the ground truth
+    found: Any  # as in `GroundTruth`
 
     def table(self) -> dict[str, Any]:
         """Return the shares of pixels for ``truth.yaml``: known, and unknown by reason."""
@@ -124,19 +100,26 @@ def write_recording(what: Writing) -> Written:
             with_reflectivity(clean, gray, footage.still.rays, what.scale)
             for clean, gray in zip(cleans, gray_images(reader, moving), strict=True)
         ]
-    uptime = {} if what.source.uptime is None else {'uptime': what.source.uptime}
-    keys = {**truth.accuracy, **uptime}
-    shares = write_truth(reader, what.source.target, cleans, moving, keys)
-    return _written(truth, shares)
+    keys = dict(truth.accuracy)
+    if what.source.uptime is not None:
+        keys['uptime'] = what.source.uptime
+    part, arrays = _arrays(cleans, moving, mask_of(reader))
+    with RecordingWriter(what.source.target, *reader.shape) as file:
+        for image in reader.frames('depth'):
+            file.add_depth(image[None])
+        for key, value in {**arrays, **keys}.items():
+            file.add_array(key, value)
+        for key, value in _copied(reader, {*arrays, *keys}):
+            if isinstance(value, np.ndarray):
+                file.add_array(key, value)
+            else:
+                file.add_frames(key, reader.layouts[key].dtype, value)
+    counts = np.bincount(part.ravel(), minlength=len(PARTS))
+    return _written(truth, dict(zip(PARTS, (counts / part.size).tolist(), strict=True)))
 
 
 def read_light(what: Writing) -> list[GraySamples]:
-    """
-    Return what a recording shows of the light that surfaces send back, of some frames.
-
-    Empty where its reflectivity is known from the mesh or the recording, and where it has no gray
-    images. Raises `InputError` when the recording cannot be read.
-    """
+    """Return what some frames show of the light of surfaces; nothing where that is not needed."""
     footage, moving = what.footage(), what.surfaces.moving
     reader = footage.reader
     if not _shows_light(reader, moving):
@@ -157,30 +140,6 @@ def _shows_light(reader: RecordingReader, moving: bool) -> bool:
     # Whether the reflectivity of a recording is to be taken from its gray images.
     known = 'reflectivity' in reader.layouts or 'reflectivity' in reader.arrays
     return not known and has_gray(reader, moving)
-
-
-def write_truth(
-    reader: RecordingReader,
-    target: Path,
-    truths: Sequence[Clean],
-    moving: bool,
-    keys: Mapping[str, np.ndarray],
-) -> dict[str, float]:
-    """Write a recording with a `Clean`, or one a frame; return `Written.shares`."""
-    with RecordingWriter(target, *reader.shape) as file:
-        for image in reader.frames('depth'):
-            file.add_depth(image[None])
-        part, arrays = _arrays(truths, moving, mask_of(reader))
-        arrays |= keys
-        for key, value in arrays.items():
-            file.add_array(key, value)
-        for key, value in _copied(reader, arrays.keys()):
-            if isinstance(value, np.ndarray):
-                file.add_array(key, value)
-            else:
-                file.add_frames(key, reader.layouts[key].dtype, value)
-    counts = np.bincount(part.ravel(), minlength=len(PARTS))
-    return dict(zip(PARTS, (counts / part.size).tolist(), strict=True))
 
 
 def _written(truth: GroundTruth, shares: dict[str, float]) -> Written:
@@ -207,11 +166,6 @@ def _written(truth: GroundTruth, shares: dict[str, float]) -> Written:
         tuple(notes),
         truth.found,
     )
-
-
-def without_hidden(clean: Clean, image: Observation) -> Clean:
-    """Return ground truth that is unknown where something stands before it."""
-    return clean.without(apart(clean, image) < 0, HIDDEN)
 
 
 def _arrays(
@@ -247,15 +201,10 @@ def _dark(truth: Clean) -> Clean:
     return dark.without(True, REFUSED)
 
 
-def _copied(reader: RecordingReader, written: Set[str]) -> Iterator[tuple[str, Any]]:
+def _copied(reader: RecordingReader, written: set[str]) -> Iterator[tuple[str, Any]]:
     # Everything else that the recording has, as arrays or as iterators over frames.
     left = _WRITTEN | written
-    yield 'K', reader.K
-    yield 'stamp', reader.stamp
-    yield 'stamp_ns', reader.stamp_ns
-    for key, value in reader.arrays.items():
-        if key not in left | {'K', 'stamp', 'stamp_ns'}:
-            yield key, value
-    for key in reader.layouts:
-        if key not in left:
-            yield key, reader.frames(key)
+    own = {'K': reader.K, 'stamp': reader.stamp, 'stamp_ns': reader.stamp_ns}
+    yield from own.items()
+    yield from ((key, one) for key, one in reader.arrays.items() if key not in left | own.keys())
+    yield from ((key, reader.frames(key)) for key in reader.layouts if key not in left)
