@@ -112,7 +112,8 @@ def plan(arguments, count, seed):
 
 def _row(arguments, count, seed, cache):
     case = plan(arguments, count, seed)
-    folder = cache / f'many_{count}_{seed}_{case.width}_{case.recordings}_{case.frames}'
+    size = f'{case.width}_{case.recordings}_{case.frames}_{case.pose_mm:g}mm'
+    folder = cache / f'many_{count}_{seed}_{size}'
     campaign = folder / 'campaign'
     if not campaign.exists():
         part = folder / 'part'
