@@ -15,7 +15,8 @@ import tempfile
 from flexx2_sim_ros.truth import RoomRequest
 from flexx2_sim_ros.truth.joint import fitted_motion
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.registration import Job, Registered, views_of
+from flexx2_sim_ros.truth.registration import Registered, views_of
+from flexx2_sim_ros.truth.run import GivenRecording
 import numpy as np
 from study.blind.meshes import write_mesh
 from study.blind.scanned import ScannedCamera
@@ -39,7 +40,7 @@ def views(folder, effects):
         path = folder / 'in' / f'{i}.npz'
         poses = tuple(tuple(Pose(*pose).numbers()) for pose in camera.poses(i))
         where = Registered(poses, (0.0,) * FRAMES, np.inf, True, np.inf, 0.0)
-        out += views_of((i, Job(path, request, None), where))
+        out += views_of((i, GivenRecording(path, request), where))
     return out
 
 

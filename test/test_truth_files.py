@@ -9,7 +9,7 @@ from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.recording.convert import convert
 from flexx2_sim_ros.truth import make_truth, PlaneRequest
 from flexx2_sim_ros.truth.files import write_results
-from flexx2_sim_ros.truth.run import no_progress, Placing, running, TruthRequest
+from flexx2_sim_ros.truth.run import GivenRecording, no_progress, running, TruthRequest
 import numpy as np
 import pytest
 import yaml
@@ -187,7 +187,7 @@ def test_what_is_done_stays_if_the_machine_fails(error, kept, tmp_path):
 
     def fail():
         with running(TruthRequest(recordings=(), out=out), no_progress) as run:
-            job = Placing(tmp_path, TruthRequest(recordings=(), out=out))
+            job = (GivenRecording(tmp_path, TruthRequest(recordings=(), out=out)),)
             run.each_once('registering', (0.0, 1.0), repr, [job])
             raise error('--jobs: must be fewer')
 

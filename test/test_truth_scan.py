@@ -13,8 +13,9 @@ from flexx2_sim_ros.truth.from_room import roughness
 from flexx2_sim_ros.truth.joint import solve
 from flexx2_sim_ros.truth.observation import Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.registration import Job, register, views_of
+from flexx2_sim_ros.truth.registration import register, views_of
 from flexx2_sim_ros.truth.rooms import load_room
+from flexx2_sim_ros.truth.run import GivenRecording
 from flexx2_sim_ros.truth.shared import estimate
 from flexx2_sim_ros.truth.verdict import room_error
 import numpy as np
@@ -43,9 +44,9 @@ def job(folder, number, guess, motion='auto'):
     numbers = None if guess is None else tuple(guess.numbers())
     path = folder / 'in' / f'{number}.npz'
     with np.load(path) as archive:
-        uptime = float(archive['uptime'].mean())
+        uptime = archive['uptime']
     request = RoomRequest(recordings=(), out=Path(), room=folder / 'room.ply', motion=motion)
-    return Job(path, request, numbers, uptime)
+    return GivenRecording(path, request, uptime=uptime), numbers
 
 
 def joint(folder, camera, rng):
@@ -54,7 +55,7 @@ def joint(folder, camera, rng):
     for i in range(camera.camera.case.scenes.recordings):
         pose = camera.poses(i)[0]
         one = job(folder, i, Pose(*off(pose, 0.05, 3.0, rng)))
-        views += views_of((i, one, register(one)))
+        views += views_of((i, one[0], register(*one)))
         true.append(Pose(*pose))
     shared = estimate(views)
     motions = [true[view.recording].motion_to(view.pose) for view in shared.solution.views]
@@ -93,7 +94,7 @@ def test_poses_are_right_whatever_the_camera_does_wrong(tmp_path, rough, effects
 def test_one_recording_cannot_tell_a_wave_from_its_pose(tmp_path, rough):
     camera = record(tmp_path, {'wiggling': 3.0})
     one = job(tmp_path, 0, Pose(*off(camera.poses(0)[0], 0.05, 3.0, rough)))
-    shared = estimate(views_of((0, one, register(one))))
+    shared = estimate(views_of((0, one[0], register(*one))))
     assert 'wiggling' not in shared.findings
 
 

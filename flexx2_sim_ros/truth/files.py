@@ -1,7 +1,7 @@
 """The recordings of a run, and the files that it writes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 import os
 from pathlib import Path
 from typing import Any
@@ -12,33 +12,12 @@ from flexx2_sim_ros.npz_arrays import open_npz
 from flexx2_sim_ros.recording import RecordingReader
 from flexx2_sim_ros.recording.opening import BAG_FILES, find_recordings, is_bag
 from flexx2_sim_ros.recording.reader import uptime_of
-from flexx2_sim_ros.truth.run import TruthRequest
+from flexx2_sim_ros.truth.run import GivenRecording, TruthRequest
 import numpy as np
 import yaml
 
 FILES = 'truth.yaml', 'truth.html'
 _LONGEST = 24 * 3600.0  # seconds: recordings farther apart are not of one session
-
-
-@dataclass(frozen=True)
-class TruthSource:
-    """One of the recordings, and the `target` file to write it to with ground truth."""
-
-    path: Path
-    target: Path
-    uptime: np.ndarray | None = None  # as in `uptimes`
-    notes: tuple[str, ...] = ()  # what a person should know of the file, as in `Recording`
-
-    def row(self, verdict: str, reasons: Sequence[str], **more: Any) -> dict[str, Any]:
-        """Return the row of the recording in ``truth.yaml``."""
-        return {
-            'name': self.target.name,
-            'source': str(self.path),
-            'verdict': verdict,
-            'reasons': list(reasons),
-            **({'notes': list(self.notes)} if self.notes else {}),
-            **more,
-        }
 
 
 def recordings_of(given: Sequence[Path]) -> list[Path]:
@@ -96,44 +75,39 @@ def uptimes(
     return own if why else [(one.stamp_ns - begin) / 1e9 + (first or 0.0) for one in readers]
 
 
-def sources_of(request: TruthRequest, inputs: Sequence[Path]) -> list[TruthSource]:
+def given_recordings(request: TruthRequest, inputs: Sequence[Path]) -> list[GivenRecording]:
     """
     Return the recordings of a request; those of a folder may be unreadable, as their rows say.
 
     Raises `InputError` where a folder has none, one that was named cannot be read, its file cannot
     be written, or a file that is read, one of `inputs` too, would be overwritten.
     """
-    paths = recordings_of(request.recordings)
+    paths, settings = recordings_of(request.recordings), request.settings()
     targets = [request.out / name for name in names_of(paths)]
     atomic.check_outputs('--out', request.out, FILES)
     results = [request.out / name for name in FILES]
     _check_kept(request.out, [*results, *targets], [*paths, *request.recordings, *inputs])
-    readers: list[RecordingReader | None] = []
-    for path, target in zip(paths, targets, strict=True):
+    out = [
+        GivenRecording(*pair) for pair in zip(paths, [settings] * len(paths), targets, strict=True)
+    ]
+    readers: dict[int, RecordingReader] = {}
+    for i, one in enumerate(out):
         try:
-            reader = request.opened(path)
+            readers[i] = one.opened()
         except InputError:
-            if path in request.recordings:
+            if one.path in request.recordings:
                 raise
-            reader = None
-        readers.append(reader)
-        if reader is not None and target.exists() and not has_truth(target):
+            continue
+        if one.target.exists() and not has_truth(one.target):
             raise InputError(
                 f'--out: must be a folder without other recordings, got {shown_path(request.out)}:'
-                f' {target.name} there has no clean_depth and would be replaced'
+                f' {one.target.name} there has no clean_depth and would be replaced'
             )
-    known = iter(uptimes([one for one in readers if one is not None], request.uptime))
-    return [
-        TruthSource(path, target)
-        if reader is None
-        else TruthSource(path, target, next(known), tuple(dict.fromkeys(reader.notes)))
-        for path, target, reader in zip(paths, targets, readers, strict=True)
-    ]
-
-
-def reason_of(error: InputError, path: Path) -> str:
-    """Return why a recording cannot be used, without its name, for its row in ``truth.yaml``."""
-    return str(error).removeprefix(f'{path}: ')
+    times = uptimes([*readers.values()], request.uptime)
+    for (i, reader), uptime in zip(readers.items(), times, strict=True):
+        notes = tuple(dict.fromkeys(reader.notes))
+        out[i] = replace(out[i], uptime=uptime, notes=notes)
+    return out
 
 
 def _check_kept(out: Path, written: Sequence[Path], inputs: Sequence[Path]) -> None:

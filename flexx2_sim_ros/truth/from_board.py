@@ -1,12 +1,11 @@
 """Ground truth from a printed board: find it in gray images, and render its plane."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import never_decided
 from flexx2_sim_ros.truth.board import find_board, likeness, plane_covariance, read_board
 from flexx2_sim_ros.truth.clean import (
@@ -18,13 +17,12 @@ from flexx2_sim_ros.truth.clean import (
     unknown,
     without_hidden,
 )
-from flexx2_sim_ros.truth.files import reason_of, TruthSource
 from flexx2_sim_ros.truth.gray import Gray, GrayFit, inside, white_fraction
 from flexx2_sim_ros.truth.observation import Footage, gray_images, grow, has_gray, Observation
 from flexx2_sim_ros.truth.plane_finding import surface_around
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import Printed
-from flexx2_sim_ros.truth.run import BoardRequest, Placing, Run
+from flexx2_sim_ros.truth.run import BoardRequest, GivenRecording, Run
 from flexx2_sim_ros.truth.shared import MOST_BIAS
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
 import numpy as np
@@ -65,20 +63,16 @@ class _OnBoard:
 
 
 @dataclass(frozen=True)
-class BoardSurfaces(Placing):
-    """A board in a recording; see `Surfaces`."""
+class BoardSurfaces(Surfaces):
+    """A board in a recording."""
 
-    request: BoardRequest
     target: Printed
-    placed: BoardPoses = field(default_factory=BoardPoses)
+    placed: BoardPoses
 
     @property
     def moving(self) -> bool:
         """Return whether the camera moved."""
         return self.placed.moving
-
-    def at(self, footage: Footage, number: int) -> None:
-        """Return nothing: the reflectivity of a board is known."""
 
     def truth(self, footage: Footage) -> GroundTruth:
         """Return the board in each frame, or in the median of a still recording."""
@@ -111,8 +105,8 @@ class BoardSurfaces(Placing):
     def _clean(self, image: Observation, pose: Pose) -> Clean:
         target, inverse = self.target, pose.R[2] / -pose.t[2]
         seen = inside(target, pose, image.rays)
-        clean = render_plane(image, inverse, target.flatness, self.request.wall | seen)
-        if self.request.wall:
+        clean = render_plane(image, inverse, target.flatness, self.given.request.wall | seen)
+        if self.given.request.wall:
             core = ~grow(~seen, _BORDER)
             seen = core | surface_around(image, inverse, core & image.smooth)
         part = np.where(grow(~seen, _BORDER), np.uint8(REFUSED), clean.part)
@@ -125,23 +119,19 @@ class BoardSurfaces(Placing):
         return replace(clean, part=part, reflectivity=mixed.astype(np.float32))
 
 
-def place_board(job: BoardSurfaces) -> BoardPoses:
+def place_board(given: GivenRecording, target: Printed) -> BoardPoses:
     """Find the board in a recording, or the reason why it is not found."""
+    footage = given.footage()
+    reader, moving = footage.reader, footage.moving
+    if not has_gray(reader, moving):
+        one = has_gray(reader)
+        why = 'has one gray image for all frames, but moves' if one else 'has no gray image'
+        return BoardPoses(moving, (None,), reason=f'it {why}{"" if one else " (amplitude)"}')
     found: list[GrayFit | str] = []
-    moving = False
-    try:
-        footage = job.footage()
-        reader, moving = footage.reader, footage.moving
-        if not has_gray(reader):
-            raise InputError('it has no gray image (amplitude)')
-        if not has_gray(reader, moving):
-            raise InputError('it has one gray image for all frames, but moves')
-        for image in gray_images(reader, moving):
-            before = found[-1] if found and isinstance(found[-1], GrayFit) else None
-            gray = Gray(image, footage.still.rays)
-            found.append(find_board(job.target, gray, job.request.lens_error, before))
-    except InputError as error:  # The others can be used.
-        found = [reason_of(error, job.path)]
+    for image in gray_images(reader, moving):
+        before = found[-1] if found and isinstance(found[-1], GrayFit) else None
+        gray = Gray(image, footage.still.rays)
+        found.append(find_board(target, gray, given.request.lens_error, before))
     fits = [fit for fit in found if isinstance(fit, GrayFit)]
     reasons = [fit for fit in found if isinstance(fit, str)]
     return BoardPoses(
@@ -154,19 +144,12 @@ def place_board(job: BoardSurfaces) -> BoardPoses:
     )
 
 
-def compare(job: BoardSurfaces) -> tuple[float, ...]:
-    """Return how much a recording looks like each board that may be meant; 0 for not found."""
-    kinds = job.target.kinds
-    try:
-        footage = job.footage()
-        there = has_gray(footage.reader)
-        for image in gray_images(footage.reader, footage.moving) if there else ():
-            like = likeness(kinds, Gray(image, footage.still.rays))
-            if like:
-                return like
-    except InputError:  # It is reported where the board is placed.
-        pass
-    return (0.0,) * len(kinds)
+def compare(given: GivenRecording, kinds: Sequence[Printed]) -> tuple[float, ...]:
+    """Return how much a recording looks like each board that may be meant; none: not found."""
+    footage = given.footage()
+    images = gray_images(footage.reader, footage.moving) if has_gray(footage.reader) else ()
+    likes = (likeness(kinds, Gray(image, footage.still.rays)) for image in images)
+    return next((like for like in likes if like), ())
 
 
 def _judged(image: Observation, clean: Clean, pose: Pose, plane: np.ndarray) -> _OnBoard:
@@ -185,50 +168,50 @@ def _judged(image: Observation, clean: Clean, pose: Pose, plane: np.ndarray) -> 
     )
 
 
-class BoardCampaign:
-    """Recordings of a board, for `make_truth`."""
+class BoardSource:
+    """A printed board; see `Source`."""
 
-    kind, lit = 'board', False
+    kind, step, kinds, lit = 'board', 'finding the board', (BoardPoses,), False
+    unread = {'motion': 'still', 'frames': 1, 'fitting': 0.0}
+    place = staticmethod(place_board)
 
     def __init__(self, request: BoardRequest) -> None:
         """Read the description of the board."""
         self.request = request
-        self.board = read_board(request.board)
-        self.files: Sequence[Path] = (Path(request.board),)
+        self.target = read_board(request.board)
+        self.files = [Path(request.board)]
 
-    def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
-        """Find the board in each recording."""
-        self.sources = sources
-        self.target = self._meant(run)
-        jobs = self._jobs(self.target, sources)
-        text = 'finding the board'
-        self.placed = run.each_once(text, (0.0, 0.7), place_board, jobs, (BoardPoses,))
-        pairs = enumerate(zip(jobs, self.placed, strict=True))
-        found = {i: replace(job, placed=one) for i, (job, one) in pairs if not one.reason}
-        if not found:
-            raise InputError(f'{shown_path(sources[0].path)}: {self.placed[0].reason}')
-        return found
+    def jobs(self, run: Run, given: Sequence[GivenRecording]) -> Sequence[tuple[Any, ...]]:
+        """Return each recording and its board: which of those that may be meant, they show."""
+        kinds = self.target.kinds
+        self.target = kinds[0]
+        if len(kinds) > 1:
+            jobs = [(one, kinds) for one in given[:_TRIED]]
+            found = run.each_once('telling boards apart', (0.0, 0.05), compare, jobs)
+            like = [one for one in found if one and not isinstance(one, str)]
+            self.target = kinds[int(np.sum(like, axis=0).argmax())]
+        return [(one, self.target) for one in given]
 
-    def _meant(self, run: Run) -> Printed:
-        # Of the boards that the description may mean, the one that the first recordings show.
-        kinds = self.board.kinds
-        if len(kinds) == 1:
-            return kinds[0]
-        jobs = self._jobs(self.board, self.sources[:_TRIED])
-        like = run.each_once('telling boards apart', (0.0, 0.0), compare, jobs)
-        return kinds[int(np.sum(like, axis=0).argmax())]
+    def solve(
+        self, run: Run, given: Sequence[GivenRecording], found: Mapping[int, BoardPoses]
+    ) -> dict[int, Surfaces]:
+        """Return the board in recordings that show it."""
+        self.found = found
+        return {
+            i: BoardSurfaces(given[i], self.target, one)
+            for i, one in found.items()
+            if not one.reason
+        }
 
-    def _jobs(self, target: Printed, sources: Sequence[TruthSource]) -> list[BoardSurfaces]:
-        return [BoardSurfaces(one.path, self.request.settings(), target) for one in sources]
-
-    def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
+    def rows(self, written: Mapping[int, Written]) -> dict[int, dict[str, Any]]:
         """Return where the board is in each recording, and how well depth agrees with it."""
         self.scale = _scale([one.found for one in written.values()])
-        rows = []
-        for i, (source, one) in enumerate(zip(self.sources, self.placed, strict=True)):
+        rows = {}
+        for i, one in self.found.items():
             motion, frames = ('moving', len(one.poses)) if one.moving else ('still', 1)
-            row = source.row('refused', [one.reason], motion=motion, frames=frames, fitting=0.0)
-            rows.append(row | _numbers(written[i], one, self.scale) if i in written else row)
+            row: dict[str, Any] = {'verdict': 'refused', 'reasons': [one.reason]}
+            row |= {'motion': motion, 'frames': frames, 'fitting': 0.0}
+            rows[i] = row | _numbers(written[i], one, self.scale) if i in written else row
         return rows
 
     def about(self) -> dict[str, Any]:
@@ -243,7 +226,10 @@ class BoardCampaign:
     def findings(self) -> dict[str, Any]:
         """Return what the board cannot decide, and whether depth grows with distance."""
         scale = {} if self.scale is None else {'depth_scale': round(self.scale, 5)}
-        return {'cannot_decide': never_decided(any(one.moving for one in self.placed)), **scale}
+        return {
+            'cannot_decide': never_decided(any(one.moving for one in self.found.values())),
+            **scale,
+        }
 
 
 def _numbers(written: Written, placed: BoardPoses, scale: float | None) -> dict[str, Any]:

@@ -1,14 +1,12 @@
 """Ground truth from planes of a room: find them in each recording, and move them to the tape."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_planes
 from flexx2_sim_ros.truth.clean import Clean, KNOWN, OUTSIDE, render_plane, unknown
-from flexx2_sim_ros.truth.files import reason_of, TruthSource
 from flexx2_sim_ros.truth.observation import Footage, Observation
 from flexx2_sim_ros.truth.plane_constraints import (
     check_agreement,
@@ -20,7 +18,7 @@ from flexx2_sim_ros.truth.plane_constraints import (
 )
 from flexx2_sim_ros.truth.plane_file import PlaneFile, PlaneHint, read_planes
 from flexx2_sim_ros.truth.plane_finding import find_planes, ImagePlane
-from flexx2_sim_ros.truth.run import Placing, PlaneRequest, Run, TruthRequest
+from flexx2_sim_ros.truth.run import GivenRecording, PlaneRequest, Run, TruthRequest
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
 import numpy as np
 
@@ -28,28 +26,26 @@ _FRONTAL = 20.0  # degrees between the normal and the optical axis
 
 
 @dataclass(frozen=True)
-class Judged:
-    """Whether a recording's planes can be trusted, and where they are; none if it is refused."""
+class FoundPlanes:
+    """The planes of a recording."""
 
-    state: str  # used, doubtful or refused
-    reasons: tuple[str, ...]  # why it is doubtful or refused, and notes
-    surfaces: tuple[ImagePlane, ...] = ()  # the P planes as fitted to the recording
-    placed: PlacedPlanes | None = None  # the planes moved to the measurements
-    covariance: np.ndarray | None = None  # (3 P, 3 P), as in recordings
-    taped: tuple[bool, ...] = ()  # of which of them a distance was measured
-    square: bool = False  # an angle between two of them was measured
+    doubts: tuple[str, ...]
+    notes: tuple[str, ...]
+    surfaces: tuple[ImagePlane, ...]  # the P planes as fitted to the recording
+    placed: PlacedPlanes  # the planes moved to the measurements
+    covariance: np.ndarray  # (3 P, 3 P), as in recordings
+    taped: tuple[bool, ...]  # of which of them a distance was measured
+    square: bool  # an angle between two of them was measured
 
     @property
     def frontal(self) -> float:
         """Return the angle between optical axis and normal of the only plane, degrees; or inf."""
-        if self.placed is None or len(self.surfaces) > 1:
+        if len(self.surfaces) > 1:
             return float('inf')
         return float(np.degrees(np.arccos(np.clip(self.placed.normals[0, 2], -1, 1))))
 
     def table(self) -> list[dict[str, Any]]:
         """Return the planes for ``truth.yaml``."""
-        if self.placed is None or self.covariance is None:
-            return []
         spread = np.sqrt(np.diag(self.covariance)).reshape(-1, 3)
         distances = self.placed.distance_deviations(self.covariance)
         away = self.placed.distances.tolist()
@@ -68,14 +64,11 @@ class Judged:
 
 
 @dataclass(frozen=True)
-class PlaneSurfaces(Placing):
-    """Planes in a recording; see `Surfaces`."""
+class PlaneSurfaces(Surfaces):
+    """Planes in a recording."""
 
-    request: PlaneRequest
-    hints: tuple[PlaneHint, ...]  # those in it
-    plan: PlaneFile  # that they are from
-    found: Judged | None = None  # None before they are looked for
-    moving = False
+    errors: tuple[float, ...]  # standard deviations of their surfaces, metres
+    found: FoundPlanes
 
     def at(self, footage: Footage, number: int) -> Clean:
         """Return the planes as the image shows them."""
@@ -84,8 +77,6 @@ class PlaneSurfaces(Placing):
     def truth(self, footage: Footage) -> GroundTruth:
         """Return the planes of the one image; its plane of each pixel, and their covariance."""
         clean, plane = self._render(footage.still)
-        assert self.found is not None
-        assert self.found.covariance is not None
         keys = {
             'plane': plane,
             'plane_covariance': self.found.covariance,
@@ -95,14 +86,10 @@ class PlaneSurfaces(Placing):
 
     def _render(self, image: Observation) -> tuple[Clean, np.ndarray]:
         # Pixels outside the planes are unknown.
-        assert self.found is not None
         placed = self.found.placed
-        assert placed is not None
         out, plane = unknown(image), np.zeros(image.depth.shape, np.uint8)
-        flat = {hint.name: hint.flat for hint in self.hints}
-        for k, surface in enumerate(self.found.surfaces):
-            told, mask = flat[surface.name], surface.mask
-            error = self.request.room_error if told is None else told
+        for k, (surface, error) in enumerate(zip(self.found.surfaces, self.errors, strict=True)):
+            mask = surface.mask
             one = render_plane(image, placed.normals[k] / placed.distances[k], error, mask)
             for name in ('depth', 'incidence', 'sigma'):
                 getattr(out, name)[mask] = getattr(one, name)[mask]
@@ -112,39 +99,32 @@ class PlaneSurfaces(Placing):
         return out, plane
 
 
-def place_planes(job: PlaneSurfaces) -> Judged:
-    """Find the planes of a recording and move them to the measurements."""
-    try:
-        return _placed(job)
-    except InputError as error:  # The others can be used.
-        return Judged('refused', (reason_of(error, job.path),))
-
-
-def _placed(job: PlaneSurfaces) -> Judged:
-    footage = job.footage()
+def place_planes(
+    given: GivenRecording, hints: Sequence[PlaneHint], plan: PlaneFile
+) -> FoundPlanes:
+    """Find the planes of a recording and move them to the measurements of a file."""
+    footage = given.footage()
     if footage.moving:
         raise InputError('the camera moves; planes need one that stands still')
-    surfaces = find_planes(footage.still, job.hints)
+    surfaces = find_planes(footage.still, hints)
     names = [surface.name for surface in surfaces]
-    missing = [hint for hint in job.hints if hint.name not in names]
+    missing = [hint for hint in hints if hint.name not in names]
     for hint in missing:
         if hint.box or hint.outline:
             raise InputError(f'{hint.name}: no plane is found where the file says')
     if not surfaces:
         raise InputError('no plane is found in it')
-    told = {hint.name: hint.distance for hint in job.hints}
-    distances = tuple(told[name] for name in names)
-    angles = tuple(a for a in job.plan.angles if a.first in names and a.second in names)
-    constraints = Constraints(tuple(names), distances, angles, job.plan.origin)
+    distances = tuple(hint.distance for hint in hints if hint.name in names)
+    angles = tuple(a for a in plan.angles if a.first in names and a.second in names)
+    constraints = Constraints(tuple(names), distances, angles, plan.origin)
     notes = turned(surfaces, constraints)
     placed, covariance = settle(_fitted(surfaces, footage.still), constraints)
     check_agreement(placed, constraints)
-    doubts = doubts_of(surfaces, constraints)
     notes += [f'{hint.name}: not found' for hint in missing]
     notes += [note for surface in surfaces for note in surface.notes()]
-    return Judged(
-        'doubtful' if doubts else 'used',
-        (*doubts, *notes),
+    return FoundPlanes(
+        tuple(doubts_of(surfaces, constraints)),
+        tuple(notes),
         tuple(surfaces),
         placed,
         covariance,
@@ -165,41 +145,51 @@ def _fitted(surfaces: list[ImagePlane], image: Observation) -> PlacedPlanes:
     )
 
 
-class PlaneCampaign:
-    """Recordings of planes, for `make_truth`."""
+class PlaneSource:
+    """Planes that were measured; see `Source`."""
 
-    kind, lit = 'planes', True
+    kind, step, lit = 'planes', 'finding planes', True
+    kinds = FoundPlanes, ImagePlane, PlacedPlanes
+    unread: dict[str, Any] = {}
+    place = staticmethod(place_planes)
 
     def __init__(self, request: PlaneRequest) -> None:
         """Read the file of the planes."""
         self.request, self.plan = request, read_planes(request.planes)
-        self.files: Sequence[Path] = (request.planes,)
+        self.files = [request.planes]
 
-    def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
-        """Find the planes in each recording."""
-        self.sources, settings, plan = sources, self.request.settings(), self.plan
-        seen = [plan.seen_in(one.target.stem) for one in sources]
-        pairs = zip(sources, seen, strict=True)
-        jobs = [PlaneSurfaces(one.path, settings, hints, plan) for one, hints in pairs]
-        kinds = Judged, ImagePlane, PlacedPlanes
-        text = 'finding planes'
-        self.found: list[Judged] = run.each_once(text, (0.0, 0.7), place_planes, jobs, kinds)
-        out = {
-            i: replace(job, found=one)
-            for i, (job, one) in enumerate(zip(jobs, self.found, strict=True))
-            if one.surfaces
-        }
-        if not out:
-            raise InputError(f'{shown_path(sources[0].path)}: {self.found[0].reasons[0]}')
+    def jobs(self, run: Run, given: Sequence[GivenRecording]) -> Sequence[tuple[Any, ...]]:
+        """Return each recording, the planes that it shows, and what was measured of them."""
+        self.names = [one.target.stem for one in given]
+        return [
+            (one, self.plan.seen_in(name), self.plan)
+            for one, name in zip(given, self.names, strict=True)
+        ]
+
+    def solve(
+        self, run: Run, given: Sequence[GivenRecording], found: Mapping[int, FoundPlanes]
+    ) -> dict[int, Surfaces]:
+        """Return the planes in each recording."""
+        self.found, usual = found, self.request.room_error
+        out: dict[int, Surfaces] = {}
+        for i, one in found.items():
+            flat = {hint.name: hint.flat for hint in self.plan.seen_in(self.names[i])}
+            told = [flat[surface.name] for surface in one.surfaces]
+            errors = tuple(usual if error is None else error for error in told)
+            out[i] = PlaneSurfaces(given[i], errors, one)
         return out
 
-    def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
+    def rows(self, written: Mapping[int, Written]) -> dict[int, dict[str, Any]]:
         """Return what was found in each recording; what contradicts a plane is counted there."""
-        return [
-            source.row(one.state, one.reasons)
-            | ({**written[i].table(), 'planes': one.table()} if i in written else {})
-            for i, (source, one) in enumerate(zip(self.sources, self.found, strict=True))
-        ]
+        return {
+            i: {
+                'verdict': 'doubtful' if one.doubts else 'used',
+                'reasons': [*one.doubts, *one.notes],
+                **written[i].table(),
+                'planes': one.table(),
+            }
+            for i, one in self.found.items()
+        }
 
     def about(self) -> dict[str, Any]:
         """Return what was known of the planes."""
@@ -211,8 +201,8 @@ class PlaneCampaign:
 
     def findings(self) -> dict[str, Any]:
         """Return what the planes cannot decide, and what they hide."""
-        absent = sorted(set(self.plan.changes) - {one.target.stem for one in self.sources})
-        found = [one for one in self.found if one.surfaces]
+        absent = sorted(set(self.plan.changes) - set(self.names))
+        found = self.found.values()
         taped = [any(one.taped) for one in found]
         open_ = hidden_by_planes(any(taped), any(one.square for one in found))
         if all(one.frontal < _FRONTAL for one in found):

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-import math
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
@@ -10,23 +9,15 @@ from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_scan
 from flexx2_sim_ros.truth.alignment import ErrorColumns, NO_ERRORS, PosedImage, view_of
 from flexx2_sim_ros.truth.clean import Clean, difference, REFUSED, render, without_hidden
 from flexx2_sim_ros.truth.clock import ClockOffset, common_offset
-from flexx2_sim_ros.truth.files import TruthSource
 from flexx2_sim_ros.truth.joint import common_motion, solve
 from flexx2_sim_ros.truth.observation import Footage, Observation
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.registration import (
-    Job,
-    LOST,
-    register,
-    Registered,
-    views_of,
-    with_bounce,
-)
+from flexx2_sim_ros.truth.registration import LOST, register, Registered, views_of, with_bounce
 from flexx2_sim_ros.truth.rooms import load_room
-from flexx2_sim_ros.truth.run import RoomRequest, Run
+from flexx2_sim_ros.truth.run import GivenRecording, RoomRequest, Run
 from flexx2_sim_ros.truth.shared import estimate, Shared
 from flexx2_sim_ros.truth.trajectory import read_trajectory, Trajectory
-from flexx2_sim_ros.truth.verdict import as_given, check_room, judge, room_error, RoomFit
+from flexx2_sim_ros.truth.verdict import as_given, check_room, judge, room_error
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
 import numpy as np
 
@@ -39,10 +30,9 @@ _PATCH, _LEAST_PATCHES = 8, 10  # pixels; ASSUMED
 
 
 @dataclass(frozen=True)
-class RoomSurfaces:
-    """A room in a recording, each frame at its stamp; see `Surfaces`."""
+class RoomSurfaces(Surfaces):
+    """A room in a recording, each frame at its stamp."""
 
-    job: Job
     registered: Registered
     pose: tuple[float, ...]  # of a still recording, from the joint fit; see `Pose.numbers`
     columns: ErrorColumns  # the errors that all recordings share
@@ -63,7 +53,7 @@ class RoomSurfaces:
 
     def render(self, pose: Pose, footage: Footage) -> Clean:
         """Return the room from a pose."""
-        room = load_room(self.job.request.room)
+        room = load_room(self.given.request.room)
         return render(room, pose, footage.still.rays, self.room_error)
 
     def truth(self, footage: Footage) -> GroundTruth:
@@ -110,7 +100,7 @@ class RoomSurfaces:
 
     def _pose_of(self, footage: Footage, frame: Observation, number: int) -> Pose:
         # The pose is fitted again, with the shared errors subtracted.
-        request, numbers = self.job.request, self.registered.poses[number]
+        request, numbers = self.given.request, self.registered.poses[number]
         pose = Pose.from_numbers(numbers if np.isfinite(numbers).all() else self.pose)
         if not self.values or self.registered.given is not None:
             return pose
@@ -118,7 +108,7 @@ class RoomSurfaces:
         if self.columns.bounce:
             view = with_bounce(view, frame, footage, request.profile)
         values = np.array(self.values)
-        view = replace(view, uptime=self.job.uptime, columns=self.columns, values=values)
+        view = replace(view, uptime=self.given.since_start, columns=self.columns, values=values)
         return view.settled(_REFINEMENTS).pose
 
 
@@ -146,19 +136,12 @@ def roughness(clean: Clean, image: Observation) -> float:
     return float(np.sqrt(max(np.median(variance), 0.0)))
 
 
-@dataclass(frozen=True)
-class _Placed:
-    # A recording that was registered, and its number among all that were given.
-    number: int
-    source: TruthSource
-    job: Job
-    where: Registered
+class RoomSource:
+    """A room, from a mesh or a MuJoCo model; see `Source`."""
 
-
-class RoomCampaign:
-    """Recordings of a room, for `make_truth`."""
-
-    kind, lit = 'scan', True
+    kind, step, kinds, lit = 'scan', 'registering', (Registered, ClockOffset), True
+    unread = {'motion': 'unknown', 'frames': 0, 'fitting': 0.0}
+    place = staticmethod(register)
 
     def __init__(self, request: RoomRequest) -> None:
         """Store what is asked for."""
@@ -166,70 +149,119 @@ class RoomCampaign:
         told = None if request.told is None else request.told.file
         self.files = [request.room, *([] if told is None else [told])]
 
-    def place(self, run: Run, sources: Sequence[TruthSource]) -> Mapping[int, Surfaces]:
-        """Register each recording, then fit all poses together."""
-        request, self.sources = self.request, sources
-        jobs = _jobs(request, sources)
+    def jobs(self, run: Run, given: Sequence[GivenRecording]) -> Sequence[tuple[Any, ...]]:
+        """Return each recording and its rough pose; read what is known of room and poses."""
+        poses, count = self.request.poses, len(given)
+        if len(poses) not in (0, 1, count):
+            raise InputError(
+                f'--pose: must be given once or once for each of {count} recordings, got '
+                f'{len(poses)}'
+            )
+        for one in given:
+            for file in one.request.files_of(one.path)[1:]:
+                read_trajectory(file)
         run.progress('loading the room', 0.0)
-        self.size = np.ptp(load_room(request.room).bounds, axis=0)
-        self.placed = self._registered(run, jobs)
-        numbered = [(i, one.job, one.where) for i, one in enumerate(self.placed)]
+        self.size = np.ptp(load_room(self.request.room).bounds, axis=0)
+        guesses = poses if len(poses) == count else (poses or (None,)) * count
+        return list(zip(given, guesses, strict=True))
+
+    def solve(
+        self, run: Run, given: Sequence[GivenRecording], found: Mapping[int, Registered]
+    ) -> dict[int, Surfaces]:
+        """Fit all poses together with the errors that the recordings share."""
+        self.found = found
+        numbered = [(i, given[i], where) for i, where in found.items()]
         parts = run.each('simulating bounces', (0.55, 0.65), views_of, numbered)
         run.progress('fitting poses and shared errors', 0.65)
-        self.shared, self.verdicts = _fit(parts, self.placed)
-        registered = [one.where for one in self.placed]
-        check_room(request.room, bool(request.poses), registered, self.verdicts)
-        offsets = [one.clock for one in registered if one.clock is not None]
+        self._fit(dict(zip(found, parts, strict=True)))
+        check_room(
+            self.request.room, bool(self.request.poses), [*found.values()], [*self.fits.values()]
+        )
+        offsets = [one.clock for one in found.values() if one.clock is not None]
         self.clock = common_offset(offsets) if offsets else None
-        self.late = _latency(request, self.clock)
+        self.late = self._latency()
         self.error, self.error_is = room_error(self.shared.solution)
-        if request.room_error is not None:
-            self.error, self.error_is = request.room_error, 'given'
-        found = {one.number: self._surfaces(i, one) for i, one in enumerate(self.placed)}
-        self.surfaces = {number: one for number, one in found.items() if one is not None}
-        return self.surfaces
+        if self.request.room_error is not None:
+            self.error, self.error_is = self.request.room_error, 'given'
+        placed = {i: self._surfaces(i, given[i]) for i in found}
+        self.surfaces = {i: one for i, one in placed.items() if one is not None}
+        return {**self.surfaces}
 
-    def _registered(self, run: Run, jobs: Sequence[Job]) -> list[_Placed]:
-        # The recordings that can be registered; the others get their rows.
-        kinds = Registered, ClockOffset
-        found = run.each_once('registering', (0.05, 0.55), _register_one, jobs, kinds)
-        placed, self.refused = [], {}
-        for i, (source, job, one) in enumerate(zip(self.sources, jobs, found, strict=True)):
-            if isinstance(one, str):
-                row = source.row('refused', [one], motion='unknown', frames=0, fitting=0.0)
-                self.refused[i] = row
-            else:
-                placed.append(_Placed(i, source, job, one))
-        if not placed:
-            raise InputError(self.refused[0]['reasons'][0])
-        return placed
+    def _fit(self, parts: Mapping[int, Sequence[PosedImage]]) -> None:
+        # Recordings that do not fit would distort the shared errors, so they are left out first.
+        # So are those whose poses are used as they were given, which may be off by one motion
+        # together.
+        given = {i: one.given for i, one in self.found.items() if one.given is not None}
+        alone = solve([view for i in parts if i not in given for view in parts[i]], NO_ERRORS)
+        first = judge(self.found, alone)
+        good = [view for view in alone.views if first[view.recording].state != 'refused']
+        self.shared = estimate(good) if good else Shared(alone, {})
+        self.fits = judge(self.found, self.shared.solution) if good else dict(first)
+        self.fits |= {i: one for i, one in first.items() if one.state == 'refused'}
+        if given and self.request.told is not None:
+            told = [view for i in given for view in parts[i]]
+            mount = Pose.from_numbers(self.request.told.camera_in_body)
+            off = common_motion(told, np.mean([*given.values()], axis=0), mount)
+            self.fits |= {i: as_given(self.found[i], parts[i], off) for i in given}
 
-    def _surfaces(self, number: int, one: _Placed) -> RoomSurfaces | None:
+    def _latency(self) -> float | None:
+        # How late images are. None where it is not known: the clocks' own offset was not given, or
+        # the whole offset was not found.
+        clock, told = self.clock, self.request.told
+        if clock is None or clock.reason or told is None or told.clock_offset is None:
+            return None
+        late = clock.seconds - told.clock_offset
+        return late if abs(late) > _CLEAR_LATENCY * clock.deviation else 0.0
+
+    def _surfaces(self, number: int, recording: GivenRecording) -> RoomSurfaces | None:
         # The room from the poses of a recording; None if it is refused.
-        solution, given = self.shared.solution, one.where.given
+        solution, where = self.shared.solution, self.found[number]
         mine = [k for k, view in enumerate(solution.views) if view.recording == number]
-        if given is not None:
-            pose = next(pose for pose in one.where.poses if np.isfinite(pose).all())
-            covariance, late = given, 0.0
-        elif self.verdicts[number].state != 'refused' and mine:
+        covariance, late = where.given, 0.0
+        if covariance is not None:
+            pose = next(pose for pose in where.poses if np.isfinite(pose).all())
+        elif self.fits[number].state != 'refused' and mine:
             pose = tuple(solution.views[mine[0]].pose.numbers())
             covariance = np.mean([solution.full_covariance(k) for k in mine], axis=0)
             late = self.late or 0.0
         else:
             return None
-        values = tuple(map(float, solution.values))
-        error, columns = self.error, solution.columns
-        return RoomSurfaces(one.job, one.where, pose, columns, values, covariance, error, late)
+        fitted = solution.columns, tuple(map(float, solution.values))
+        return RoomSurfaces(recording, where, pose, *fitted, covariance, self.error, late)
 
-    def rows(self, written: Mapping[int, Written]) -> list[dict[str, Any]]:
+    def rows(self, written: Mapping[int, Written]) -> dict[int, dict[str, Any]]:
         """Return where the camera was in each recording, and how well it fits the room."""
         seen = [one.found for one in written.values() if np.isfinite(one.found)]
         self.rough = float(np.median(seen)) if seen else None
-        rows = self.refused | {
-            one.number: _row(one, verdict, self.surfaces.get(one.number), written.get(one.number))
-            for one, verdict in zip(self.placed, self.verdicts, strict=True)
+        return {i: self._row(i, written.get(i)) for i in self.found}
+
+    def _row(self, number: int, written: Written | None) -> dict[str, Any]:
+        where, fit = self.found[number], self.fits[number]
+        row: dict[str, Any] = {
+            'verdict': fit.state,
+            'reasons': fit.reasons,
+            'motion': 'moving' if where.moving else 'still',
+            'frames': len(where.poses) if where.moving else 1,
+            'fitting': round(fit.fitting, 4),
+            'seconds': round(where.seconds, 2),
         }
-        return [rows[number] for number in range(len(self.sources))]
+        if where.told is not None:
+            row['told_off_mm'] = round(where.told[0] * 1e3, 1)
+            row['told_off_deg'] = round(where.told[1], 2)
+        if written is None:
+            return row
+        row['reasons'] += written.notes
+        if not written.shares['known']:
+            nothing = 'the ground truth of none of its pixels is known'
+            row |= {'verdict': 'refused', 'reasons': (nothing, *row['reasons'])}
+        left = fit.residual
+        return row | {
+            'pose': [round(value, 6) for value in self.surfaces[number].pose],
+            'pose_sigma_mm': round(fit.deviation[0] * 1e3, 3),
+            'pose_sigma_deg': round(fit.deviation[1], 4),
+            'residual_mm': round(left * 1e3, 3) if np.isfinite(left) else None,
+            **written.table(),
+        }
 
     def about(self) -> dict[str, Any]:
         """Return what was known of the room."""
@@ -242,136 +274,44 @@ class RoomCampaign:
 
     def findings(self) -> dict[str, Any]:
         """Return clock, roughness, shared errors, and what the room cannot decide."""
-        clock, late = self.clock, self.late
-        fitted = [one.where.moving for one in self.placed if one.where.given is None]
+        fitted = [one.moving for one in self.found.values() if one.given is None]
+        rough = {} if self.rough is None else {'room_rough_mm': round(self.rough * 1e3, 2)}
         return {
-            **({} if clock is None else {'clock_offset': _clock_table(clock, late)}),
-            **({} if self.rough is None else {'room_rough_mm': round(self.rough * 1e3, 2)}),
+            **self._clock_table(),
+            **rough,
             'shared': self.shared.findings,
-            'cannot_decide': _cannot_decide(self.shared, any(fitted), late is not None)
-            if fitted
-            else [],
+            'cannot_decide': self._cannot_decide(any(fitted)) if fitted else [],
             'absorbed': absorbed('scan') if fitted else {},
         }
 
+    def _clock_table(self) -> dict[str, Any]:
+        if self.clock is None:
+            return {}
+        table: dict[str, Any] = {'verdict': 'not found', 'reason': self.clock.reason}
+        if not self.clock.reason:
+            table = {
+                'verdict': 'found',
+                'seconds': round(self.clock.seconds, 6),
+                'standard_deviation': round(self.clock.deviation, 6),
+            }
+        if self.late is not None:
+            table['latency'] = round(self.late, 6)
+        return {'clock_offset': table}
 
-def _jobs(request: RoomRequest, sources: Sequence[TruthSource]) -> list[Job]:
-    if len(request.poses) not in (0, 1, len(sources)):
-        raise InputError(
-            f'--pose: must be given once or once for each of {len(sources)} recordings, got '
-            f'{len(request.poses)}'
-        )
-    guesses: Sequence[tuple[float, ...] | None] = request.poses or [None]
-    if len(guesses) == 1:
-        guesses = list(guesses) * len(sources)
-    settings = replace(request.settings(), poses=())
-    times = [math.inf if one.uptime is None else float(one.uptime.mean()) for one in sources]
-    jobs = [
-        Job(source.path, settings, guess, time)
-        for source, guess, time in zip(sources, guesses, times, strict=True)
-    ]
-    for job in jobs:
-        for file in job.files[1:]:
-            read_trajectory(file)
-    return jobs
-
-
-def _register_one(job: Job) -> Registered | str:
-    # The reason where it cannot be registered.
-    try:
-        return register(job)
-    except InputError as error:
-        return str(error)
-
-
-def _fit(
-    parts: Sequence[Sequence[PosedImage]], placed: Sequence[_Placed]
-) -> tuple[Shared, list[RoomFit]]:
-    # Recordings that do not fit would distort the shared errors, so they are left out first. So
-    # are those whose poses are used as they were given, which may be off by one motion together.
-    registered = [one.where for one in placed]
-    free: list[PosedImage] = []
-    told: list[PosedImage] = []
-    for part, one in zip(parts, registered, strict=True):
-        (free if one.given is None else told).extend(part)
-    alone = solve(free, NO_ERRORS)
-    first = judge(registered, alone)
-    good = [view for view in alone.views if first[view.recording].state != 'refused']
-    shared = estimate(good) if good else Shared(alone, {})
-    final = judge(registered, shared.solution) if good else first
-    given = [one.given for one in registered if one.given is not None]
-    off, source = '', placed[0].job.request.told
-    if given and source is not None:
-        off = common_motion(told, np.mean(given, axis=0), Pose.from_numbers(source.camera_in_body))
-    for i, one in enumerate(registered):
-        if one.given is not None:
-            final[i] = as_given(one, parts[i], off)
-        elif first[i].state == 'refused':
-            final[i] = first[i]
-    return shared, final
-
-
-def _row(
-    placed: _Placed, verdict: RoomFit, surfaces: RoomSurfaces | None, written: Written | None
-) -> dict[str, Any]:
-    where = placed.where
-    state, reasons = verdict.state, verdict.reasons
-    if written is not None and not written.shares['known']:
-        state, reasons = 'refused', ('the ground truth of none of its pixels is known', *reasons)
-    row = placed.source.row(
-        state,
-        [*reasons, *(() if written is None else written.notes)],
-        motion='moving' if where.moving else 'still',
-        frames=len(where.poses) if where.moving else 1,
-        fitting=round(verdict.fitting, 4),
-        seconds=round(where.seconds, 2),
-    )
-    if where.told is not None:
-        row['told_off_mm'] = round(where.told[0] * 1e3, 1)
-        row['told_off_deg'] = round(where.told[1], 2)
-    if surfaces is not None and written is not None:
-        left = verdict.residual
-        row |= {
-            'pose': [round(value, 6) for value in surfaces.pose],
-            'pose_sigma_mm': round(verdict.deviation[0] * 1e3, 3),
-            'pose_sigma_deg': round(verdict.deviation[1], 4),
-            'residual_mm': round(left * 1e3, 3) if np.isfinite(left) else None,
-            **written.table(),
+    def _cannot_decide(self, moving: bool) -> list[dict[str, Any]]:
+        findings = self.shared.findings
+        why = {
+            name: str(one['reason'])
+            for name, one in findings.items()
+            if one['verdict'] == 'confounded'
         }
-    return row
-
-
-def _latency(request: RoomRequest, clock: ClockOffset | None) -> float | None:
-    # How late images are. None where it is not known: the clocks' own offset was not given, or the
-    # whole offset was not found.
-    told = None if request.told is None else request.told.clock_offset
-    if clock is None or clock.reason or told is None:
-        return None
-    late = clock.seconds - told
-    return late if abs(late) > _CLEAR_LATENCY * clock.deviation else 0.0
-
-
-def _clock_table(clock: ClockOffset, late: float | None) -> dict[str, Any]:
-    if clock.reason:
-        return {'verdict': 'not found', 'reason': clock.reason}
-    table: dict[str, Any] = {
-        'verdict': 'found',
-        'seconds': round(clock.seconds, 6),
-        'standard_deviation': round(clock.deviation, 6),
-    }
-    return table if late is None else {**table, 'latency': round(late, 6)}
-
-
-def _cannot_decide(shared: Shared, moving: bool, late: bool) -> list[dict[str, Any]]:
-    findings = shared.findings.items()
-    why = {name: str(one['reason']) for name, one in findings if one['verdict'] == 'confounded'}
-    hidden = {name: why.pop(name) for name in [*why] if name in _HIDDEN_UNLESS_FITTED}
-    out = hidden_by_scan(moving, late, hidden)
-    for effect, reason in why.items():
-        remedy = 'a recording of a bright corner'
-        if 'depth_scale' in shared.findings:
-            remedy = 'a scan of the right scale'
-        elif effect == 'offset':
-            remedy = 'more recordings of tilted walls at several distances'
-        out.append({'effect': effect, 'reason': f'{reason}; {remedy} would decide it'})
-    return out
+        hidden = {name: why.pop(name) for name in [*why] if name in _HIDDEN_UNLESS_FITTED}
+        out = hidden_by_scan(moving, self.late is not None, hidden)
+        for effect, reason in why.items():
+            remedy = 'a recording of a bright corner'
+            if 'depth_scale' in findings:
+                remedy = 'a scan of the right scale'
+            elif effect == 'offset':
+                remedy = 'more recordings of tilted walls at several distances'
+            out.append({'effect': effect, 'reason': f'{reason}; {remedy} would decide it'})
+        return out

@@ -16,7 +16,7 @@ from flexx2_sim_ros.truth.clock import ClockOffset, find_offset
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import load_room
-from flexx2_sim_ros.truth.run import Placing, RoomRequest
+from flexx2_sim_ros.truth.run import GivenRecording, RoomRequest
 from flexx2_sim_ros.truth.search import find, look_around
 from flexx2_sim_ros.truth.trajectory import (
     camera_trajectory,
@@ -47,21 +47,6 @@ _NOT_HELD = (
 
 
 @dataclass(frozen=True)
-class Job(Placing):
-    """A recording to register."""
-
-    request: RoomRequest
-    guess: tuple[float, ...] | None  # rough pose: x, y, z (metres), qx, qy, qz, qw
-    uptime: float = math.inf  # seconds since the camera was switched on; infinite if unknown
-
-    @property
-    def files(self) -> list[Path]:
-        """Return the recording, and the file with its rough poses, if it has one."""
-        told = self.request.told
-        return [self.path, *([] if told is None or not told.file else [told.file_of(self.path)])]
-
-
-@dataclass(frozen=True)
 class Registered:
     """The poses of a recording, each frame fitted by itself."""
 
@@ -83,15 +68,19 @@ def strays(told: tuple[float, float] | None) -> bool:
     return told is not None and (told[0] > TOLD[0] or told[1] > TOLD[1])
 
 
-def register(job: Job) -> Registered:
-    """Register a recording. Raises `InputError` where it or the room cannot be read."""
-    request = job.request
+def register(recording: GivenRecording, guess: tuple[float, ...] | None) -> Registered:
+    """
+    Register a recording, of which a rough pose is known, or None: x, y, z, qx, qy, qz, qw.
+
+    Raises `InputError` where it or the room cannot be read.
+    """
+    request = recording.request
     load_room(request.room)
     begin = time.perf_counter()
-    reader = request.opened(job.path)
+    reader = recording.opened()
     given = None
     if request.told is not None:
-        given = camera_trajectory(request.told, job.path, reader.camera or '')
+        given = camera_trajectory(request.told, recording.path, reader.camera or '')
     motion = request.motion
     if motion == 'auto' and given is not None and _moves(given, reader.stamp_ns):
         motion = 'moving'
@@ -108,7 +97,7 @@ def register(job: Job) -> Registered:
             )
         covariance = given.covariance(given.theirs(reader.stamp_ns))
         return _as_given(as_told, footage.moving, covariance)
-    found, first, mirrored = _search(job, footage, _start(job.guess, given, told))
+    found, first, mirrored = _search(request, footage, _start(guess, given, told))
     fits, clock = [found], None
     if footage.moving:
         fits = _track(request.room, footage, found.pose, first, told)
@@ -206,10 +195,10 @@ def _distance(told: Sequence[Pose | None], fits: Sequence[AlignedPose]) -> tuple
 
 
 def _search(
-    job: Job, footage: Footage, start: tuple[int, Pose | None]
+    request: RoomRequest, footage: Footage, start: tuple[int, Pose | None]
 ) -> tuple[AlignedPose, int, float]:
     # The best pose, the number of its frame, and the cost in a mirrored room.
-    path, up = job.request.room, job.request.up
+    path, up = request.room, request.up
     first, guess = start
     tried: list[tuple[AlignedPose, int]] = []
     count = len(footage.reader.stamp)
@@ -267,20 +256,19 @@ def _key_frames(footage: Footage, costs: Sequence[float]) -> dict[int, Observati
     }
 
 
-def views_of(job: tuple[int, Job, Registered]) -> list[PosedImage]:
-    """Return the views of a recording, by its number, job and registration, for the joint fit."""
-    recording, how, where = job
-    footage = how.footage(where.moving)
+def views_of(job: tuple[int, GivenRecording, Registered]) -> list[PosedImage]:
+    """Return the views of a recording, of a number and so registered, for the joint fit."""
+    number, given, where = job
+    footage = given.footage(where.moving)
     out = []
-    for number, image in _key_frames(footage, where.costs).items():
-        pose = Pose.from_numbers(where.poses[number])
+    for frame, image in _key_frames(footage, where.costs).items():
         view = replace(
-            view_of(how.request.room, image, _PIXELS, pose),
-            recording=recording,
-            uptime=how.uptime,
-            speed=_speed(where, footage.reader.stamp_ns, number),
+            view_of(given.request.room, image, _PIXELS, Pose.from_numbers(where.poses[frame])),
+            recording=number,
+            uptime=given.since_start,
+            speed=_speed(where, footage.reader.stamp_ns, frame),
         )
-        out.append(with_bounce(view, image, footage, how.request.profile))
+        out.append(with_bounce(view, image, footage, given.request.profile))
     return out
 
 

@@ -3,9 +3,11 @@
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 import hashlib
+from itertools import count
 import json
+import math
 from pathlib import Path
 import shutil
 from typing import Any, Self, TypeVar
@@ -46,9 +48,9 @@ class TruthRequest:
             self, recordings=(), out=Path(), jobs=1, scheduler=None, uptime=None, command=''
         )
 
-    def opened(self, path: Path) -> RecordingReader:
-        """Open one of the recordings."""
-        return open_recording(path, self.camera, self.profile)
+    def files_of(self, path: Path) -> list[Path]:
+        """Return the files that are read for a recording."""
+        return [path]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +63,14 @@ class RoomRequest(TruthRequest):
     # Standard deviation of the surfaces along their normals, metres; None: estimated.
     room_error: float | None = None
     told: PoseSource | None = None  # of rough poses: motion capture, odometry or TF
+
+    def settings(self) -> Self:
+        """Return the request without what may differ when an interrupted run goes on."""
+        return replace(super().settings(), poses=())
+
+    def files_of(self, path: Path) -> list[Path]:
+        """Return the recording, and the file with its rough poses, if it has one."""
+        return [path, *([] if self.told is None else self.told.files_of(path))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,24 +91,40 @@ class PlaneRequest(TruthRequest):
 
 
 @dataclass(frozen=True)
-class Placing:
-    """A recording whose surfaces are to be placed, and the settings of the run."""
+class GivenRecording:
+    """A recording that ground truth is made for."""
 
     path: Path
-    request: TruthRequest
+    request: Any  # a `TruthRequest`, its `settings`
+    # Where its surfaces are does not depend on these, so that `repr` is without them.
+    target: Path = field(default=Path(), repr=False)  # file to write
+    uptime: np.ndarray | None = field(default=None, repr=False)  # as in `files.uptimes`
+    notes: tuple[str, ...] = field(default=(), repr=False)  # what a person should know of the file
 
     @property
-    def files(self) -> list[Path]:
-        """Return the files that are read for it."""
-        return [self.path]
+    def since_start(self) -> float:
+        """Return the mean time since its camera was switched on, seconds; inf if unknown."""
+        return math.inf if self.uptime is None else float(self.uptime.mean())
+
+    def opened(self) -> RecordingReader:
+        """Open it."""
+        return open_recording(self.path, self.request.camera, self.request.profile)
 
     def footage(self, moving: bool | None = None) -> Footage:
         """Open it to place its frames; None: detect whether it moves."""
         motion = self.request.motion if moving is None else ('moving' if moving else 'still')
-        return observe(self.request.opened(self.path), self.request.profile, motion)
+        return observe(self.opened(), self.request.profile, motion)
 
-
-_Place = TypeVar('_Place', bound=Placing)
+    def row(self, verdict: str, reasons: Sequence[str], **more: Any) -> dict[str, Any]:
+        """Return its row in ``truth.yaml``."""
+        return {
+            'name': self.target.name,
+            'source': str(self.path),
+            'verdict': verdict,
+            'reasons': list(reasons),
+            **({'notes': list(self.notes)} if self.notes else {}),
+            **more,
+        }
 
 
 def no_progress(text: str, fraction: float) -> None:
@@ -147,12 +173,11 @@ class Run:
         `text` is the name of the step, `span` the fractions of the whole run at its start and its
         end. `work` is a function of a module, for other processes.
         """
-        done = 0
+        done = count(1)
 
         def tick() -> None:
-            nonlocal done
-            done += 1
-            self.progress(text, span[0] + (span[1] - span[0]) * done / max(len(jobs), 1))
+            part = next(done) / max(len(jobs), 1)
+            self.progress(text, span[0] + (span[1] - span[0]) * part)
 
         return self.mapped(work, jobs, tick)
 
@@ -160,15 +185,17 @@ class Run:
         self,
         text: str,
         span: tuple[float, float],
-        work: Callable[[_Place], Any],
-        jobs: Sequence[_Place],
+        work: Callable[..., Any],
+        jobs: Sequence[tuple[Any, ...]],
         kinds: Sequence[type] = (),
     ) -> list[Any]:
         """
         Return the results of a function for jobs, those of an interrupted run from files.
 
-        As `each`; `repr` of a job says all that its result depends on, but for the files that it
-        reads. `kinds` are the dataclasses in results, beside arrays, tuples, numbers and texts.
+        A job has the arguments of the function, first a `GivenRecording`; `repr` of it says all
+        that the result depends on, but for the files that are read. `kinds` are the dataclasses in
+        results, beside arrays, tuples, numbers and texts. An `InputError` gives its text, without
+        the name of the recording: the others can be used.
         """
         files = [self.cache / f'{_digest(work.__name__, job)}.json' for job in jobs]
         missing = [
@@ -181,10 +208,10 @@ class Run:
         return [_whole(json.loads(file.read_text(encoding='utf-8')), named) for file in files]
 
 
-def _digest(work: str, job: Placing) -> str:
+def _digest(work: str, job: tuple[Any, ...]) -> str:
     # Of files in their present state, and of what is done with them.
     parts: list[Any] = [__version__, work, job]
-    for path in job.files:
+    for path in job[0].request.files_of(job[0].path):
         try:
             files = sorted(path.iterdir()) if path.is_dir() else [path]
             parts += [(str(f.resolve()), f.stat().st_size, f.stat().st_mtime_ns) for f in files]
@@ -193,9 +220,13 @@ def _digest(work: str, job: Placing) -> str:
     return hashlib.sha256(repr(parts).encode('utf-8', 'surrogatepass')).hexdigest()[:32]
 
 
-def _write_result(item: tuple[Callable[[_Job], Any], _Job, Path]) -> None:
+def _write_result(item: tuple[Callable[..., Any], tuple[Any, ...], Path]) -> None:
     work, job, file = item
-    atomic.write_text(file, json.dumps(work(job), default=_parts))
+    try:
+        result = work(*job)
+    except InputError as error:
+        result = str(error).removeprefix(f'{job[0].path}: ')
+    atomic.write_text(file, json.dumps(result, default=_parts))
 
 
 def _parts(value: Any) -> dict[str, Any]:
@@ -203,7 +234,7 @@ def _parts(value: Any) -> dict[str, Any]:
     if isinstance(value, np.ndarray):
         text = b64encode(compress(np.ascontiguousarray(value).tobytes())).decode()
         return {'array': text, 'dtype': value.dtype.str, 'shape': value.shape}
-    own = {field.name: getattr(value, field.name) for field in fields(value)}
+    own = {one.name: getattr(value, one.name) for one in fields(value)}
     return {'kind': type(value).__name__, 'own': own}
 
 

@@ -47,13 +47,14 @@ class PoseSource:
     accuracy: tuple[float, float] | None = None
     recorded: bool = False  # the covariances of the topic's messages say it
 
-    def file_of(self, recording: Path) -> Path:
+    def files_of(self, recording: Path) -> list[Path]:
         """Return the file with the poses of a recording: in a folder, that of the same name."""
-        assert self.file is not None
+        if self.file is None:
+            return []
         if not self.file.is_dir():
-            return self.file
+            return [self.file]
         files = [self.file / f'{recording.stem}{suffix}' for suffix in _SUFFIXES]
-        return next((file for file in files if file.is_file()), files[0])
+        return [next((file for file in files if file.is_file()), files[0])]
 
 
 @dataclass(frozen=True)
@@ -177,8 +178,9 @@ def _compose(outer: np.ndarray, inner: np.ndarray) -> np.ndarray:
 
 
 def _chain(source: PoseSource, path: Path, camera: str) -> list[Trajectory]:
-    if source.file is not None:
-        return [read_trajectory(source.file_of(path))]
+    files = source.files_of(path)
+    if files:
+        return [read_trajectory(files[0])]
     if not (is_bag(path) or path.suffix in BAG_FILES):
         option = '--odometry' if source.topic else '--tf'
         raise InputError(f'{option}: must be given with bags only, got {shown_path(path)}')

@@ -1,6 +1,6 @@
 """Decide whether the pose of a recording can be trusted: used, doubtful or refused, and why."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -87,18 +87,17 @@ def as_given(one: Registered, views: Sequence[PosedImage], off: str) -> RoomFit:
     return RoomFit('doubtful' if off else 'used', reasons, fitting, residual, _worst(one.given))
 
 
-def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]:
-    """Return the verdicts of all recordings, by number; the solution has views of all."""
-    numbers = [_numbers(i, solution) for i in range(len(registered))]
+def judge(registered: Mapping[int, Registered], solution: Solution) -> dict[int, RoomFit]:
+    """Return the verdicts of recordings, by number."""
+    numbers = {i: _numbers(i, solution) for i in registered}
     seen = {view.recording for view in solution.views}
     usual = float(np.median([numbers[i][1] for i in sorted(seen)])) if seen else 0.0
-    out = []
-    for i, (one, (fitting, residual, deviation)) in enumerate(
-        zip(registered, numbers, strict=True)
-    ):
+    out = {}
+    for i, one in registered.items():
+        fitting, residual, deviation = numbers[i]
         refused, doubts = [], []
         if i not in seen:
-            out.append(RoomFit('refused', (_LOST,), fitting, residual, deviation))
+            out[i] = RoomFit('refused', (_LOST,), fitting, residual, deviation)
             continue
         if one.told is not None and strays(one.told):
             refused.append(
@@ -122,7 +121,7 @@ def judge(registered: Sequence[Registered], solution: Solution) -> list[RoomFit]
                 f'its residual is {residual * 1e3:.0f} mm, that of most is {usual * 1e3:.0f} mm'
             )
         state = 'refused' if refused else 'doubtful' if doubts else 'used'
-        out.append(RoomFit(state, tuple(refused + doubts), fitting, residual, deviation))
+        out[i] = RoomFit(state, tuple(refused + doubts), fitting, residual, deviation)
     return out
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 from flexx2_sim_ros.recording import RecordingReader, RecordingWriter
 from flexx2_sim_ros.recording.truth import KEYS
@@ -16,7 +16,6 @@ from flexx2_sim_ros.truth.clean import (
     PARTS,
     REFUSED,
 )
-from flexx2_sim_ros.truth.files import TruthSource
 from flexx2_sim_ros.truth.observation import Footage, gray_images, has_gray, mask_of, Observation
 from flexx2_sim_ros.truth.reflectivity import (
     gray_samples,
@@ -24,7 +23,7 @@ from flexx2_sim_ros.truth.reflectivity import (
     GrayScale,
     with_reflectivity,
 )
-from flexx2_sim_ros.truth.run import Placing, TruthRequest
+from flexx2_sim_ros.truth.run import GivenRecording
 import numpy as np
 
 _WRITTEN = {'clean_depth', 'incidence', 'depth', *KEYS}
@@ -44,32 +43,24 @@ class GroundTruth:
     found: Any = None  # what else is learnt of the recording
 
 
-class Surfaces(Protocol):
+@dataclass(frozen=True)
+class Surfaces:
     """What a recording shows of surfaces whose place is known: a room, a board or planes."""
+
+    given: GivenRecording
 
     @property
     def moving(self) -> bool:
         """Return whether the camera moved."""
+        return False
 
     def at(self, footage: Footage, number: int) -> Clean | None:
         """Return what a frame should show, for its light; None where its pose is not known."""
+        raise NotImplementedError
 
     def truth(self, footage: Footage) -> GroundTruth:
         """Return what the recording should show."""
-
-
-@dataclass(frozen=True)
-class Writing:
-    """A recording to write, and its ground truth."""
-
-    request: TruthRequest
-    source: TruthSource
-    surfaces: Surfaces
-    scale: GrayScale | None = None  # what gray values mean; None where they are not used
-
-    def footage(self) -> Footage:
-        """Return the recording, open."""
-        return Placing(self.source.path, self.request).footage(self.surfaces.moving)
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)
@@ -90,21 +81,26 @@ class Written:
         return {'known': round(self.shares['known'], 4), 'unknown': left}
 
 
-def write_recording(what: Writing) -> Written:
-    """Write a recording with `clean_depth` and its accuracy, whole or not at all."""
-    footage, moving = what.footage(), what.surfaces.moving
-    reader, truth = footage.reader, what.surfaces.truth(footage)
+def write_recording(job: tuple[Surfaces, GrayScale | None]) -> Written:
+    """
+    Write a recording with `clean_depth` and its accuracy, whole or not at all.
+
+    Its reflectivity follows from what gray values mean; None where they are not used.
+    """
+    (surfaces, scale), given, moving = job, job[0].given, job[0].moving
+    footage = given.footage(moving)
+    reader, truth = footage.reader, surfaces.truth(footage)
     cleans = truth.cleans
-    if what.scale is not None and _shows_light(reader, moving):
+    if scale is not None and _shows_light(reader, moving):
         cleans = [
-            with_reflectivity(clean, gray, footage.still.rays, what.scale)
+            with_reflectivity(clean, gray, footage.still.rays, scale)
             for clean, gray in zip(cleans, gray_images(reader, moving), strict=True)
         ]
     keys = dict(truth.accuracy)
-    if what.source.uptime is not None:
-        keys['uptime'] = what.source.uptime
+    if given.uptime is not None:
+        keys['uptime'] = given.uptime
     part, arrays = _arrays(cleans, moving, mask_of(reader))
-    with RecordingWriter(what.source.target, *reader.shape) as file:
+    with RecordingWriter(given.target, *reader.shape) as file:
         for image in reader.frames('depth'):
             file.add_depth(image[None])
         for key, value in {**arrays, **keys}.items():
@@ -118,16 +114,17 @@ def write_recording(what: Writing) -> Written:
     return _written(truth, dict(zip(PARTS, (counts / part.size).tolist(), strict=True)))
 
 
-def read_light(what: Writing) -> list[GraySamples]:
+def read_light(surfaces: Surfaces) -> list[GraySamples]:
     """Return what some frames show of the light of surfaces; nothing where that is not needed."""
-    footage, moving = what.footage(), what.surfaces.moving
+    moving = surfaces.moving
+    footage = surfaces.given.footage(moving)
     reader = footage.reader
     if not _shows_light(reader, moving):
         return []
     every = max(len(reader.stamp) // _LIT_FRAMES, 1) if moving else 1
     out = []
     for number, gray in enumerate(gray_images(reader, moving)):
-        clean = None if number % every else what.surfaces.at(footage, number)
+        clean = None if number % every else surfaces.at(footage, number)
         if clean is None:
             continue
         if clean.reflectivity is not None:
