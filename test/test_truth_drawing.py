@@ -1,7 +1,8 @@
 """Outlines that are drawn: what else is in `planes.yaml` stays as it is."""
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.truth.plane_file import plane_form, read_planes, save_outline
+from flexx2_sim_ros.truth.plane_file import plane_form, read_planes
+from flexx2_sim_ros.view.outlines import save_outline
 import pytest
 import yaml
 

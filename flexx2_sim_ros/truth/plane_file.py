@@ -1,22 +1,19 @@
-"""`planes.yaml`: measurements of the planes of a room, and outlines that are drawn on images."""
+"""`planes.yaml`: where planes of a room are in recordings, and what was measured of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import json
-import math
 from pathlib import Path
 import re
 from typing import Any
 
-from flexx2_sim_ros import atomic
 from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.profiles.section import is_number
-import yaml
 
 _KEYS = {'schema', 'origin', 'planes', 'recordings'}
-_PLACES = 'seed', 'box', 'outline'  # of which one is given
-_OF_RECORDING = {*_PLACES, 'distance'}
+PLACES = 'seed', 'box', 'outline'  # of which one is given
+_OF_RECORDING = {*PLACES, 'distance'}
 _OF_PLANE = {*_OF_RECORDING, 'name', 'angles', 'flat'}
 BLANK = '___'  # stands in a form for what is not filled in
 _FORM = f"""\
@@ -27,7 +24,6 @@ _FORM = f"""\
 schema: 1
 origin: 0  # metres from the optical centre to the camera's front
 """
-_EMPTY = 'schema: 1\nplanes: []\n'
 _MOST_PLANES, _MOST_CORNERS, _LONGEST_NAME = 20, 100, 60
 # Standard deviation of a measurement that is given without one: metres, degrees.
 _TAPE, _SQUARE = 0.005, 0.5
@@ -157,9 +153,9 @@ def _plane(field: str, row: Any) -> PlaneHint:
 def _hint(field: str, plane: PlaneHint, row: Mapping[str, Any]) -> PlaneHint:
     # The plane with the changes of a mapping.
     row = {key: value for key, value in row.items() if value not in (None, BLANK)}
-    given = [place for place in _PLACES if place in row]
+    given = [place for place in PLACES if place in row]
     if len(given) > 1:
-        raise InputError(f'{field}: must have one of {", ".join(_PLACES)}, got {", ".join(given)}')
+        raise InputError(f'{field}: must have one of {", ".join(PLACES)}, got {", ".join(given)}')
     if 'outline' in row:
         plane = replace(plane, box=(), outline=_outline(f'{field}: outline', row['outline']))
     elif 'seed' in row:
@@ -257,82 +253,3 @@ def _numbers(field: str, value: Any, wanted: str, count: int) -> tuple[float, ..
     good = isinstance(value, list) and len(value) == count and all(map(is_number, value))
     _check(good, field, f'be {wanted}', value)
     return tuple(map(float, value))
-
-
-def drawn(path: Path) -> PlaneFile:
-    """Return the planes of a file; none of one that does not exist. As `read_planes`."""
-    return read_planes(path) if path.exists() else PlaneFile((), (), (0.0, 0.0, 0.0), {})
-
-
-def save_outline(
-    path: Path, recording: str, plane: str, corners: Sequence[Sequence[float]]
-) -> None:
-    """
-    Write an outline into ``planes.yaml``, whole or not at all; all else in the file stays.
-
-    The file and the plane may be new; `recording` has no suffix; `corners` are pixels [u, v].
-    Raises `InputError` when the file cannot be read or written, or would not be one of planes.
-    """
-    if path.exists():
-        read_planes(path)
-    text = path.read_text(encoding='utf-8') if path.exists() else _EMPTY
-    content = yaml.safe_load(text)
-    if plane not in [row['name'] for row in content['planes']]:
-        text = _with(text, ['planes'], {'name': plane})
-    found = content.get('recordings', {})
-    name = next((key for key in (recording, f'{recording}.npz') if key in found), recording)
-    before = found.get(name, {}).get(plane) or {}
-    row = {key: value for key, value in before.items() if key not in _PLACES}
-    row['outline'] = [[round(one) for one in corner] for corner in corners]
-    text = _with(text, ['recordings', name, plane], row)
-    with atomic.whole(path) as part:
-        part.write_text(text, encoding='utf-8')
-        try:
-            changed = read_config(part)['recordings'][name][plane]
-            read_planes(part)
-        except InputError as error:
-            raise InputError(str(error).removeprefix(f'{shown_path(part)}: ')) from error
-        if changed != row:
-            raise InputError(f'{shown_path(path)}: must be YAML without tags, got others')
-
-
-def _with(text: str, keys: Sequence[str], value: Mapping[str, Any]) -> str:
-    # YAML with a value at a place: what is there is replaced, what is missing added. At a list it
-    # is added.
-    node: Any = yaml.compose(text, Loader=yaml.SafeLoader)
-    for number, key in enumerate(keys):
-        below = next((one for name, one in _pairs(node) if name.value == key), None)
-        if below is None:
-            for outer in reversed(keys[number:]):
-                value = {outer: value}
-            return _added(text, node, _flow(value)[1:-1])
-        node = below
-    if isinstance(node, yaml.SequenceNode):
-        return _added(text, node, _flow(value))
-    before = text[: node.start_mark.index]
-    return before + ' ' * before.endswith(':') + _flow(value) + text[_end(node) :]
-
-
-def _added(text: str, node: Any, entry: str) -> str:
-    start = node.start_mark.index
-    sequence = isinstance(node, yaml.SequenceNode)
-    if node.flow_style:
-        return f'{text[: start + 1]}{entry}{", " if node.value else ""}{text[start + 1 :]}'
-    return f'{text[:start]}{"- " * sequence}{entry}\n{" " * node.start_mark.column}{text[start:]}'
-
-
-def _pairs(node: Any) -> Sequence[tuple[Any, Any]]:
-    return node.value if isinstance(node, yaml.MappingNode) else ()
-
-
-def _end(node: Any) -> int:
-    # Where it ends, without comments after it.
-    while not isinstance(node, yaml.ScalarNode) and not node.flow_style and node.value:
-        last = node.value[-1]
-        node = last[1] if isinstance(last, tuple) else last
-    return int(node.end_mark.index)
-
-
-def _flow(value: Mapping[str, Any]) -> str:
-    style: Any = {'default_flow_style': True, 'sort_keys': False, 'allow_unicode': True}
-    return str(yaml.safe_dump(value, width=math.inf, **style)).strip()

@@ -13,8 +13,8 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError, printable
 from flexx2_sim_ros.truth.files import names_of
-from flexx2_sim_ros.truth.plane_file import drawn, save_outline
 from flexx2_sim_ros.view.access import Access, Outline, parse
+from flexx2_sim_ros.view.outlines import drawn, save_outline
 from flexx2_sim_ros.view.packing import pack, ViewedFrame
 from flexx2_sim_ros.view.recorded import RecordedCamera, REFERENCES
 from flexx2_sim_ros.view.web import File, Guarded, LONGEST_MESSAGE, WebServer
@@ -51,7 +51,7 @@ class PlaybackServer(WebServer):
                 {'name': printable(name), 'cameras': [camera.describe() for camera in cameras]}
                 for name, cameras in recordings.items()
             ],
-            'planes': None if planes is None else _drawn(planes, self.names),
+            'planes': None if planes is None else drawn(planes, self.names),
         }
         super().__init__(sockets, access, table)
         self.recordings = list(recordings.values())
@@ -128,15 +128,6 @@ class OutlineRequest(Guarded):
             self.set_status(400)
             self.set_header('Content-Type', 'text/plain; charset=utf-8')
             self.finish(printable(str(error)))
-
-
-def _drawn(path: Path, names: Sequence[str]) -> dict[str, Any]:
-    # The names of the planes, and the outlines in each recording.
-    plan = drawn(path)
-    return {
-        'names': [plane.name for plane in plan.planes],
-        'outlines': [{one.name: one.outline for one in plan.seen_in(name)} for name in names],
-    }
 
 
 def _packed(camera: RecordedCamera, number: int, reference: str) -> bytes:
