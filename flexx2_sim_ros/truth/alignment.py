@@ -173,14 +173,6 @@ def unwrapped(residual: np.ndarray, length: np.ndarray, wraps: tuple[float, ...]
     return out
 
 
-def jacobian(hits: Hits, rays: np.ndarray) -> np.ndarray:
-    """Return (N, 6): the change of depth along each ray per motion of the camera."""
-    point = np.column_stack([rays, np.ones(len(rays))]) * hits.depth[:, None]
-    change = np.concatenate([hits.normal, np.cross(point, hits.normal)], axis=1)
-    with np.errstate(invalid='ignore', divide='ignore'):
-        return -change / hits.slant(rays)[:, None]
-
-
 @dataclass(frozen=True)
 class Linear:
     """The weighted linear equations of a view: y = J motion + A coefficients."""
@@ -275,8 +267,10 @@ class PosedImage:
         A, error = self.A[use], self.error[use]
         # The error of a mesh is perpendicular to its surface.
         weight = robust_weights(error, target.sigma[use] ** 2, self.reach)
-        J = jacobian(hits.picked(use), self.rays[use])
-        y = error + A @ self.values
+        hits, rays = hits.picked(use), self.rays[use]
+        point = np.column_stack([rays, np.ones(len(rays))]) * hits.depth[:, None]
+        change = np.concatenate([hits.normal, np.cross(point, hits.normal)], axis=1)
+        J, y = -change / hits.slant(rays)[:, None], error + A @ self.values
         return Linear(J, A, y, weight, target.tile[use], 1 / target.length[use])
 
     @property

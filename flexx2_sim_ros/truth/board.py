@@ -224,15 +224,28 @@ def _metres(value: Any) -> float:
     return metres
 
 
-def _chessboard(size: str, square: str) -> Printed:
-    columns, rows = (_count(word, 3) + 1 for word in size.split('x'))
-    return Chessboard(columns, rows, _metres(square))
+def _size(text: str, least: int) -> list[int]:
+    return [_count(word, least) for word in text.split('x')]
+
+
+def _chessboard(size: str, square: Any) -> Printed:
+    columns, rows = _size(size, 3)  # of inner corners
+    return Chessboard(columns + 1, rows + 1, _metres(square))
 
 
 def _charuco(size: str, square: str, marker: str, dictionary: str) -> Printed:
-    columns, rows = (_count(word, 2) for word in size.split('x'))
+    columns, rows = _size(size, 2)
     board = Charuco(columns, rows, _metres(square), marker=_metres(marker), dictionary=dictionary)
     board.corners()
+    return board
+
+
+def _circles(size: str, square: Any, diameter: str = '', asymmetric: bool = False) -> Printed:
+    columns, rows = _size(size, 2)
+    wide = _metres(diameter) if diameter else 0.0
+    board = CircleGrid(columns, rows, _metres(square), asymmetric=asymmetric, diameter=wide)
+    if wide >= board.pitch:
+        raise ValueError(f'circles of {wide:g} m')
     return board
 
 
@@ -243,28 +256,19 @@ def _april_grid(content: dict[str, Any]) -> Printed:
 
 
 def _kalibr_chessboard(content: dict[str, Any]) -> Printed:
-    # Kalibr counts inner corners.
-    columns, rows = _count(content['targetCols'], 3) + 1, _count(content['targetRows'], 3) + 1
     across, down = (_metres(content[f'{name}SpacingMeters']) for name in ('col', 'row'))
     if across != down:
         raise ValueError(f'squares of {across:g} x {down:g} m')
-    return Chessboard(columns, rows, across)
-
-
-def _circles(size: str, square: str, diameter: str = '', asymmetric: bool = False) -> Printed:
-    columns, rows = (_count(word, 2) for word in size.split('x'))
-    wide = _metres(diameter) if diameter else 0.0
-    board = CircleGrid(columns, rows, _metres(square), asymmetric=asymmetric, diameter=wide)
-    if wide >= board.pitch:
-        raise ValueError(f'circles of {wide:g} m')
-    return board
+    return _chessboard(f'{content["targetCols"]}x{content["targetRows"]}', across)
 
 
 def _kalibr_circles(content: dict[str, Any]) -> Printed:
-    columns, rows = _count(content['targetCols'], 2), _count(content['targetRows'], 2)
     # Kalibr does not say how large its circles are.
-    spacing, asymmetric = _metres(content['spacingMeters']), bool(content['asymmetricGrid'])
-    return CircleGrid(columns, rows, spacing, asymmetric=asymmetric)
+    size, asymmetric = (
+        f'{content["targetCols"]}x{content["targetRows"]}',
+        content['asymmetricGrid'],
+    )
+    return _circles(size, content['spacingMeters'], asymmetric=bool(asymmetric))
 
 
 _MAKERS: dict[str, Callable[..., Printed]] = {

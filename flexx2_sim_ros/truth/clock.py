@@ -66,33 +66,20 @@ def find_offset(
     finer = best + np.arange(-2 * _STEP, 2 * _STEP + _FINE, _FINE)
     fine = model.misfits(finer)
     best, least = float(finer[np.nanargmin(fine)]), float(np.nanmin(fine))
-    return ClockOffset(
-        best, model.deviation(best), _doubt(model, tried, misfits, best, least, (low, high))
-    )
-
-
-def _doubt(
-    model: '_Model',
-    tried: np.ndarray,
-    misfits: np.ndarray,
-    best: float,
-    least: float,
-    ends: tuple[float, float],
-) -> str:
-    deviation = model.deviation(best)
+    deviation, reason = model.deviation(best), ''
+    others = misfits[np.abs(tried - best) > 2 * _WINDOW]
     if deviation > MOST_DEVIATION:
-        return (
+        reason = (
             f'the camera moves too evenly: it is known to {deviation * 1e3:.0f} ms (must be '
             f'{MOST_DEVIATION * 1e3:.0f} ms)'
         )
-    if least > _MOST_MISFIT:
-        return 'the given poses do not move as the camera does'
-    if min(best - ends[0], ends[1] - best) < 2 * _STEP:
-        return f'it must be within {_REACH:g} s of the offset given'
-    others = misfits[np.abs(tried - best) > 2 * _WINDOW]
-    if len(others) and np.nanmin(others, initial=np.inf) < _RIVAL * least:
-        return 'another offset fits nearly as well'
-    return ''
+    elif least > _MOST_MISFIT:
+        reason = 'the given poses do not move as the camera does'
+    elif min(best - low, high - best) < 2 * _STEP:
+        reason = f'it must be within {_REACH:g} s of the offset given'
+    elif len(others) and np.nanmin(others, initial=np.inf) < _RIVAL * least:
+        reason = 'another offset fits nearly as well'
+    return ClockOffset(best, deviation, reason)
 
 
 @dataclass(frozen=True)

@@ -197,8 +197,23 @@ def fitted_motion(views: Sequence[PosedImage]) -> tuple[np.ndarray, np.ndarray, 
     precision = np.concatenate([np.repeat(_PRIOR, [3, 3, 1]) ** -2.0, columns.precision])
     values, eye = np.zeros(len(precision)), np.eye(len(precision))
     for _ in range(_STEPS):
-        seen = [_at(view, columns, values) for view in views]
-        J, weight, left, tile = _equations(seen)  # noqa: N806
+        seen = [
+            replace(
+                view,
+                pose=view.pose.moved(values[:6] - values[6] * view.speed),
+                columns=columns,
+                values=values[7:],
+                reach=_REACH,
+            )
+            for view in views
+        ]
+        lines = [view.linear for view in seen]
+        slopes = [
+            np.column_stack([one.J, -one.J @ view.speed, one.A])
+            for one, view in zip(lines, views, strict=True)
+        ]
+        J, weight = np.concatenate(slopes), np.concatenate([one.weight for one in lines])
+        left = np.concatenate([one.y - one.A @ values[7:] for one in lines])
         weights = np.concatenate([weight, precision])
         step = damped_step(np.vstack([J, eye]), weights, np.concatenate([left, -values]), 0.0)
         step[:6] = clamped(step[:6])
@@ -206,23 +221,8 @@ def fitted_motion(views: Sequence[PosedImage]) -> tuple[np.ndarray, np.ndarray, 
         if np.abs(step).max() < _LEAST_STEP:
             break
     inverse = np.linalg.inv(information(J, weight) + np.diag(precision))
-    score = tile_sums(tile, J * (weight * left)[:, None])  # Errors within one are not independent.
+    pulls = np.split(J * (weight * left)[:, None], np.cumsum([len(one.y) for one in lines])[:-1])
+    # Errors within a tile are not independent.
+    score = np.vstack([tile_sums(one.tile, own) for one, own in zip(lines, pulls, strict=True)])
     spread = inverse @ (score.T @ score + np.diag(precision)) @ inverse
     return values[:6], np.diag(spread)[:6], seen
-
-
-def _at(view: PosedImage, columns: ErrorColumns, values: np.ndarray) -> PosedImage:
-    # The view from where the camera is with these values.
-    pose = view.pose.moved(values[:6] - values[6] * view.speed)
-    return replace(view, pose=pose, columns=columns, values=values[7:], reach=_REACH)
-
-
-def _equations(views: Sequence[PosedImage]) -> tuple[np.ndarray, ...]:
-    # Slopes by all values, weights, what is left, and tiles, of all pixels.
-    parts, first = [], 0
-    for view in views:
-        one = view.linear
-        slopes = np.column_stack([one.J, -one.J @ view.speed, one.A])
-        parts.append((slopes, one.weight, one.y - one.A @ view.values, one.tile + first))
-        first += int(view.target.tile.max(initial=-1)) + 1
-    return tuple(map(np.concatenate, zip(*parts, strict=True)))

@@ -43,7 +43,13 @@ class Observation:
     @cached_property
     def smooth(self) -> np.ndarray:
         """Return (H, W) bool: valid, and on one surface with all eight neighbours."""
-        jumps = _jumps(self.depth, self.sigma)
+        # At a jump, depth bends more than noise and a steep surface explain.
+        bend = np.zeros(self.depth.shape)
+        with np.errstate(invalid='ignore'):
+            for image, out in ((self.depth, bend), (self.depth.T, bend.T)):
+                change = np.abs(image[2:] - 2 * image[1:-1] + image[:-2])
+                out[1:-1] = np.fmax(out[1:-1], change)
+            jumps = grow(bend > _BEND * self.depth + _BEND_NOISE * self.sigma)
         return np.isfinite(self.depth) & np.isfinite(self.rays[..., 0]) & ~jumps
 
     @cached_property
@@ -64,15 +70,6 @@ class Observation:
 def grow(mask: np.ndarray, times: int = 1) -> np.ndarray:
     """Return an (H, W) bool mask, grown by this number of pixels."""
     return np.asarray(ndimage.binary_dilation(mask, np.ones((3, 3), bool), times))
-
-
-def _jumps(depth: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    # Pixels where depth bends more than noise and a steep surface explain.
-    bend = np.zeros(depth.shape)
-    with np.errstate(invalid='ignore'):
-        for image, out in ((depth, bend), (depth.T, bend.T)):
-            out[1:-1] = np.fmax(out[1:-1], np.abs(image[2:] - 2 * image[1:-1] + image[:-2]))
-        return grow(bend > _BEND * depth + _BEND_NOISE * sigma)
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,13 @@ _POSED: dict[str, _Cell] = {
     'pose, standard deviation': lambda row: (
         f'{row["pose_sigma_mm"]:.2f} mm, {row["pose_sigma_deg"]:.3f} deg' if 'pose' in row else ''
     ),
-    'median residual': lambda row: _residual(row) if 'pose' in row else '',
+    'median residual': lambda row: (
+        ''
+        if 'pose' not in row
+        else 'no depth'
+        if row['residual_mm'] is None
+        else f'{row["residual_mm"]:.1f} mm'
+    ),
     'known': lambda row: _known(row),
 }
 _PLANES: dict[str, _Cell] = {
@@ -159,10 +165,6 @@ def _known(row: Mapping[str, Any]) -> str:
         return ''
     why = ', '.join(f'{name} {part:.0%}' for name, part in row['unknown'].items() if part)
     return join(f'{row["known"]:.0%}', *((' ', element('small', f'({why})')) if why else ()))
-
-
-def _residual(row: Mapping[str, Any]) -> str:
-    return 'no depth' if row['residual_mm'] is None else f'{row["residual_mm"]:.1f} mm'
 
 
 def _plane(row: Mapping[str, Any]) -> str:

@@ -66,6 +66,44 @@ class Printed:
         raise NotImplementedError
 
 
+class Tagged(Printed):
+    """A board of square tags, which are numbered from `first_id` on."""
+
+    first_id: int = 0
+    border = 1  # modules of black around the code of a tag
+
+    def codes(self) -> Any:
+        """Return OpenCV's dictionary of its tags."""
+        raise NotImplementedError
+
+    def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
+        """Return the (4, 2) corners of tags, pixels, by their place; none of those seen twice."""
+        settings = cv2.aruco.DetectorParameters()
+        settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        settings.adaptiveThreshWinSizeMax = 53
+        settings.markerBorderBits = self.border
+        # Modules are only a few pixels wide and blurred: their edges are left out.
+        settings.perspectiveRemoveIgnoredMarginPerCell = _EDGE_OF_MODULE
+        quads, found, _ = cv2.aruco.ArucoDetector(self.codes(), settings).detectMarkers(picture)
+        numbers = [] if found is None else [int(one) - self.first_id for one in found.ravel()]
+        return {
+            number: quad.reshape(4, 2)
+            for number, quad in zip(numbers, quads, strict=True)
+            if numbers.count(number) == 1 and 0 <= number < len(self.corners())
+        }
+
+
+def square_corners(places: np.ndarray, side: float) -> np.ndarray:
+    """Return (N, 4, 3) corners of squares in OpenCV's order, from (N, 2) upper left corners."""
+    around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * side
+    return np.pad(places[:, None] + around, ((0, 0), (0, 0), (0, 1)))
+
+
+def dictionary_of(name: str) -> Any:
+    """Return a dictionary of tags by OpenCV's name; raises `AttributeError` for another name."""
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
 @dataclass(frozen=True)
 class Cells(Printed):
     """A board of rows of equal cells, drawn at any size."""
@@ -79,7 +117,6 @@ class Cells(Printed):
 
     @property
     def size(self) -> tuple[float, float]:
-        """Return width and height, metres."""
         return self.columns * self.square, self.rows * self.square
 
     def draw(self, pixels: int) -> np.ndarray:
@@ -87,7 +124,6 @@ class Cells(Printed):
         raise NotImplementedError
 
     def paint(self, step: float) -> np.ndarray:
-        """Draw the board as an image; see `Printed.paint`."""
         size = [max(round(side / step), 1) for side in self.size]
         fine = self.draw(math.ceil(_FINER * self.square / step))
         return cv2.resize(fine, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
@@ -101,17 +137,15 @@ class Chessboard(Cells):
 
     @property
     def kinds(self) -> 'tuple[Printed, ...]':
-        """Return this board, and the one of other colours where no turn makes it of this one."""
+        # Also the one of other colours, where no turn makes it of this one.
         even = (self.columns + self.rows) % 2 == 0 and self.columns != self.rows
         return (self, replace(self, first='white')) if even else (self,)
 
     @property
     def turns(self) -> int:
-        """Return how often it looks the same in a turn."""
         return 4 if self.columns == self.rows else 2
 
     def corners(self) -> np.ndarray:
-        """Return (1, N, 3): the inner corners."""
         across, down = (
             (np.arange(1, count) - count / 2) * self.square for count in (self.columns, self.rows)
         )
@@ -119,14 +153,12 @@ class Chessboard(Cells):
         return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)[None]
 
     def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
-        """Return the inner corners, all or none."""
         size = self.columns - 1, self.rows - 1
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
         found, points = cv2.findChessboardCornersSB(picture, size, flags=flags)
         return {0: points.reshape(-1, 2)} if found else {}
 
     def draw(self, pixels: int) -> np.ndarray:
-        """Draw its squares."""
         cells = np.add.outer(np.arange(self.rows), np.arange(self.columns)) % 2
         if self.first == 'white':
             cells = 1 - cells
@@ -134,41 +166,40 @@ class Chessboard(Cells):
 
 
 @dataclass(frozen=True)
-class Charuco(Cells):
+class Charuco(Cells, Tagged):
     """OpenCV's chessboard with markers in its white squares."""
 
     marker: float = 0.02  # side of a marker, metres
     dictionary: str = 'DICT_5X5_100'  # as OpenCV names it
 
+    def codes(self) -> Any:
+        return dictionary_of(self.dictionary)
+
     @cached_property
     def _board(self) -> Any:
-        codes = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-        return cv2.aruco.CharucoBoard((self.columns, self.rows), self.square, self.marker, codes)
+        size = self.columns, self.rows
+        return cv2.aruco.CharucoBoard(size, self.square, self.marker, self.codes())
 
     def corners(self) -> np.ndarray:
-        """Return (N, 4, 3) corners of the markers."""
         return np.asarray(self._board.getObjPoints(), float) - (*np.array(self.size) / 2, 0)
 
-    def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
-        """Return the corners of markers."""
-        return find_markers(self._board.getDictionary(), picture, 1, len(self.corners()))
-
     def draw(self, pixels: int) -> np.ndarray:
-        """Draw squares and markers."""
-        return np.asarray(
-            self._board.generateImage((self.columns * pixels, self.rows * pixels), marginSize=0)
-        )
+        size = self.columns * pixels, self.rows * pixels
+        return np.asarray(self._board.generateImage(size, marginSize=0))
 
 
 @dataclass(frozen=True)
-class AprilGrid(Cells):
+class AprilGrid(Cells, Tagged):
     """Kalibr's grid of AprilTags 36h11, from below, with black squares at their corners."""
 
     gap: float = 0.01  # between two tags, metres
+    border = 2
+
+    def codes(self) -> Any:
+        return dictionary_of('DICT_APRILTAG_36h11')
 
     @property
     def size(self) -> tuple[float, float]:
-        """Return width and height with the outer squares, metres."""
         step = self.square + self.gap
         return self.columns * step + self.gap, self.rows * step + self.gap
 
@@ -179,18 +210,20 @@ class AprilGrid(Cells):
         return np.stack([column, self.rows - 1 - row], axis=1) * step + self.gap
 
     def corners(self) -> np.ndarray:
-        """Return (N, 4, 3) corners of the tags."""
-        around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * self.square
-        flat = self._places()[:, None] + around - np.array(self.size) / 2
-        return np.pad(flat, ((0, 0), (0, 0), (0, 1)))
+        return square_corners(self._places(), self.square) - (*np.array(self.size) / 2, 0)
 
     def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
-        """Return the corners of tags."""
-        found = find_markers(_tags(), picture, 2, self.columns * self.rows)
-        return {number: np.roll(quad, 2 * _turned(), axis=0) for number, quad in found.items()}
+        turn = 2 * self._turned()
+        return {
+            number: np.roll(quad, turn, axis=0) for number, quad in super().find(picture).items()
+        }
+
+    def _turned(self) -> bool:
+        # Some versions of OpenCV have these tags upside down.
+        first = cv2.aruco.generateImageMarker(self.codes(), 0, 8)
+        return bool((first[1, 1:7] > 0).astype(int).tolist() != _FIRST_ROW)
 
     def draw(self, pixels: int) -> np.ndarray:
-        """Draw tags, and the squares between them."""
         side, gap = pixels, round(pixels * self.gap / self.square)
         step = side + gap
         size = self.rows * step + gap, self.columns * step + gap
@@ -198,8 +231,8 @@ class AprilGrid(Cells):
         image = np.where(np.logical_and.outer(v, u), 0, 255).astype(np.uint8)
         places = np.rint(self._places() / (self.square + self.gap) - 0.5).astype(int) * step + gap
         for number, (x, y) in enumerate(places):
-            tag = cv2.aruco.generateImageMarker(_tags(), number, side, borderBits=2)
-            image[y : y + side, x : x + side] = np.rot90(tag, 2 * _turned())
+            tag = cv2.aruco.generateImageMarker(self.codes(), number, side, borderBits=2)
+            image[y : y + side, x : x + side] = np.rot90(tag, 2 * self._turned())
         return image
 
 
@@ -213,13 +246,11 @@ class CircleGrid(Cells):
 
     @property
     def kinds(self) -> 'tuple[Printed, ...]':
-        """Return this board, or those of usual diameters."""
         usual = [self.diameter] if self.diameter else (_DIAMETERS * self.pitch).tolist()
         return tuple(replace(self, diameter=one) for one in usual)
 
     @property
     def turns(self) -> int:
-        """Return how often it looks the same in a turn."""
         if self.asymmetric:
             return 2 - self.rows % 2
         return 4 if self.columns == self.rows else 2
@@ -231,19 +262,16 @@ class CircleGrid(Cells):
 
     @property
     def size(self) -> tuple[float, float]:
-        """Return width and height, metres."""
         steps = 2 * self.columns - 1 if self.asymmetric else self.columns - 1
         return steps * self.square + self.pitch, (self.rows - 1) * self.square + self.pitch
 
     def corners(self) -> np.ndarray:
-        """Return (1, N, 3): the centres of the circles, row by row."""
         row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
         across = 2 * column + row % 2 if self.asymmetric else column
         points = np.stack([across, row, np.zeros(len(row))], axis=1) * self.square
         return np.asarray(points - points.max(axis=0) / 2)[None]
 
     def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
-        """Return the centres of the circles, all or none."""
         count = self.columns * self.rows
         spots = np.array([spot.pt for spot in _spots(picture).detect(picture)], np.float32)
         # The search in many others takes minutes.
@@ -259,7 +287,6 @@ class CircleGrid(Cells):
         return {}
 
     def draw(self, pixels: int) -> np.ndarray:
-        """Draw its circles."""
         scale = pixels / self.square
         image = np.full([round(side * scale) for side in self.size[::-1]], 255, np.uint8)
         places = self.corners()[0, :, :2] + np.array(self.size) / 2
@@ -279,38 +306,3 @@ def _spots(picture: np.ndarray) -> Any:
     settings.maxArea = picture.size / 20
     settings.filterByInertia, settings.minConvexity = False, 0.85
     return vision.SimpleBlobDetector_create(settings)
-
-
-def find_markers(
-    codes: cv2.aruco.Dictionary, picture: np.ndarray, border: int, count: int, first: int = 0
-) -> dict[int, np.ndarray]:
-    """
-    Return (4, 2) corners of markers, pixels, by their number from the first one, but for twins.
-
-    Markers have a black border of so many modules.
-    """
-    settings = cv2.aruco.DetectorParameters()
-    settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    settings.adaptiveThreshWinSizeMax = 53
-    settings.markerBorderBits = border
-    # Modules are only a few pixels wide and blurred: their edges are left out.
-    settings.perspectiveRemoveIgnoredMarginPerCell = _EDGE_OF_MODULE
-    corners, numbers, _ = cv2.aruco.ArucoDetector(codes, settings).detectMarkers(picture)
-    found: dict[int, np.ndarray] = {}
-    twice = set()
-    for quad, number in zip(corners, () if numbers is None else numbers.ravel(), strict=False):
-        place = int(number) - first
-        if 0 <= place < count:
-            twice |= {place} & found.keys()
-            found[place] = quad.reshape(4, 2)
-    return {place: quad for place, quad in found.items() if place not in twice}
-
-
-def _tags() -> Any:
-    return cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-
-
-def _turned() -> bool:
-    # Some versions of OpenCV have these tags upside down.
-    first = cv2.aruco.generateImageMarker(_tags(), 0, 8)
-    return bool((first[1, 1:7] > 0).astype(int).tolist() != _FIRST_ROW)

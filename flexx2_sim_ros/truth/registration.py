@@ -97,7 +97,10 @@ def register(recording: GivenRecording, guess: tuple[float, ...] | None) -> Regi
             )
         covariance = given.covariance(given.theirs(reader.stamp_ns))
         return _as_given(as_told, footage.moving, covariance)
-    found, first, mirrored = _search(request, footage, _start(guess, given, told))
+    first, start = 0, None if guess is None else Pose.from_numbers(guess)
+    if start is None and given is not None and not given.source.relative:
+        first, start = next(((i, one) for i, one in enumerate(told) if one is not None), (0, None))
+    found, first, mirrored = _search(request, footage, first, start)
     fits, clock = [found], None
     if footage.moving:
         fits = _track(request.room, footage, found.pose, first, told)
@@ -174,17 +177,6 @@ def _clock(
     return find_offset(stamp_ns, fitted.at, given.at, given.span_ns, middle)
 
 
-def _start(
-    guess: tuple[float, ...] | None, given: CameraTrajectory | None, told: Sequence[Pose | None]
-) -> tuple[int, Pose | None]:
-    # The first frame to register, and its rough pose, if there is one.
-    if guess is not None:
-        return 0, Pose.from_numbers(guess)
-    if given is None or given.source.relative:
-        return 0, None
-    return next(((i, pose) for i, pose in enumerate(told) if pose is not None), (0, None))
-
-
 def _distance(told: Sequence[Pose | None], fits: Sequence[AlignedPose]) -> tuple[float, float]:
     poses = [one.pose for one in fits]
     fitted = poses if len(poses) == len(told) else poses[:1] * len(told)
@@ -195,26 +187,25 @@ def _distance(told: Sequence[Pose | None], fits: Sequence[AlignedPose]) -> tuple
 
 
 def _search(
-    request: RoomRequest, footage: Footage, start: tuple[int, Pose | None]
+    request: RoomRequest, footage: Footage, first: int, guess: Pose | None
 ) -> tuple[AlignedPose, int, float]:
     # The best pose, the number of its frame, and the cost in a mirrored room.
     path, up = request.room, request.up
-    first, guess = start
     tried: list[tuple[AlignedPose, int]] = []
+
+    def frame(number: int) -> Observation:
+        return next(islice(footage.images(), number * footage.moving, None))
+
     count = len(footage.reader.stamp)
     for number in (0, count // 2, count - 1) if footage.moving and guess is None else (first,):
-        tried.append((find(path, _frame(footage, number), guess, up), number))
+        tried.append((find(path, frame(number), guess, up), number))
         if tried[-1][0].cost < 0.5 * min(tried[-1][0].rival, LOST):
             break
     best, number = min(tried, key=lambda one: one[0].cost)
     mirrored = math.inf
     if best.cost > _SUSPECT and len(look_around(path).places):
-        mirrored = find(path, _frame(footage, number).mirrored(), None, up).cost
+        mirrored = find(path, frame(number).mirrored(), None, up).cost
     return best, number, mirrored
-
-
-def _frame(footage: Footage, number: int) -> Observation:
-    return next(islice(footage.images(), number * footage.moving, None))
 
 
 def _track(

@@ -7,11 +7,10 @@ import math
 from pathlib import Path
 from typing import Any
 
-import cv2
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.profiles.section import is_number
-from flexx2_sim_ros.truth.printed import find_markers, Printed
+from flexx2_sim_ros.truth.printed import dictionary_of, square_corners, Tagged
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
@@ -35,7 +34,7 @@ _RULERS = 0.2, 0.1  # metres, along and across
 
 
 @dataclass(frozen=True)
-class Target(Printed):
+class Target(Tagged):
     """A flat sheet with tags, numbered from left to right, then downwards."""
 
     dictionary: str = 'DICT_4X4_50'  # one of `DICTIONARIES`, as OpenCV names them
@@ -90,14 +89,8 @@ class Target(Printed):
         if last > known:
             raise InputError(f'first_id: must be at most {known - last + self.first_id}')
 
-    def codes(self) -> cv2.aruco.Dictionary:
-        """Return OpenCV's dictionary of tags."""
-        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
-
-    def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
-        """Return the (4, 2) corners of its tags in an image, pixels, by their place."""
-        count = self.columns * self.rows
-        return find_markers(self.codes(), picture, 1, count, self.first_id)
+    def codes(self) -> Any:
+        return dictionary_of(self.dictionary)
 
     def modules(self, number: int) -> np.ndarray:
         """Return (M, M) bool of the tag with this place in the sheet: True for black."""
@@ -113,12 +106,9 @@ class Target(Printed):
         return np.asarray(start + np.stack([column, row], axis=1) * step)
 
     def corners(self) -> np.ndarray:
-        """Return (N, 4, 3) corners of the tags in OpenCV's order, metres."""
-        around = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]) * self.tag
-        return np.pad(self.places(), ((0, 0), (0, 1)))[:, None] + around
+        return square_corners(self.places(), self.tag)
 
     def paint(self, step: float) -> np.ndarray:
-        """Draw the sheet as an image; see `Printed.paint`."""
         width, height = (max(round(side / step), 1) for side in (self.width, self.height))
         image = np.ones((height, width), np.float32)
         for number, place in enumerate(self.places()):

@@ -186,7 +186,13 @@ def _chain(source: PoseSource, path: Path, camera: str) -> list[Trajectory]:
         raise InputError(f'{option}: must be given with bags only, got {shown_path(path)}')
     if source.topic:
         return [_of_topic(path, source.topic, source.recorded)]
-    return _of_frames(path, source.frames, camera)
+    name = shown_path(path)
+    return [
+        _checked(
+            f'{name}: tf of {shown(link.child)}', link.stamps, np.array(link.rows), link.fixed
+        )
+        for link in transforms_between(Bag(path), source.frames[0], source.frames[1], camera)
+    ]
 
 
 @lru_cache(maxsize=2)  # A worker process places many recordings along the same trajectory.
@@ -311,11 +317,3 @@ def _of_topic(path: Path, topic: str, recorded: bool) -> Trajectory:
             covariances.append(np.reshape(message.pose.covariance, (6, 6)))
     told = np.array(covariances) if recorded else None
     return _checked(f'{shown_path(path)}: {topic}', stamps, np.array(poses), covariances=told)
-
-
-def _of_frames(path: Path, frames: tuple[str, ...], camera: str) -> list[Trajectory]:
-    name = shown_path(path)
-    return [
-        _checked(f'{name}: tf of {shown(link.child)}', link.stamps, link.poses, link.fixed)
-        for link in transforms_between(Bag(path), frames[0], frames[1], camera)
-    ]

@@ -28,11 +28,6 @@ class FrameTransforms:
     rows: list[list[float]] = field(default_factory=list)  # x, y, z, qx, qy, qz, qw, one a stamp
     fixed: bool = False  # it was on ``tf_static``
 
-    @property
-    def poses(self) -> np.ndarray:
-        """Return (N, 7)."""
-        return np.array(self.rows)
-
 
 _Tree = dict[str, dict[str, FrameTransforms]]  # by child, then by parent
 
@@ -47,38 +42,34 @@ def transforms_between(
     names and are never mixed: where several have these frames, the namespace of the camera is
     used. Raises `InputError` where there are none, or they are of several robots.
     """
-    trees, name = _read(bag), shown_path(bag.path)
-    links = _links(trees, parent, child, camera, name)
-    if not links:
-        every = (link for tree in trees.values() for one in tree.values() for link in one.values())
-        frames = {name for link in every for name in (link.child, link.parent)}
-        raise InputError(
-            f'--tf: must be two frames of {name}, the second under the first, got '
-            f'{shown(parent)},{shown(child)}; it has {listed(frames)}'
-        )
-    for link in links:
-        _check(link, name)
-    return links
-
-
-def _links(
-    trees: Mapping[str, _Tree], parent: str, child: str, camera: str, name: str
-) -> list[FrameTransforms]:
+    trees, name, frames = _read(bag), shown_path(bag.path), f'{shown(parent)},{shown(child)}'
     # In the namespaces around the camera, the nearest first; else in the only one that has them.
     around = [space for space in trees if f'/{camera}/'.startswith(f'{space}/')]
     for space in sorted(around, key=len, reverse=True):
-        links = _chain_from(trees, space, parent, child)
-        if links or child in trees[space]:
-            return links
-    found = {space: _chain_from(trees, space, parent, child) for space in trees}
+        found = {space: _chain_from(trees, space, parent, child)}
+        if found[space] or child in trees[space]:
+            break
+    else:
+        found = {space: _chain_from(trees, space, parent, child) for space in trees}
     there = [space for space, links in found.items() if links]
     if len(there) > 1:
         raise InputError(
-            f'--tf: must be frames of one robot, got {shown(parent)},{shown(child)}, which '
+            f'--tf: must be frames of one robot, got {frames}, which '
             f'{listed([f"{one}/tf" for one in there])} of {name} have each, and the camera '
             f'{shown(camera)} is in none of these namespaces'
         )
-    return found[there[0]] if there else []
+    if not there:
+        links = [
+            one for tree in trees.values() for below in tree.values() for one in below.values()
+        ]
+        every = {one for link in links for one in (link.child, link.parent)}
+        raise InputError(
+            f'--tf: must be two frames of {name}, the second under the first, got {frames}; it '
+            f'has {listed(every)}'
+        )
+    for link in found[there[0]]:
+        _check(link, name)
+    return found[there[0]]
 
 
 def _chain_from(
@@ -132,7 +123,7 @@ def _chain(
 def _check(link: FrameTransforms, name: str) -> None:
     # Transforms of two robots on one topic: the frame is in two places at once.
     order = np.argsort(link.stamps, kind='stable')
-    poses, stamps = link.poses[order], np.array(link.stamps, np.int64)[order]
+    poses, stamps = np.array(link.rows)[order], np.array(link.stamps, np.int64)[order]
     good = np.isfinite(poses).all(axis=1)
     poses, stamps = poses[good], stamps[good]
     if (np.abs(poses[:, :3]) > FARTHEST).any():
