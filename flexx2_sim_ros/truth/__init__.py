@@ -1,10 +1,10 @@
 """
 Ground truth for real recordings: where the camera was, and what it should have measured.
 
-`make_truth` registers recordings to a room (a mesh or a MuJoCo model) for a `RoomRequest`. Poses
-are fitted together with the errors that all recordings share, so that the poses do not hide them.
-For a `BoardRequest` it finds a printed board in gray images; a `PlaneRequest` needs some planes of
-the room and what was measured of them.
+In come recordings and surfaces that are known: a room (mesh or MuJoCo model), a printed board, or
+planes that were measured. Out go the same recordings with ``clean_depth`` and its accuracy,
+``truth.yaml`` and a page. Start at `make_truth` in ``campaign.py``: it observes, places, solves
+and writes; `from_room`, `from_board` and `from_planes` are its sources of surfaces.
 """
 
 from flexx2_sim_ros.truth.campaign import make_truth

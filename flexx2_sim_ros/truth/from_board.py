@@ -53,16 +53,6 @@ class BoardPoses:
 
 
 @dataclass(frozen=True)
-class _OnBoard:
-    # How well depth agrees with the board in the first frame that shows it.
-    pose: tuple[float, ...]
-    distance: float  # median clean depth, metres
-    difference: float  # median of measured minus clean depth, metres; NaN without valid pixels
-    fitting: float  # fraction of known pixels near that
-    deviation: tuple[float, float]  # of the plane: metres along its normal, degrees at worst
-
-
-@dataclass(frozen=True)
 class BoardSurfaces(Surfaces):
     """A board in a recording."""
 
@@ -152,20 +142,22 @@ def compare(given: GivenRecording, kinds: Sequence[Printed]) -> tuple[float, ...
     return next((like for like in likes if like), ())
 
 
-def _judged(image: Observation, clean: Clean, pose: Pose, plane: np.ndarray) -> _OnBoard:
+def _judged(image: Observation, clean: Clean, pose: Pose, plane: np.ndarray) -> dict[str, Any]:
+    # How well depth agrees with the board in the first frame that shows it.
     known = clean.known
     error = difference(clean, image)[known]
     valid = np.isfinite(error)
     middle = float(np.median(error[valid])) if valid.any() else float('nan')
     near = np.abs(error - middle) < _FITS + _FITS_NOISE * image.sigma[known]
     turn = np.sqrt(np.linalg.eigvalsh(plane[1:, 1:])[-1])
-    return _OnBoard(
-        tuple(pose.numbers()),
-        float(np.median(clean.depth[known])),
-        middle,
-        float(near.mean()),
-        (float(np.sqrt(plane[0, 0])), float(np.degrees(turn))),
-    )
+    return {
+        'pose': [round(value, 6) for value in pose.numbers()],
+        'distance': float(np.median(clean.depth[known])),
+        'off': middle,  # median of measured minus clean depth, metres; NaN without valid pixels
+        'fitting': float(near.mean()),
+        'metres': float(np.sqrt(plane[0, 0])),  # standard deviations of the plane
+        'degrees': float(np.degrees(turn)),
+    }
 
 
 class BoardSource:
@@ -233,38 +225,37 @@ class BoardSource:
 
 
 def _numbers(written: Written, placed: BoardPoses, scale: float | None) -> dict[str, Any]:
-    board: _OnBoard = written.found
-    doubts = _doubts(board, scale)
-    valid = np.isfinite(board.difference)
+    found = written.found
+    doubts = _doubts(found, scale)
     return {
         'verdict': 'doubtful' if doubts else 'used',
         'reasons': [*doubts, *written.notes],
         'frames_with_board': len(placed.covariances),
-        'fitting': round(board.fitting, 4),
-        'pose': [round(value, 6) for value in board.pose],
-        'pose_sigma_mm': round(board.deviation[0] * 1e3, 3),
-        'pose_sigma_deg': round(board.deviation[1], 4),
-        'distance_m': round(board.distance, 4),
+        'fitting': round(found['fitting'], 4),
+        'pose': found['pose'],
+        'pose_sigma_mm': round(found['metres'] * 1e3, 3),
+        'pose_sigma_deg': round(found['degrees'], 4),
+        'distance_m': round(found['distance'], 4),
         **written.table(),
         'blur_px': round(placed.blur, 3),
         'black_to_white': round(placed.contrast, 4),
-        'residual_mm': round(board.difference * 1e3, 3) if valid else None,
+        'residual_mm': round(found['off'] * 1e3, 3) if np.isfinite(found['off']) else None,
     }
 
 
-def _doubts(board: _OnBoard, scale: float | None) -> list[str]:
-    doubts = []
-    if board.deviation[0] > _MOST_METRES or board.deviation[1] > _MOST_DEGREES:
+def _doubts(found: Mapping[str, Any], scale: float | None) -> list[str]:
+    doubts, off = [], found['off']
+    if found['metres'] > _MOST_METRES or found['degrees'] > _MOST_DEGREES:
         doubts.append(
-            f'its gray image does not hold the board: {board.deviation[0] * 1e3:.0f} mm and '
-            f'{board.deviation[1]:.1f} degrees; bring the board nearer or tilt it'
+            f'its gray image does not hold the board: {found["metres"] * 1e3:.0f} mm and '
+            f'{found["degrees"]:.1f} degrees; bring the board nearer or tilt it'
         )
-    if board.fitting < _LEAST_FITTING:
-        doubts.append(f'only {board.fitting:.0%} of the board has depth on one plane')
-    if np.isfinite(board.difference) and abs(board.difference) > MOST_BIAS:
+    if found['fitting'] < _LEAST_FITTING:
+        doubts.append(f'only {found["fitting"]:.0%} of the board has depth on one plane')
+    if abs(off) > MOST_BIAS:
         doubts.append(
-            f'measured depth is {board.difference * 1e3:+.0f} mm off the board, more than an '
-            'offset is: measure the rulers on the print; the lens can be wrong, too'
+            f'measured depth is {off * 1e3:+.0f} mm off the board, more than an offset is: '
+            'measure the rulers on the print; the lens can be wrong, too'
         )
     elif scale is not None and abs(scale) > _MOST_SCALE:
         doubts.append(
@@ -274,11 +265,10 @@ def _doubts(board: _OnBoard, scale: float | None) -> list[str]:
     return doubts
 
 
-def _scale(boards: Sequence[_OnBoard]) -> float | None:
+def _scale(boards: Sequence[Mapping[str, Any]]) -> float | None:
     # The fraction of distance by which the difference between depth and board grows.
-    good = [board for board in boards if np.isfinite(board.difference)]
-    distance = np.array([board.distance for board in good])
-    if len(good) < 2 or np.ptp(distance) < _LEAST_SPREAD:
+    off, distance = np.array([(one['off'], one['distance']) for one in boards]).reshape(-1, 2).T
+    good = np.isfinite(off)
+    if good.sum() < 2 or np.ptp(distance[good]) < _LEAST_SPREAD:
         return None
-    slope, _ = np.polyfit(distance, [board.difference for board in good], 1)
-    return float(slope)
+    return float(np.polyfit(distance[good], off[good], 1)[0])

@@ -173,7 +173,10 @@ def align_gray(
     first = _Lit(view, use, level, start, float(np.log(blur)), _FIRST_CONTRAST, np.zeros(6))
     found = minimise(first, steps, _CONVERGED)
     covariance, shift = _accuracy(found)
-    cost = _cost(level, found.model[0], power)
+    # The cost uses gray values and a fixed limit, so that costs of different poses and powers are
+    # comparable.
+    left = level**power - np.clip(found.model[0], 0, None) ** power
+    cost = float(np.sqrt(_loss(left, _COST_LIMIT)))
     blur = float(np.exp(found.log_blur))
     return GrayFit(found.pose, covariance, shift, blur, found.contrast, power, cost)
 
@@ -191,7 +194,28 @@ class _Lit:
 
     @cached_property
     def model(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return _model(self)
+        # Expected gray values, (N,), their derivatives by the fitted parameters, (N, 14), and by
+        # the focal length, (N,): a longer one than assumed shows the sheet larger.
+        view, use = self.view, self.use
+        fine = view.blurred(self.pose, self.log_blur)
+        white = view.pixels(fine)[use]
+        slopes = np.stack(
+            [view.pixels(np.gradient(fine, axis=axis))[use] for axis in (1, 0)], axis=1
+        )
+        basis = view.light[use]
+        light = np.exp(np.clip(basis @ self.light, -20, 20))
+        mixed = self.contrast + (1 - self.contrast) * white
+        span = light * (1 - self.contrast)
+        flow = view.flow(self.pose)[use]
+        moved = -span[:, None] * np.einsum('ni,nij->nj', slopes * view.finer, flow)
+        J = np.empty((len(white), _FITTED))
+        J[:, :6] = moved[:, :6]
+        # Blur follows the heat equation: its derivative is the Laplacian.
+        bend = view.pixels(cv2.Laplacian(fine, cv2.CV_32F))[use]
+        J[:, 6] = span * bend * (np.exp(self.log_blur) * view.finer) ** 2
+        J[:, 7] = light * (1 - white)
+        J[:, 8:] = (light * mixed)[:, None] * basis
+        return light * mixed, J, moved[:, 6]
 
     @property
     def residual(self) -> np.ndarray:
@@ -215,29 +239,6 @@ class _Lit:
         return _loss(other.residual, _weights(self.residual)[1])
 
 
-def _model(state: _Lit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    # Expected gray values, (N,), their derivatives by the fitted parameters, (N, 14), and by the
-    # focal length, (N,): a longer one than assumed shows the sheet larger.
-    view, use = state.view, state.use
-    fine = view.blurred(state.pose, state.log_blur)
-    white = view.pixels(fine)[use]
-    slopes = np.stack([view.pixels(np.gradient(fine, axis=axis))[use] for axis in (1, 0)], axis=1)
-    basis = view.light[use]
-    light = np.exp(np.clip(basis @ state.light, -20, 20))
-    mixed = state.contrast + (1 - state.contrast) * white
-    span = light * (1 - state.contrast)
-    flow = view.flow(state.pose)[use]
-    moved = -span[:, None] * np.einsum('ni,nij->nj', slopes * view.finer, flow)
-    J = np.empty((len(white), _FITTED))
-    J[:, :6] = moved[:, :6]
-    # Blur follows the heat equation: its derivative is the Laplacian.
-    bend = view.pixels(cv2.Laplacian(fine, cv2.CV_32F))[use]
-    J[:, 6] = span * bend * (np.exp(state.log_blur) * view.finer) ** 2
-    J[:, 7] = light * (1 - white)
-    J[:, 8:] = (light * mixed)[:, None] * basis
-    return light * mixed, J, moved[:, 6]
-
-
 def _weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
     # Of a Huber loss, and its limit.
     limit = _HUBER * max(float(robust_sigma(residual)), 1e-4)
@@ -247,13 +248,6 @@ def _weights(residual: np.ndarray) -> tuple[np.ndarray, float]:
 def _loss(residual: np.ndarray, limit: float) -> float:
     size = np.abs(residual)
     return float(np.where(size < limit, size**2, 2 * limit * size - limit**2).mean())
-
-
-def _cost(level: np.ndarray, model: np.ndarray, power: float) -> float:
-    # The cost uses gray values and a fixed limit, so that costs of different poses and powers are
-    # comparable.
-    residual = level**power - np.clip(model, 0, None) ** power
-    return float(np.sqrt(_loss(residual, _COST_LIMIT)))
 
 
 def _accuracy(found: _Lit) -> tuple[np.ndarray, np.ndarray]:

@@ -207,13 +207,13 @@ def fitted_motion(views: Sequence[PosedImage]) -> tuple[np.ndarray, np.ndarray, 
             )
             for view in views
         ]
-        lines = [view.linear for view in seen]
-        slopes = [
-            np.column_stack([one.J, -one.J @ view.speed, one.A])
-            for one, view in zip(lines, views, strict=True)
+        parts = [
+            (np.column_stack([one.J, -one.J @ view.speed, one.A]), one, one.y - one.A @ values[7:])
+            for view in seen
+            for one in [view.linear]
         ]
-        J, weight = np.concatenate(slopes), np.concatenate([one.weight for one in lines])
-        left = np.concatenate([one.y - one.A @ values[7:] for one in lines])
+        J, left = (np.concatenate([part[k] for part in parts]) for k in (0, 2))
+        weight = np.concatenate([one.weight for _, one, _ in parts])
         weights = np.concatenate([weight, precision])
         step = damped_step(np.vstack([J, eye]), weights, np.concatenate([left, -values]), 0.0)
         step[:6] = clamped(step[:6])
@@ -221,8 +221,8 @@ def fitted_motion(views: Sequence[PosedImage]) -> tuple[np.ndarray, np.ndarray, 
         if np.abs(step).max() < _LEAST_STEP:
             break
     inverse = np.linalg.inv(information(J, weight) + np.diag(precision))
-    pulls = np.split(J * (weight * left)[:, None], np.cumsum([len(one.y) for one in lines])[:-1])
     # Errors within a tile are not independent.
-    score = np.vstack([tile_sums(one.tile, own) for one, own in zip(lines, pulls, strict=True)])
+    pulls = (tile_sums(one.tile, J * (one.weight * y)[:, None]) for J, one, y in parts)
+    score = np.vstack([*pulls])
     spread = inverse @ (score.T @ score + np.diag(precision)) @ inverse
     return values[:6], np.diag(spread)[:6], seen

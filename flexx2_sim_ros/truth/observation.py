@@ -173,11 +173,8 @@ def _chosen_frames(reader: RecordingReader) -> tuple[np.ndarray, np.ndarray]:
     # Also, in how many of them a mask hides a pixel: (H, W), or () for none.
     count = len(reader.stamp)
     wanted = np.unique(np.linspace(0, count - 1, min(count, _MOST_FRAMES)).round().astype(int))
-    out = np.empty((len(wanted), *reader.shape[1:]))
-    places = {frame: place for place, frame in enumerate(wanted.tolist())}
-    for number, image in enumerate(_shown(reader)):
-        if number in places:
-            out[places[number]] = image
+    chosen = set(wanted.tolist())
+    out = np.array([one for i, one in enumerate(_shown(reader)) if i in chosen], np.float64)
     mask = mask_of(reader)
     hidden = np.array(0) if mask is None or mask.ndim == 2 else (~mask[wanted]).sum(axis=0)
     with np.errstate(invalid='ignore'):

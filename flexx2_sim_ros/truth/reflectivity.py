@@ -81,22 +81,17 @@ def _bend(inverse: np.ndarray, along: np.ndarray) -> np.ndarray:
     return out
 
 
-@dataclass(frozen=True)
-class _Shown:
-    # What an image shows of its surfaces: (H, W) labels, usable pixels, falloff.
-    label: np.ndarray
-    usable: np.ndarray
-    falloff: np.ndarray
-
-
-def _shown(gray: np.ndarray, clean: Clean, rays: np.ndarray) -> _Shown | None:
-    # None where most of the image is no surface: a rough mesh, or no light.
+def _shown(
+    gray: np.ndarray, clean: Clean, rays: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    # The (H, W) surfaces, usable pixels and falloff of an image. None where most of it is no
+    # surface: a rough mesh, or no light.
     label = surfaces(clean, rays)
     with np.errstate(invalid='ignore'):
         usable = (label > 0) & (gray > 0) & (clean.incidence < _STEEPEST)
     if usable.sum() < max(_LEAST_USED * clean.known.sum(), _FEW):
         return None
-    return _Shown(label, usable, falloff(clean.depth, np.cos(clean.incidence)))
+    return label, usable, falloff(clean.depth, np.cos(clean.incidence))
 
 
 def gray_samples(gray: np.ndarray, clean: Clean, rays: np.ndarray) -> GraySamples | None:
@@ -104,12 +99,13 @@ def gray_samples(gray: np.ndarray, clean: Clean, rays: np.ndarray) -> GraySample
     shown = _shown(gray, clean, rays)
     if shown is None:
         return None
-    size = np.bincount(shown.label[shown.usable], minlength=shown.label.max() + 1)
-    chosen = np.flatnonzero(shown.usable & (size[shown.label] >= _FEW))
+    label, usable, light = shown
+    size = np.bincount(label[usable], minlength=label.max() + 1)
+    chosen = np.flatnonzero(usable & (size[label] >= _FEW))
     chosen = chosen[:: max(len(chosen) // _SAMPLES, 1)]
     if not len(chosen):
         return None
-    return GraySamples(*(image.ravel()[chosen] for image in (gray, shown.falloff, shown.label)))
+    return GraySamples(*(image.ravel()[chosen] for image in (gray, light, label)))
 
 
 def find_scale(samples: Sequence[GraySamples]) -> GrayScale | None:
@@ -157,9 +153,9 @@ def with_reflectivity(clean: Clean, gray: np.ndarray, rays: np.ndarray, scale: G
     shown = _shown(gray, clean, rays)
     if shown is None:
         return clean
-    label, usable = shown.label, shown.usable
+    label, usable, light = shown
     with np.errstate(invalid='ignore', divide='ignore'):
-        value = np.log(scale.factor * gray**scale.power * shown.falloff)
+        value = np.log(scale.factor * gray**scale.power * light)
     names = np.unique(label[usable])
     place = np.searchsorted(names, np.where(np.isin(label, names), label, names[0]))
     middle = _medians(value, label, usable, names)[place]

@@ -203,7 +203,7 @@ def _search(
             break
     best, number = min(tried, key=lambda one: one[0].cost)
     mirrored = math.inf
-    if best.cost > _SUSPECT and len(look_around(path).places):
+    if best.cost > _SUSPECT and len(look_around(path)[0]):
         mirrored = find(path, frame(number).mirrored(), None, up).cost
     return best, number, mirrored
 

@@ -188,10 +188,6 @@ def load_room(path: Path) -> Room:
                     'one that is farther away or at NaN'
                 )
             return room
-    return _read_mesh(path)
-
-
-def _read_mesh(path: Path) -> MeshRoom:
     # Colours of vertices, faces or textures become reflectivity: the Rec. 709 luminance.
     name = f'--scan: {shown_path(path)}'
     if path.suffix.lower() not in SUFFIXES or not is_regular_file(path):
@@ -203,19 +199,26 @@ def _read_mesh(path: Path) -> MeshRoom:
 
 
 def _room(name: str, mesh: trimesh.Trimesh) -> MeshRoom:
-    faces = np.asarray(mesh.faces)
+    faces, vertices = np.asarray(mesh.faces), np.asarray(mesh.vertices, np.float64)
     if len(faces) > MOST_TRIANGLES:
         raise InputError(
             f'{name}: must have at most {MOST_TRIANGLES:,} triangles, got {len(faces):,}; '
             'simplify the mesh'
         )
-    vertices = np.asarray(mesh.vertices, np.float64)
     if not np.isfinite(vertices).all():
         raise InputError(f'{name}: vertices: must be finite numbers, got NaN or infinity')
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise InputError(f'{name}: faces: must name vertices 0 to {len(vertices) - 1}')
     triangles = vertices[faces]
-    _check_size(name, triangles)
+    extent = np.ptp(triangles.reshape(-1, 3), axis=0)
+    size = ' x '.join(f'{value:.3g}' for value in extent)
+    if extent.max() > _LARGEST:
+        raise InputError(
+            f'{name}: must be a room in metres, got {size} m; it looks like millimetres: scale '
+            'it by 0.001'
+        )
+    if extent.max() < _SMALLEST:
+        raise InputError(f'{name}: must be a room in metres, got {size} m; scale it to metres')
     return MeshRoom(triangles, _luminance(mesh, faces), _at_border(vertices, faces))
 
 
@@ -230,19 +233,6 @@ def _load(name: str, path: Path) -> trimesh.Trimesh:
         )
     whole: Any = trimesh.util.concatenate(meshes)
     return whole
-
-
-def _check_size(name: str, triangles: np.ndarray) -> None:
-    corners = triangles.reshape(-1, 3)
-    extent = corners.max(axis=0) - corners.min(axis=0)
-    size = ' x '.join(f'{value:.3g}' for value in extent)
-    if extent.max() > _LARGEST:
-        raise InputError(
-            f'{name}: must be a room in metres, got {size} m; it looks like millimetres: scale '
-            'it by 0.001'
-        )
-    if extent.max() < _SMALLEST:
-        raise InputError(f'{name}: must be a room in metres, got {size} m; scale it to metres')
 
 
 def _luminance(mesh: trimesh.Trimesh, faces: np.ndarray) -> np.ndarray | None:

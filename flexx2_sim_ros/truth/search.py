@@ -1,6 +1,6 @@
 """Find a camera's pose in a room, from a rough guess or from none."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 import math
 from pathlib import Path
@@ -39,17 +39,14 @@ _SAME_PLACE, _SAME_TURN = 0.03, math.radians(1.5)
 _ELSEWHERE = 0.2, math.radians(10)
 
 
-@dataclass(frozen=True)
-class Panoramas:
-    """Distances in all directions from places in a room."""
-
-    places: np.ndarray  # (P, 3) metres
-    distance: np.ndarray  # (P, elevation, azimuth) float32 metres, inf without a hit
-
-
 @lru_cache(maxsize=1)
-def look_around(path: Path) -> Panoramas:
-    """Return panoramas from a grid of places in the free space of a room; see `load_room`."""
+def look_around(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return a grid of places in the free space of a room, and what is seen from them.
+
+    The places are (P, 3), metres; distances to surfaces (P, elevation, azimuth) float32, metres,
+    inf without a hit. The path is that of `load_room`.
+    """
     room = load_room(path)
     low, high = room.bounds
     size = np.maximum(high - low, 1e-3)
@@ -65,7 +62,7 @@ def look_around(path: Path) -> Panoramas:
     distance = room.distances(places, sky).reshape(len(places), rows, columns)
     with np.errstate(invalid='ignore'):  # Where hardly a ray hits anything.
         free = np.percentile(distance.reshape(len(places), -1), 5, axis=1) > _NEAREST
-    return Panoramas(places[free], np.ascontiguousarray(distance[free], np.float32))
+    return places[free], np.ascontiguousarray(distance[free], np.float32)
 
 
 def find(room: Path, observation: Observation, guess: Pose | None, up: str = '+z') -> AlignedPose:
@@ -81,7 +78,7 @@ def find(room: Path, observation: Observation, guess: Pose | None, up: str = '+z
         signed = [sign * motion for motion in around for sign in (-1, 1)]
         starts = [guess.moved(motion) for motion in (np.zeros(6), *signed)]
     else:
-        starts = _candidates(observation, look_around(room), up)
+        starts = _candidates(observation, *look_around(room), up)
         if not starts:
             raise InputError(
                 'the room: must have free places within its bounds, as a single wall has not; '
@@ -122,17 +119,19 @@ def _differ(one: Pose, other: Pose, place: float = _SAME_PLACE, turn: float = _S
     return bool(np.linalg.norm(one.motion_to(other)[3:]) > turn)
 
 
-def _candidates(observation: Observation, panoramas: Panoramas, up: str) -> list[Pose]:
+def _candidates(
+    observation: Observation, places: np.ndarray, distance: np.ndarray, up: str
+) -> list[Pose]:
     rays, ranges = _thumbnail(observation)
     turns = _orientations(UPS[up])
-    scores = np.empty((len(panoramas.places), len(turns)), np.float32)
-    _score(panoramas.distance, turns, rays, ranges, np.float32(_TRUNCATION), scores)
+    scores = np.empty((len(places), len(turns)), np.float32)
+    _score(distance, turns, rays, ranges, np.float32(_TRUNCATION), scores)
     # The best orientations of each place first, so that one place does not take all.
     order = np.argsort(scores, axis=None)[: 20 * _KEPT]
     kept: list[Pose] = []
     for index in order:
         place, turn = divmod(int(index), len(turns))
-        pose = Pose(turns[turn].astype(float), panoramas.places[place])
+        pose = Pose(turns[turn].astype(float), places[place])
         if all(
             np.linalg.norm(one.t - pose.t) > _SPACING * 1.5
             or np.trace(one.R.T @ pose.R) < 1 + 2 * math.cos(math.radians(25))
