@@ -17,7 +17,7 @@ from flexx2_sim_ros.view.access import Access, Outline, parse
 from flexx2_sim_ros.view.outlines import drawn, save_outline
 from flexx2_sim_ros.view.packing import pack, ViewedFrame
 from flexx2_sim_ros.view.recorded import RecordedCamera, REFERENCES
-from flexx2_sim_ros.view.web import File, Guarded, LONGEST_MESSAGE, WebServer
+from flexx2_sim_ros.view.web import File, Guarded, WebServer
 from tornado.web import HTTPError
 
 # Requests that wait for the only thread that reads files. A page has one for each camera.
@@ -57,7 +57,6 @@ class PlaybackServer(WebServer):
         self.recordings = list(recordings.values())
         self.waiting = 0
         self._worker = ThreadPoolExecutor(1)
-        self.longest_body = 0 if planes is None else LONGEST_MESSAGE
 
     def routes(self) -> list[Any]:
         """Return the routes of frames and of outlines."""

@@ -20,7 +20,9 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
 _TYPES = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript', 'svg': 'image/svg+xml'}
-LONGEST_MESSAGE = 4096
+_LONGEST_MESSAGE = 4096
+# More than a page sends. An answer to a body that is not read may be lost: the connection is reset.
+_LONGEST_BODY = 1 << 16
 # A page that has not answered a ping before the next one is closed.
 _PING_SECONDS = 10.0
 _STOP_SECONDS = 3.0
@@ -59,8 +61,6 @@ class WebServer:
     to know of recordings, as JSON; None for live cameras. ``loop`` is the thread's event loop,
     once it runs.
     """
-
-    longest_body = 0  # of a request, bytes
 
     def __init__(
         self, sockets: list[socket.socket], access: Access, recorded: dict[str, Any] | None
@@ -118,10 +118,10 @@ class WebServer:
             default_handler_class=File,
             default_handler_args={'server': self, 'name': '', 'body': b''},
             log_function=lambda _: None,
-            websocket_max_message_size=LONGEST_MESSAGE,
+            websocket_max_message_size=_LONGEST_MESSAGE,
             websocket_ping_interval=_PING_SECONDS,
         )
-        server = HTTPServer(application, max_body_size=self.longest_body)
+        server = HTTPServer(application, max_body_size=_LONGEST_BODY)
         server.add_sockets(self._sockets)
         self._ready.set()
         await self._end.wait()
