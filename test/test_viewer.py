@@ -1,6 +1,7 @@
 """The node of `flexx2 view` over real DDS: the frames that it pairs, and driving."""
 
 from dataclasses import dataclass
+import json
 from typing import Any
 
 from flexx2_sim_ros.nodes.viewer import Viewer
@@ -8,6 +9,7 @@ from geometry_msgs.msg import Twist
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterEvent
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener, Parameter
 
@@ -157,6 +159,35 @@ def test_clean_depth_follows_the_parameter_input_depth(watched):
         shot = watched.show_until(lambda shot, z=corner: abs(shot.clean[0, 0] - z) < 1e-3, first)
         assert shot.clean[86, 112] == pytest.approx(1.5, abs=1e-3)
         first += 1000
+
+
+def test_a_mode_is_asked_for_until_it_is_answered_and_shown_until_another_is(watched):
+    user, seen = watched.user, []
+    name, unheard = 'flexx2_camera', ['--ros-args', '-r', '/parameter_events:=/view_parts/events']
+    events = user.node.create_publisher(ParameterEvent, '/parameter_events', 10)
+    silent = Node(name, namespace='/view_parts/left', cli_args=unheard)  # Nothing spins it.
+    user.spin_until(lambda: watched.viewer._cameras['view_parts/left'].ask_at, 'a question')
+    silent.destroy_node()
+    node = Node(name, namespace='/view_parts/left', cli_args=unheard)
+    node.declare_parameters('', [('usecase', 'a'), ('available_usecases', ['a', 'b'])])
+    user.add(node)
+
+    def shows(usecase):
+        (camera,) = json.loads(watched.viewer.status)['cameras']
+        seen.append(camera['usecases'])
+        return camera['usecase'] == usecase
+
+    try:
+        user.spin_until(lambda: shows('a'), 'the mode')
+        user.spin_until(events.get_subscription_count, 'a subscription to parameter events')
+        node.set_parameters([Parameter('usecase', value='b')])
+        seen.clear()
+        restarted = [Parameter('usecase', value='b').to_parameter_msg()]
+        events.publish(ParameterEvent(node=f'/view_parts/left/{name}', new_parameters=restarted))
+        user.spin_until(lambda: shows('b'), 'the new mode')
+        assert [['a', 'b']] * len(seen) == seen
+    finally:
+        node.destroy_node()
 
 
 def test_wrong_messages_of_pages_are_one_log_line(watched):

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable
 from functools import partial
+import math
 import statistics
 import time
 from typing import Any
@@ -26,6 +27,8 @@ from rclpy.qos import DurabilityPolicy, qos_profile_sensor_data, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 
 _STALE_SECONDS = 1.0
+# ROS loses an answer that comes before the two nodes have found each other.
+_ASK_SECONDS = 1.0
 # Clean images wait for those of the camera, which `time_offset` makes at most 4 s late.
 _KEPT_SECONDS, _KEPT_BYTES = 5.0, 64e6
 _ENCODINGS = ('32FC1', '64FC1', '16UC1')
@@ -48,7 +51,7 @@ class ViewedCamera:
         self.strengths: dict[str, float] = {}
         self.answer: dict[str, Any] = {}
         self.answer_by: float | None = None
-        self.asked: Any = None
+        self.ask_at = 0.0  # in monotonic time
         self.shot: ViewedFrame | None = None
         self._node, self._show = node, show
         self._radial = False
@@ -107,9 +110,10 @@ class ViewedCamera:
 
     def ask(self) -> None:
         """Ask the camera's node for its mode, until it has answered."""
-        if self.asked is None and self.client.services_are_ready():
-            self.asked = self.client.get_parameters(['usecase', 'available_usecases'])
-            self.asked.add_done_callback(self._on_modes)
+        if time.monotonic() >= self.ask_at and self.client.services_are_ready():
+            self.ask_at = time.monotonic() + _ASK_SECONDS
+            asked = self.client.get_parameters(['usecase', 'available_usecases'])
+            asked.add_done_callback(self._on_modes)
             # In requests of their own: the real driver does not have these parameters and would
             # return no values.
             for name in INPUTS:
@@ -117,6 +121,7 @@ class ViewedCamera:
             self.client.list_parameters(['effect']).add_done_callback(self._on_listed)
 
     def _on_modes(self, future: Any) -> None:
+        self.ask_at = math.inf
         # Another node may have parameters of these names with other types; their texts are empty.
         match future.result().values:
             case [usecase, usecases] if usecase.string_value and usecases.string_array_value:

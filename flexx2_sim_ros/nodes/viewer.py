@@ -116,8 +116,7 @@ class Viewer(Node):
                 self._cameras[topics.name].listen(self._watched)
         for camera in self._cameras.values():
             camera.follow()
-            if not camera.usecases:
-                camera.ask()
+            camera.ask()
 
     def _watch(self, watched: bool) -> None:
         self._watched = watched
@@ -153,7 +152,7 @@ class Viewer(Node):
             if event.node != camera.topics.node:
                 continue
             if event.new_parameters:  # The node was restarted.
-                camera.usecases, camera.asked = [], None
+                camera.ask_at = 0.0
             for parameter in event.changed_parameters:
                 if parameter.name == 'usecase':
                     camera.usecase = parameter.value.string_value

@@ -21,7 +21,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 
 _TYPES = {'html': 'text/html', 'css': 'text/css', 'js': 'text/javascript', 'svg': 'image/svg+xml'}
 _LONGEST_MESSAGE = 4096
-# More than a page sends. An answer to a body that is not read may be lost: the connection is reset.
+# More than a page sends. An answer to a body that is not read is lost: the kernel resets it.
 _LONGEST_BODY = 1 << 16
 # A page that has not answered a ping before the next one is closed.
 _PING_SECONDS = 10.0
