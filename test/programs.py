@@ -78,11 +78,6 @@ def node_words(name, *words):
     return [sys.executable, '-m', f'flexx2_sim_ros.nodes.{name}', '--ros-args', *map(str, words)]
 
 
-def run_node(name, *words, **more):
-    """Run a node that ends by itself, and return what it said."""
-    return run_python(*node_words(name, *words)[1:], **more)
-
-
 def measured(call, env):
     """Return what a measurement of `bench` returns; `call` is Python: 'bench.soak.run()'."""
     module = call.partition('(')[0].rpartition('.')[0]

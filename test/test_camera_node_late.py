@@ -1,13 +1,9 @@
 """Images that arrive late, over real DDS: with true stamps, in the time of the node's clock."""
 
-from contextlib import contextmanager
 import time
 
-from flexx2_sim_ros.nodes.late_frames import LateFrames
 from flexx2_sim_ros.nodes.messages import time_message
 import pytest
-from rclpy.node import Node
-from rclpy.parameter import Parameter
 from streams import (
     array_of,
     boards,
@@ -18,7 +14,6 @@ from streams import (
     INFO,
     info_message,
     library,
-    Listener,
     nanoseconds,
     same,
     SECOND,
@@ -162,23 +157,3 @@ def test_a_time_before_zero_is_ignored():
         clocks.publish(Clock(clock=time_message(5 * SECOND)))
         seen.spin_until(lambda: seen.camera.get_clock().now().nanoseconds == 5 * SECOND, 'clock')
         assert seen.show(boards(), START)
-
-
-@contextmanager
-def late_frames():
-    """Yield frames that wait in simulated time, a function that sets it, and who spins."""
-    user = Listener()
-    node = Node('late', parameter_overrides=[Parameter('use_sim_time', value=True)])
-    user.add(node)
-    clocks = user.node.create_publisher(Clock, '/clock', 10)
-
-    def set_clock(now):
-        clocks.publish(Clock(clock=time_message(now)))
-        user.spin_until(lambda: node.get_clock().now().nanoseconds == now, 'clock')
-
-    try:
-        user.spin_until(clocks.get_subscription_count, 'clock of the node')
-        yield LateFrames(node), set_clock, user
-    finally:
-        user.close()
-        node.destroy_node()

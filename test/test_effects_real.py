@@ -16,7 +16,7 @@ import pytest
 from signatures import QUIET
 
 DATA = Path(__file__).resolve().parents[2] / 'shared' / 'data'
-KINECT, AZURE = DATA / 'kinect2_chessboard.npz', DATA / 'azurekinect_charuco_blackwall.npz'
+KINECT = DATA / 'kinect2_chessboard.npz'
 needs_kinect = pytest.mark.skipif(not KINECT.is_file(), reason=f'{KINECT} is not there')
 FOCAL, CENTRE = 365.5, (255.5, 211.5)  # pixels, nominal
 FULL = 65_500.0  # The infrared image is cut off here,
