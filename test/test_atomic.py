@@ -10,31 +10,6 @@ from programs import started
 import pytest
 
 
-def test_a_file_appears_when_it_is_complete(tmp_path):
-    path = tmp_path / 'a.txt'
-    path.write_text('old')
-    with whole(path) as part:
-        part.write_text('new')
-        assert path.read_text() == 'old'
-    assert path.read_text() == 'new'
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_an_error_leaves_the_old_file(tmp_path):
-    path = tmp_path / 'a.txt'
-    path.write_text('old')
-
-    def fail():
-        with whole(path) as part:
-            part.write_text('half')
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fail()
-    assert path.read_text() == 'old'
-    assert list(tmp_path.iterdir()) == [path]
-
-
 @pytest.mark.parametrize('mask', [0o022, 0o027, 0o077])
 def test_written_files_follow_the_umask(tmp_path, mask):
     before = os.umask(mask)

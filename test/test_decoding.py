@@ -179,21 +179,6 @@ def test_zeros_at_the_end_are_no_distortion(model, coefficients, kept):
     )
 
 
-@pytest.mark.parametrize(
-    'k',
-    [
-        (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        (0.0,) * 9,
-        (211.0, 0.0, 0.5, 0.0, 213.0, 0.5, 0.0, 0.0, 1.0),
-        (211.0, 3.0, 111.5, 0.0, 213.0, 85.5, 0.0, 0.0, 1.0),
-    ],
-    ids=['unit matrix', 'zeros', 'fractions', 'skew'],
-)
-def test_a_matrix_that_is_no_calibration_is_refused(k):
-    with pytest.raises(InputError, match='camera_info: K: must be'):
-        decode_camera_info(_info(k=k))
-
-
 @given(st.integers(-(2**31), 2**31 - 1), UINT32)
 def test_stamps(sec, nanosec):
     stamp = SimpleNamespace(sec=sec, nanosec=nanosec)

@@ -8,7 +8,6 @@ from made_driver_bags import (
     azure_kinect,
     COLOUR_MATRIX,
     depths,
-    INFO,
     millimetres,
     pico_flexx,
     RATIONAL,
@@ -49,21 +48,6 @@ def test_a_drivers_bag_becomes_a_recording(driver, distortion, bits, ros, tmp_pa
     again = load_recording(tmp_path / 'back')
     np.testing.assert_array_equal(again.depth, found.depth)
     assert main(['convert', str(tmp_path / 'back'), str(tmp_path / 'second.npz')]) == 0
-
-
-def test_a_fisheye_lens_is_refused(tmp_path, capsys):
-    entries = [
-        with_frame(entry, 'f', distortion_model='equidistant', d=np.full(4, 0.1))
-        if entry[1] == INFO
-        else with_frame(entry, 'f')
-        for entry in azure_kinect()
-    ]
-    bag = write(tmp_path / 'a', entries)
-    assert main(['convert', str(bag), str(tmp_path / 'out.npz')]) == 2
-    said = ' '.join(capsys.readouterr().err.split())
-    assert 'distortion_model: must be plumb_bob or rational_polynomial' in said
-    assert 'equidistant' in said
-    assert not (tmp_path / 'out.npz').exists()
 
 
 def test_broken_bags_of_ros_1(tmp_path):

@@ -23,44 +23,6 @@ def run(pairing, *events):
     return [(match.stamp, match.info, match.reflectivity) for match in matches]
 
 
-@pytest.mark.parametrize(
-    'order',
-    [
-        ('info', 'image'),
-        ('image', 'info'),
-        ('info', 'reflectivity', 'image'),
-        ('reflectivity', 'info', 'image'),
-    ],
-    ids=' '.join,
-)
-def test_messages_of_one_stamp_are_matched_at_once(order):
-    pairing = StampPairing()
-    for stamp in range(50):
-        paint = f'reflectivity {stamp}' if 'reflectivity' in order else None
-        assert run(pairing, *(f'{name} {stamp}' for name in order)) == [
-            (stamp, f'info {stamp}', paint)
-        ]
-
-
-@pytest.mark.parametrize(
-    'order',
-    [
-        ('info', 'image', 'reflectivity'),
-        ('image', 'reflectivity', 'info'),
-        ('image', 'info', 'reflectivity'),
-        ('reflectivity', 'image', 'info'),
-    ],
-    ids=' '.join,
-)
-def test_images_wait_for_reflectivity_after_its_first_message(order):
-    pairing = StampPairing()
-    run(pairing, *(f'{name} 0' for name in order))
-    for stamp in range(1, 50):
-        assert run(pairing, *(f'{name} {stamp}' for name in order)) == [
-            (stamp, f'info {stamp}', f'reflectivity {stamp}')
-        ]
-
-
 def test_an_image_waits_no_longer_than_for_the_next():
     pairing = StampPairing()
     run(pairing, 'info 0', 'image 0', 'reflectivity 0')
@@ -72,14 +34,6 @@ def test_an_image_waits_no_longer_than_for_the_next():
     assert run(pairing, 'image 6') == [(6, 'info 3', None)]
 
 
-def test_one_camera_info_serves_all_images():
-    pairing = StampPairing()
-    assert run(pairing, 'info 0', 'image 10') == []
-    matches = run(pairing, *(f'image {stamp}' for stamp in range(11, 100)))
-    assert matches == [(stamp, 'info 0', None) for stamp in range(10, 100)]
-    assert run(pairing, 'info 5', 'image 100') == [(100, 'info 5', None)]
-
-
 @pytest.mark.parametrize('order', ['info 0, image', 'image, info 0'])
 def test_camera_infos_that_keep_the_first_stamp_delay_no_image(order):
     """Assert every image comes out before the next one is sent, as a simulation in steps needs."""
@@ -87,14 +41,6 @@ def test_camera_infos_that_keep_the_first_stamp_delay_no_image(order):
     for stamp in range(20):
         events = order.replace('image', f'image {stamp}').split(', ')
         assert run(pairing, *events) == [(stamp, 'info 0', None)]
-
-
-def test_companions_of_other_stamps_are_not_used():
-    pairing = StampPairing()
-    assert run(pairing, 'info 1', 'reflectivity 0', 'reflectivity 2', 'image 1') == [
-        (1, 'info 1', None)
-    ]
-    assert run(pairing, 'info 2', 'image 2') == [(2, 'info 2', 'reflectivity 2')]
 
 
 def test_a_run_that_starts_again_does_not_see_the_last_ones_companions():
