@@ -27,72 +27,29 @@ def pose_error():
     rays = np.stack([RAY_X, RAY_Y, np.ones(SHAPE)])
     pose = {'x': 0.03, 'y': -0.02, 'z': 0.05, 'pitch_deg': 2.0, 'yaw_deg': -3.0, 'roll_deg': 4.0}
     for strength in (0.5, 2.0):
-        position = strength * np.array([pose['x'], pose['y'], pose['z']])
-        turned = np.tensordot(
-            rotation(strength * np.array([pose['pitch_deg'], pose['yaw_deg'], pose['roll_deg']])),
-            rays,
-            1,
-        )
+        options = {'profile': QUIET, 'strength': strength, 'usecase': 'Mode_9_30fps'}
+        position, turn = strength * np.reshape([*pose.values()], (2, 3))
+        turned = np.tensordot(rotation(turn), rays, 1)
         for normal in (np.array([0, 0, 0.8]), np.array([0.4, -0.3, 0.7])):
             clean = plane(normal, rays, np.zeros(3))
             wanted = plane(normal, turned, position) / 1.0
-            frame, _ = pair(
-                'pose_error',
-                clean,
-                profile=QUIET,
-                strength=strength,
-                usecase='Mode_9_30fps',
-                **pose,
-            )
+            frame, _ = pair('pose_error', clean, **options, **pose)
             np.testing.assert_allclose(frame.depth, wanted, rtol=2e-5)
     # Typical values, one by one: forward is nearer; to the right, the picture goes left.
-    close(
-        shift(
-            'pose_error',
-            wall(1.5),
-            profile=QUIET,
-            x=0,
-            y=0,
-            z=0.005,
-            pitch_deg=0,
-            yaw_deg=0,
-            roll_deg=0,
-        ),
-        -0.005,
-    )
+    still = dict.fromkeys(pose, 0.0)
+    close(shift('pose_error', wall(1.5), profile=QUIET, **{**still, 'z': 0.005}), -0.005)
     stripe = np.where(U < 100, 1.0, 0.2)
-    frame, _ = pair(
-        'pose_error',
-        wall(1.5),
-        0,
-        stripe,
-        profile=QUIET,
-        x=0.05,
-        y=0,
-        z=0,
-        pitch_deg=0,
-        yaw_deg=0,
-        roll_deg=0,
-    )
+    frame, _ = pair('pose_error', wall(1.5), 0, stripe, profile=QUIET, **{**still, 'x': 0.05})
     edge = (frame.amplitude[86] > 0.3).sum()
     assert 100 - edge == round(0.05 * K[0, 0] / 1.5)
 
 
 @signature
 def intrinsics_error():
-    given = {
-        'focal': 0.01,
-        'cx': 1.5,
-        'cy': -2.0,
-        'k1': -0.02,
-        'k2': 0.01,
-        'p1': 0.002,
-        'p2': -0.001,
-        'k3': 0.003,
-        'aspect': -0.006,
-    }
+    given = {'focal': 0.01, 'cx': 1.5, 'cy': -2.0, 'aspect': -0.006}
+    given |= {'k1': -0.02, 'k2': 0.01, 'p1': 0.002, 'p2': -0.001, 'k3': 0.003}
     for strength in (1.0, 3.0):
-        focal, cx, cy, k1, k2, p1, p2, k3, aspect = (strength * value for value in given.values())
+        focal, cx, cy, aspect, k1, k2, p1, p2, k3 = (strength * value for value in given.values())
         # The ray whose distorted image is the pixel, by Newton's method with numeric slopes.
         target = np.stack(
             [
@@ -127,12 +84,6 @@ def intrinsics_error():
             u, v = x * K[0, 0] + K[0, 2], y * K[1, 1] + K[1, 2]
             inside = (u > 0) & (u < SHAPE[1] - 1) & (v > 0) & (v < SHAPE[0] - 1)
             assert inside.mean() > 0.85
-            frame, _ = pair(
-                'intrinsics_error',
-                clean,
-                profile=QUIET,
-                strength=strength,
-                usecase='Mode_9_30fps',
-                **given,
-            )
+            options = {'profile': QUIET, 'strength': strength, 'usecase': 'Mode_9_30fps'}
+            frame, _ = pair('intrinsics_error', clean, **options, **given)
             np.testing.assert_allclose(frame.depth[inside], wanted[inside], rtol=2e-5)
