@@ -24,9 +24,9 @@ class MessageExecutor(SingleThreadedExecutor):
     and guard conditions of nodes.
     """
 
-    def __init__(self) -> None:
-        """Wait for nothing yet."""
-        super().__init__()
+    def __init__(self, *, context: Any = None) -> None:
+        """Wait for nothing yet; ``context`` is that of the nodes, if not the default."""
+        super().__init__(context=context)
         self._parts: list[tuple[Any, ...]] = []
         self._waits: Any = None
         self._looked = float('-inf')
