@@ -24,6 +24,8 @@ from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, flexx2, Mode, Profile
 import numpy as np
 
+_LARGE = 100_000  # pixels of all frames of a call
+
 
 class Camera:
     """
@@ -175,8 +177,8 @@ class Camera:
         views = as_views(clean_depth, K, stamp, reflectivity)
         self._keep_environments(views)
         shape = views.clean.shape
-        if views.clean[..., 0, 0].size > 1:
-            # A stack in one block: the allocator keeps it for the next call, without page faults.
+        if views.clean.size > _LARGE:
+            # In one block, that the allocator keeps for the next call: fewer page faults.
             out = list(np.empty((4, *shape), np.float32))
         else:
             out = [np.empty(shape, np.float32) for _ in range(4)]
