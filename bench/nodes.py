@@ -76,7 +76,8 @@ def _measure(processes, seconds):
         rclpy.shutdown()
     print(
         f'{len(processes)} processes: {spent / elapsed:.1%} of a core, {cost.memory:.0f} MB (this '
-        f'publisher and receiver: {own / elapsed:.1%} of a core)'
+        f'publisher and receiver: {own / elapsed:.1%} of a core); '
+        f'{before / len(processes):.2f} s of a core each to start'
     )
     for name, stamps in traffic.stamps.items():
         gaps = int((np.diff(stamps) > 1.5e9 / _RATE).sum())
