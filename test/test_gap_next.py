@@ -9,9 +9,8 @@ from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
-from flexx2_sim_ros.gap.planning.next_recording import suggest
+from flexx2_sim_ros.gap.planning.next_recording import suggest, usual_kinds
 from flexx2_sim_ros.gap.planning.plan import read_plan
-from flexx2_sim_ros.gap.planning.possible import usual_kinds
 from flexx2_sim_ros.gap.planning.truths import KINDS, write_recording
 import numpy as np
 import pytest

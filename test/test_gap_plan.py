@@ -8,8 +8,13 @@ from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
-from flexx2_sim_ros.gap.planning.power import power
-from flexx2_sim_ros.gap.planning.table import compute, PowerRequest, read_table, shipped_table
+from flexx2_sim_ros.gap.planning.power import (
+    compute,
+    power,
+    PowerRequest,
+    read_table,
+    shipped_table,
+)
 from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
 from flexx2_sim_ros.recording.truth import read_truth
 from flexx2_sim_ros.truth.absorbed import absorbed
@@ -158,8 +163,7 @@ def test_an_interrupted_calculation_resumes(two, tmp_path, monkeypatch):
     plan = replace(plan, recordings=plan.recordings[:1])
     request = PowerRequest(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
     few = {name: registry()[name] for name in ('offset', 'excess_noise', 'pose_error')}
-    for module in ('table', 'power'):
-        monkeypatch.setattr(f'flexx2_sim_ros.gap.planning.{module}.registry', lambda: few)
+    monkeypatch.setattr('flexx2_sim_ros.gap.planning.power.registry', lambda: few)
     asked = []
     interrupt = 3
 
@@ -170,7 +174,7 @@ def test_an_interrupted_calculation_resumes(two, tmp_path, monkeypatch):
         return real(effect, *rest, **more)
 
     real = power
-    monkeypatch.setattr('flexx2_sim_ros.gap.planning.table.power', counted)
+    monkeypatch.setattr('flexx2_sim_ros.gap.planning.power.power', counted)
     with pytest.raises(KeyboardInterrupt):
         compute(request, 'x', lambda text, share: None)
     interrupt = 10**6

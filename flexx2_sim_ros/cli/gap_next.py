@@ -44,8 +44,8 @@ VALUES = {
 def run(arguments: argparse.Namespace) -> int:
     """Rank recordings with a progress bar, print the ranking and write the page."""
     # Imported here: matplotlib and the compiled camera take seconds to load.
-    from flexx2_sim_ros.gap.planning.next_page import page, suggested
     from flexx2_sim_ros.gap.planning.next_recording import suggest
+    from flexx2_sim_ros.gap.planning.page import suggested, suggestions
     from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
     from flexx2_sim_ros.profiles.files import find_profile
 
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
             jobs=arguments.jobs,
             progress=progress,
         )
-    write_texts(out, {_FILE: as_json(table), _PAGE: page(table, views, profile.intrinsics)})
+    write_texts(out, {_FILE: as_json(table), _PAGE: suggestions(table, views, profile.intrinsics)})
     console.print(_shown(table))
     console.print(printable(suggested(table)))
     console.print(f'{out}: {_FILE}, {_PAGE}')
@@ -73,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _shown(table: dict[str, Any]) -> Table:
-    from flexx2_sim_ros.gap.planning.next_page import baselines
+    from flexx2_sim_ros.gap.planning.page import baselines
     from flexx2_sim_ros.gap.report.text import percent
 
     shown = Table(box=SIMPLE_HEAD, pad_edge=False)

@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros import atomic
     from flexx2_sim_ros.gap.planning.page import Checklist, form, markdown, page
     from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
-    from flexx2_sim_ros.gap.planning.table import (
+    from flexx2_sim_ros.gap.planning.power import (
         compute,
         PowerRequest,
         read_table,

@@ -59,56 +59,35 @@ def _from_above(
             continue
         moving = any(one.velocity)
         # The line has a gap where a nearer panel hides a part.
-        ax.plot(
-            np.where(own, x, np.nan),
-            np.where(own, z, np.nan),
-            color=_ORANGE if moving else _shade(one.reflectivity),
-            lw=4,
-            solid_capstyle='butt',
-        )
+        # Dark surfaces are drawn dark; white ones stay visible on white.
+        color = _ORANGE if moving else str(round(float(0.1 + 0.65 * one.reflectivity), 3))
+        line = np.where(own, x, np.nan), np.where(own, z, np.nan)
+        ax.plot(*line, color=color, lw=4, solid_capstyle='butt')
         if moving:
-            ax.annotate(
-                '',
-                xy=(float(x[own].mean()) + 0.3 * top * np.sign(one.velocity[0]), z[own].mean()),
-                xytext=(float(x[own].mean()), z[own].mean()),
-                arrowprops={'arrowstyle': '->', 'color': _ORANGE},
-            )
-    _camera(ax, planned, top)
+            at, height = x[own].mean(), z[own].mean()
+            end = at + 0.3 * top * np.sign(one.velocity[0]), height
+            _arrow(ax, (at, height), end, '->', _ORANGE)
+    _camera(ax, planned.scene.turn_rate, top)
     middle = lens.width // 2
     if np.isfinite(z[middle]):
-        ax.annotate(
-            '', xy=(0, z[middle]), xytext=(0, 0), arrowprops={'arrowstyle': '<->', 'color': _BLUE}
-        )
+        _arrow(ax, (0, 0), (0, z[middle]), '<->', _BLUE)
         ax.text(0.04 * half, 0.45 * z[middle], f'{z[middle]:.2g} m', color=_BLUE, fontsize=8)
     ax.set_aspect('equal')
-    ax.set(
-        xlim=(-1.1 * max(half, 0.45 * top), 1.1 * max(half, 0.45 * top)),
-        ylim=(-0.14 * top, 1.08 * top),
-        xticks=[],
-        yticks=[],
-    )
-    for spine in ax.spines.values():
-        spine.set_visible(False)
+    wide = 1.1 * max(half, 0.45 * top)
+    ax.set(xlim=(-wide, wide), ylim=(-0.14 * top, 1.08 * top), xticks=[], yticks=[])
+    ax.spines[:].set_visible(False)
     ax.set_title('from above', fontsize=8, color=_INK)
 
 
-def _camera(ax: Any, planned: PlannedRecording, top: float) -> None:
+def _camera(ax: Any, turn_rate: float, top: float) -> None:
     size = 0.05 * top
     ax.fill([-size, size, size, -size], [-1.6 * size, -1.6 * size, 0, 0], color=_INK, linewidth=0)
-    if planned.scene.turn_rate:
-        way = np.sign(planned.scene.turn_rate)
-        ax.annotate(
-            '',
-            xy=(way * 0.25 * top, 0.1 * top),
-            xytext=(-way * 0.12 * top, 0.2 * top),
-            arrowprops={
-                'arrowstyle': '->',
-                'color': _ORANGE,
-                'connectionstyle': f'arc3,rad={-0.3 * way}',
-            },
-        )
+    if turn_rate:
+        way = np.sign(turn_rate)
+        start, end = (-way * 0.12 * top, 0.2 * top), (way * 0.25 * top, 0.1 * top)
+        _arrow(ax, start, end, '->', _ORANGE, connectionstyle=f'arc3,rad={-0.3 * way}')
 
 
-def _shade(reflectivity: float) -> str:
-    # Dark surfaces are drawn dark; white ones stay visible on white.
-    return str(round(float(0.1 + 0.65 * reflectivity), 3))
+def _arrow(ax: Any, start: Any, end: Any, style: str, color: str, **more: str) -> None:
+    arrow = {'arrowstyle': style, 'color': color, **more}
+    ax.annotate('', xy=end, xytext=start, arrowprops=arrow)

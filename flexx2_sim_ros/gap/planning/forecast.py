@@ -31,6 +31,9 @@ import numpy as np
 
 _NONE = 'no effect'
 _NARROWLY = 6.0  # loss: an effect that gains so much less is e^3 times less likely
+_DRAWS = 2
+_COMPARED = 6  # effects that are compared with those still possible
+_LEAST = 0.05  # less likely explanations are not assumed to be true, if others are likely
 Effects = dict[str, dict[str, Any]]
 
 
@@ -39,20 +42,15 @@ class Explanation:
     """
     What may be the cause of a gap; `name` is for people.
 
-    `effects` has parameters by effect; empty if there is none. `weight` is how likely it is.
-    `rest` is (R, SIZE) what it leaves of the gap of the recordings, in units of the features'
-    scale; NaN where there is none.
+    `effects` has parameters by effect, the one to name first in front; empty if there is none.
+    `weight` is how likely it is. `rest` is (R, SIZE) what it leaves of the gap of the recordings,
+    in units of the features' scale; NaN where there is none.
     """
 
     name: str
     effects: Effects
     weight: float
     rest: np.ndarray
-
-    @property
-    def cause(self) -> str | None:
-        """Return the effect that a diagnosis should name first, None without effects."""
-        return next(iter(self.effects), None)
 
 
 def check_open(before: Diagnosed) -> None:
@@ -103,14 +101,11 @@ def _explanations(
     gains = np.array([gain for _, gain, _ in out.values()])
     weights = np.exp((gains - gains.max()) / 2)
     weights /= weights.sum()
+    rests = [fit.residual(model) / np.sqrt(model.scale2) for *_, fit in out.values()]
     return [
-        Explanation(name, effects, weight, _rest(model, fit))
-        for (name, (effects, _, fit)), weight in zip(out.items(), weights, strict=True)
+        Explanation(name, effects, weight, np.where(model.good, rest, np.nan))
+        for (name, (effects, *_)), weight, rest in zip(out.items(), weights, rests, strict=True)
     ]
-
-
-def _rest(model: Model, fit: Fit) -> np.ndarray:
-    return np.where(model.good, fit.residual(model) / np.sqrt(model.scale2), np.nan)
 
 
 def _found(trials: Trials, decision: Decision) -> list[tuple[Effects, float, Fit]]:
@@ -137,11 +132,6 @@ def _narrowly_rejected(model: Model, decision: Decision) -> list[tuple[Effects, 
 
 def _gain(trials: Trials, fit: Fit) -> float:
     return trials.choice(fit.candidates, fit.values).gain if fit.candidates else 0.0
-
-
-_DRAWS = 2
-_COMPARED = 6  # effects that are compared with those still possible
-_LEAST = 0.05  # less likely explanations are not assumed to be true, if others are likely
 
 
 @dataclass(frozen=True)
@@ -178,19 +168,6 @@ class DiagnosedRecordings:
         return [one for one in every if not self.labels or (one.effect, one.label) in self.labels]
 
 
-@dataclass(frozen=True)
-class Expected:
-    """
-    Probabilities of the decision after new recordings; their sum is 1.
-
-    A decision that is `undecided` leaves something open.
-    """
-
-    right: float
-    wrong: float
-    undecided: float
-
-
 def what_is_known(before: DiagnosedRecordings) -> DiagnosedRecordings:
     """Diagnose the recordings as before, and return them with what is still possible."""
     model = before.model()
@@ -215,13 +192,13 @@ def what_is_known(before: DiagnosedRecordings) -> DiagnosedRecordings:
 
 
 def expect(
-    known: DiagnosedRecordings, pairs: Sequence[tuple[Evidence, Evidence]], fitted: bool
-) -> Expected:
+    known: DiagnosedRecordings, pairs: Sequence[Sequence[Evidence]], fitted: bool
+) -> dict[str, float]:
     """
-    Return the expected decision when set-ups are recorded twice each.
+    Return how probable a `right`, a `wrong` and an `undecided` decision is after new recordings.
 
     `pairs` has each new set-up, simulated twice with different random numbers. `fitted`: planes
-    are fitted to the new recordings.
+    are fitted to the new recordings. What is `undecided` leaves something open.
     """
     new = [one for pair in pairs for one in pair]
     model = known.model(new)
@@ -240,11 +217,12 @@ def expect(
                 model.with_gap(gap), candidates, absorbed=absorbed, not_seen=not_seen
             )
             if decision.settled:
-                correct = _named(decision) == one.cause
+                names = [c.effect for c in decision.chosen.candidates if decision.explains_gap]
+                correct = names[:1] == list(one.effects)[:1]
                 right += one.weight / _DRAWS * correct
                 wrong += one.weight / _DRAWS * (not correct)
     right, wrong = right / total, wrong / total
-    return Expected(right, wrong, max(1 - right - wrong, 0.0))
+    return {'right': right, 'wrong': wrong, 'undecided': max(1 - right - wrong, 0.0)}
 
 
 def _gap(
@@ -267,10 +245,6 @@ def _gap(
     return gap
 
 
-def _named(decision: Decision) -> str | None:
-    return next((one.effect for one in decision.chosen.candidates if decision.explains_gap), None)
-
-
 def _compared(
     candidates: Sequence[Candidate], standing: Sequence[Explanation], decision: Decision
 ) -> list[Candidate]:
@@ -287,8 +261,9 @@ def _compared(
 
 def _columns(columns: Sequence[Column], candidates: Sequence[Candidate]) -> list[Column]:
     # The simulations that these candidates need.
-    names = set(nuisances().columns)
-    for one in candidates:
-        for term in (*one.terms, *(one.given.terms if one.given else ())):
-            names |= {c if isinstance(c, str) else c.column for _, c in term.nodes}
+    terms = [
+        t for one in candidates for t in (*one.terms, *(one.given.terms if one.given else ()))
+    ]
+    nodes = [c for term in terms for _, c in term.nodes]
+    names = {*nuisances().columns, *(c if isinstance(c, str) else c.column for c in nodes)}
     return [column for column in columns if column.name in names]

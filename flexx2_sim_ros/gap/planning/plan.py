@@ -46,11 +46,6 @@ class PlannedRecording:
         """Return the name of the bag."""
         return self.scene.name
 
-    @property
-    def fixed(self) -> tuple[bool, ...]:
-        """Return for each panel whether it stands still in the room, as a scan needs it."""
-        return tuple(not any(panel.velocity) for panel in self.scene.panels)
-
 
 @dataclass(frozen=True)
 class Plan:

@@ -1,20 +1,31 @@
 """
-Power calculation: the smallest strength at which the diagnosis finds an effect.
+What a plan can find: the smallest strength at which the diagnosis finds each effect.
 
 An effect's shift of all features is simulated once at each strength. Noise of the features comes
 from the simulations without effects, errors of the ground truth from its covariance. The fit and
 the calibrated rule of the verdict then decide on many draws, without any further simulation.
 """
 
-from collections.abc import Sequence, Set
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime, UTC
+from hashlib import sha256
+import json
+from pathlib import Path
+import tempfile
+from typing import Any
 
+from flexx2_sim_ros import __version__, atomic
+from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.config_file import is_regular_file, read_config
 from flexx2_sim_ros.effects import registry
+from flexx2_sim_ros.errors import InputError, shown_path
 from flexx2_sim_ros.gap.calibration.decisions import calibrated
 from flexx2_sim_ros.gap.data.pose import STEPS
-from flexx2_sim_ros.gap.data.prior import POSE
+from flexx2_sim_ros.gap.data.prior import POSE, USUAL
 from flexx2_sim_ros.gap.data.unknown import PLANE_STEPS
-from flexx2_sim_ros.gap.features.catalogue import Candidate, Column
+from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column
+from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.inference.decidable import undecided
 from flexx2_sim_ros.gap.inference.decide import hidden_could_explain
 from flexx2_sim_ros.gap.inference.model import combine, Model
@@ -28,8 +39,14 @@ from flexx2_sim_ros.gap.inference.selection import (
     without_each,
 )
 from flexx2_sim_ros.gap.inference.support import support_of
-from flexx2_sim_ros.gap.planning.truths import TruthKind
+from flexx2_sim_ros.gap.planning.plan import Plan
+from flexx2_sim_ros.gap.planning.truths import KINDS, TruthKind, write_campaign
+from flexx2_sim_ros.gap.work import find, portion, Progress, Simulations, summarise
+from flexx2_sim_ros.jobs import bind, Map, workers
+from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.physics.frame_state import why_no_phases
 import numpy as np
+import yaml
 
 STRENGTHS = (0.1, 0.25, 0.5, 1.0, 2.0)
 _WANTED = 0.9
@@ -51,24 +68,177 @@ class Power:
     found: dict[float, float]
     undecided: bool = False
 
-    @property
-    def smallest(self) -> float | None:
-        """Return the strength from which on the effect is found in 90 % of draws, or None."""
+    def row(self) -> dict[str, Any]:
+        """Return its cell of the table; the smallest strength is found in 90 % of draws."""
         least = None
         for strength in sorted(self.found, reverse=True):
             if self.found[strength] < _WANTED:
                 break
             least = strength
-        return least
+        found = {f'{key:g}': round(share, 2) for key, share in sorted(self.found.items())}
+        return {'smallest': least, 'open': self.undecided, 'found': found}
 
 
-def planned_columns(modulation: bool = True) -> list[Column]:
+@dataclass(frozen=True)
+class PowerRequest:
     """
-    Return the simulations of all effects at all strengths, in addition to the catalogue.
+    What to compute of a plan: `draws` at each strength, for each kind of ground truth.
 
-    Effects that need modulation frequencies are left out if these are not known, as in
-    `catalogue`.
+    Finished parts are in the folder `out`. `seed` is that of the simulations and draws.
     """
+
+    plan: Plan
+    profile: Profile
+    out: Path
+    seed: int = 0
+    draws: int = _DRAWS
+    jobs: int = 1
+    kinds: tuple[TruthKind, ...] = KINDS
+
+    @property
+    def key(self) -> str:
+        """Return a digest of everything that the result depends on."""
+        plan = self.plan
+        scenes = [(s.panels, s.turn_rate, s.uptime) for s in (r.scene for r in plan.recordings)]
+        simulated = plan.usecase, plan.scale, plan.frames, scenes
+        told = repr((simulated, self.profile, self.seed, self.draws, calibrated(), __version__))
+        return sha256(told.encode()).hexdigest()[:16]
+
+    @property
+    def modulation(self) -> bool:
+        """Return whether there are effects that need modulation frequencies, as in `catalogue`."""
+        return not why_no_phases(self.profile.mode(self.plan.usecase))
+
+
+def shipped_table() -> Path:
+    """Return the file of the table that comes with the package."""
+    return config_dir() / 'gap_plan_table.yaml'
+
+
+def read_table(path: Path) -> dict[str, Any]:
+    """Read a table of `compute`. Raises `InputError` when the file is not one."""
+    table = read_config(path)
+    for key, kind in {'command': str, 'date': str, 'kinds': dict, 'effects': dict}.items():
+        if not isinstance(table.get(key), kind):
+            raise InputError(f'{shown_path(path)}: {key}: must be a {kind.__name__}')
+    return table
+
+
+def to_yaml(table: Mapping[str, Any]) -> str:
+    """Return a table as text."""
+    return (
+        '# The smallest strength of each effect that the plan finds, by kind of ground truth.\n'
+        '# docs/diagnose_your_flexx2.md says how it is computed.\n'
+        + yaml.safe_dump(dict(table), sort_keys=False, width=100)
+    )
+
+
+def compute(request: PowerRequest, command: str, progress: Progress) -> dict[str, Any]:
+    """
+    Compute what a plan can find.
+
+    Finished kinds of ground truth are stored in ``out``, so that an interrupted run resumes. The
+    command line is stored in the table, of plain values: ``effects`` has, by effect and kind, the
+    ``smallest`` strength (or None), the fraction ``found`` by strength, and whether the ground
+    truth leaves the effect ``open``.
+    """
+    some = [
+        name
+        for name, kind in registry().items()
+        if request.modulation or not kind.needs_modulation
+    ]
+    effects: dict[str, dict[str, Any]] = {name: {} for name in some}
+    with workers(request.jobs, None) as mapped:
+        for i, kind in enumerate(request.kinds):
+            part = portion(progress, i / len(request.kinds), 1 / len(request.kinds))
+            for one in _of_kind(request, kind, some, mapped, part):
+                effects[one.effect][kind.name] = one.row()
+    return {
+        'schema': 1,
+        'command': command,
+        'date': datetime.now(UTC).date().isoformat(),
+        'version': __version__,
+        'usecase': request.plan.usecase,
+        'camera': request.profile.model,
+        'simulation': {'scale': request.plan.scale, 'frames': request.plan.frames},
+        'draws': request.draws,
+        'seed': request.seed,
+        'strengths': list(STRENGTHS),
+        'kinds': {kind.name: kind.words for kind in request.kinds},
+        'effects': effects,
+    }
+
+
+def _of_kind(
+    request: PowerRequest, kind: TruthKind, names: Sequence[str], mapped: Map, progress: Progress
+) -> list[Power]:
+    # All effects with one kind of ground truth; finished ones are read from their file.
+    file = request.out / f'computed_{kind.name}.json'
+    done = _finished(file, request.key)
+    todo = [name for name in names if name not in done]
+    if todo:
+        evidence, columns = _simulate(request, kind, mapped, progress)
+        work = bind(_power, evidence=evidence, columns=columns, kind=kind, request=request)
+        for start in range(0, len(todo), 2 * request.jobs):
+            progress(f'{kind.name}: deciding', 0.5 + 0.5 * start / len(todo))
+            found = mapped(work, todo[start : start + 2 * request.jobs], lambda: None)
+            done |= {one.effect: one for one in found}
+            rows = [asdict(one) for one in done.values()]
+            atomic.write_text(file, json.dumps({'key': request.key, 'effects': rows}))
+    return [done[name] for name in names]
+
+
+def _finished(file: Path, key: str) -> dict[str, Power]:
+    # Results of an interrupted run; empty if that run had another request.
+    try:
+        table = json.loads(file.read_text()) if is_regular_file(file) else {}
+        some: list[Any] = table['effects'] if table.get('key') == key else []
+        return {
+            row['effect']: Power(
+                row['effect'],
+                {float(s): float(share) for s, share in row['found'].items()},
+                bool(row['undecided']),
+            )
+            for row in some
+        }
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return {}  # The file is not valid: compute again.
+
+
+def _simulate(
+    request: PowerRequest, kind: TruthKind, mapped: Map, progress: Progress
+) -> tuple[list[Evidence], list[Column]]:
+    # The recordings' summaries, with each effect at each strength. The latter are simulated with
+    # other random numbers than the catalogue; otherwise the fit would include their noise.
+    known, _ = catalogue((), request.modulation)
+    planned = _planned_columns(request.modulation)
+    prior = (USUAL[0],) * 3 + (USUAL[1],) * 3
+    outcomes: list[list[Evidence | str]] = []
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        write_campaign(folder, request.plan, request.profile, kind, seed=request.seed)
+        found, _ = find(folder, request.profile, mapped)
+        for half, columns in enumerate((known, planned)):
+            progress(f'{kind.name}: simulating', 0.25 * half)
+            simulations = Simulations(request.profile, columns, request.seed + half, prior)
+            job = bind(summarise, simulations=simulations)
+            outcomes.append(mapped(job, [(one, None) for one in found], lambda: None))
+    # Too little of a scene may be within the mode's range.
+    evidence = [
+        replace(one, columns=np.concatenate([one.columns, other.columns]))
+        for one, other in zip(*outcomes, strict=True)
+        if isinstance(one, Evidence) and isinstance(other, Evidence)
+    ]
+    if not evidence:
+        raise InputError(
+            f'--plan: must have recordings within the range of {request.plan.usecase}, got none: '
+            f'{next(one for half in outcomes for one in half if isinstance(one, str))}'
+        )
+    return evidence, known + planned
+
+
+def _planned_columns(modulation: bool) -> list[Column]:
+    # The simulations of all effects at all strengths, in addition to the catalogue.
     return [
         Column(
             _column_name(name, strength),
@@ -85,16 +255,22 @@ def _column_name(effect: str, strength: float) -> str:
     return f'plan:{effect}:{strength:g}'
 
 
-def left_open(model: Model, candidates: Sequence[Candidate], kind: TruthKind) -> set[str]:
-    """Return the effects that the ground truth leaves undecided."""
-    return {one.effect for one in undecided(model, candidates) if one.confounded} | set(kind.never)
+def _power(
+    effect: str,
+    evidence: Sequence[Evidence],
+    columns: Sequence[Column],
+    kind: TruthKind,
+    request: PowerRequest,
+) -> Power:
+    model = Model(evidence, columns, np.repeat(USUAL, 3))
+    candidates = catalogue((), request.modulation)[1]
+    return power(effect, model, candidates, kind, request.seed, request.draws)
 
 
 def power(
     effect: str,
     model: Model,
     candidates: Sequence[Candidate],
-    hidden: set[str],
     kind: TruthKind,
     seed: int,
     draws: int = _DRAWS,
@@ -103,16 +279,16 @@ def power(
     Compute how often an effect is found in `draws` at each strength.
 
     It is found if the diagnosis names it first, and no effect that the ground truth leaves
-    undecided (`hidden`, as from `left_open`) explains about as much. `model` has the recordings
-    without effects, with the columns of `planned_columns`.
+    undecided explains about as much. `model` has the recordings without effects, with the columns
+    of all effects at all strengths.
     """
-    if effect in hidden:
-        return Power(effect, {}, True)
+    hidden = {one.effect for one in undecided(model, candidates) if one.confounded}
+    hidden |= set(kind.never)
     # As in the diagnosis, what the truth takes away wholly explains nothing.
     candidates = [one for one in candidates if one.effect not in kind.never]
     if not model.own.posed.any():
         candidates = [one for one in candidates if one.kind.role != 'pose']
-    if not any(one.effect == effect for one in candidates):
+    if effect in hidden or not any(one.effect == effect for one in candidates):
         return Power(effect, {}, True)
     decidable, others = _considered(model, candidates, hidden, effect)
 

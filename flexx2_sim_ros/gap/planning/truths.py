@@ -95,10 +95,9 @@ def write_campaign(
     The folder exists. Moving scenes are left out where the truth consists of planes. `effects` are
     those of the camera, parameters by effect; `seed` is that of the noise.
     """
-    for planned in plan.recordings:
-        if kind.suits(planned):
-            path = folder / f'{planned.name}.npz'
-            write_recording(path, plan, planned, profile, kind, effects, seed)
+    for planned in filter(kind.suits, plan.recordings):
+        path = folder / f'{planned.name}.npz'
+        write_recording(path, plan, planned, profile, kind, effects, seed)
 
 
 def write_recording(
@@ -171,10 +170,9 @@ def _truth(
         deviation = np.array(GROUND_TRUTH.pose)
         deviation[3:] = np.radians(deviation[3:])
         truth = {'pose_covariance': np.diag(deviation**2), 'clean_sigma': np.array(_SCAN_ERROR)}
-        if not all(planned.fixed):  # A scan does not contain moving objects.
-            shown = labels(planned, lens, stamp)
-            moving = [k for k, fixed in enumerate(planned.fixed, 1) if not fixed]
-            truth['known'] = ~np.isin(shown, moving)
+        moving = [k for k, one in enumerate(planned.scene.panels, 1) if any(one.velocity)]
+        if moving:  # A scan does not contain them.
+            truth['known'] = ~np.isin(labels(planned, lens, stamp), moving)
         return truth
     if kind.plane is None:
         return {}
