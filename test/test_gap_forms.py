@@ -10,7 +10,7 @@ from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose, measure, randomise
 from flexx2_sim_ros.gap.cost import known_of
-from flexx2_sim_ros.gap.report.form_figures import figures
+from flexx2_sim_ros.gap.report.charts import forms
 from flexx2_sim_ros.gap.report.reading import read_diagnosis
 from named_forms import fitted_forms
 import numpy as np
@@ -52,7 +52,7 @@ def test_dead_pixels_are_found(tmp_path):
     (effect,) = found.effects(parse_effects({'random_dropout': {}}))
     np.testing.assert_array_equal(effect.dead.values > 0.5, DEAD > 0)
     assert np.median(effect.dead.values) == pytest.approx(0.05, abs=0.01)
-    page = figures(found.explained.verdicts, found.explained.looked, ('before', 'after'))
+    page = forms(found.explained.verdicts, found.explained.looked)
     assert 'red is always lost' in page
 
 
@@ -81,7 +81,7 @@ def test_forms_are_found_and_taken(campaign):
     assert np.corrcoef(pattern.ravel(), COLUMNS.ravel())[0, 1] > 0.6
     assert pattern.std() == pytest.approx(COLUMNS.std(), rel=0.2)
     assert effects['quantisation'].step == 0.001
-    page = figures(found.explained.verdicts, found.explained.looked, ('before', 'after'))
+    page = forms(found.explained.verdicts, found.explained.looked)
     assert page.count('class="band"') == 2
     assert page.count('<img') == 1
     assert 'nan' not in page.replace('base64', '').split('src="')[0]
@@ -182,7 +182,7 @@ def test_noise_that_depends_on_the_incidence_gets_a_curve(tmp_path):
     assert one.after.mean() < 0.7 * one.before.mean()
     (effect,) = found.effects(parse_effects({'excess_noise': {}}))
     np.testing.assert_allclose(effect.slant.at([15.0, 40.0, 65.0]), [1.8, 1.4, 1.0], rtol=0.1)
-    shown = figures([one], found.explained.looked, ('before', 'after'))
+    shown = forms([one], found.explained.looked)
     assert 'excess noise: factor on sigma_z' in shown
 
 

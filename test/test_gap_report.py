@@ -10,9 +10,9 @@ from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.features.confirm import Apart, NOISE, parts
 from flexx2_sim_ros.gap.features.single_frame import single_frame
-from flexx2_sim_ros.gap.report.attribution import attribution, lengths, shown_by_one
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
 from flexx2_sim_ros.gap.report.places import difference, finding
+from flexx2_sim_ros.gap.report.sizes import attribution, lengths, shown_by_one
 from flexx2_sim_ros.gap.report.table import verdict_of
 from flexx2_sim_ros.gap.report.text import percent, short
 from flexx2_sim_ros.gap.report.words import (
@@ -320,21 +320,21 @@ def test_effects_that_close_less_than_four_fifths_of_the_gap_explain_it_partly(
     assert verdict_of(table) != 'identified' or names[0] == 'pose_error'
 
 
-@pytest.mark.parametrize(('confidence', 'words'), [(0.8, 'is due to'), (0.3, 'may be due to')])
-def test_the_headline_says_how_sure_the_cause_is(confidence, words):
-    table = {
-        'verdict': 'partly',
-        'effects': [{'name': 'offset', 'confidence': confidence}],
-        'gap': {
-            'shrink': 0.6,
-            **{
-                unit: {'before': 5.0, 'after': 2.0, 'null': 1.0, 'tolerance': 1.0}
-                for unit in ('wasserstein_mm', 'invalid_rate')
-            },
-        },
-        'calibration': None,
-    }
-    assert headline(table).startswith(f'The gap {words} offset')
+@pytest.mark.parametrize(
+    ('confidences', 'words'),
+    [
+        ([0.8], 'is due to offset:'),
+        ([0.3], 'may be due to offset:'),
+        ([0.06, 0.8], 'is due to wiggling, and may be due to offset as well:'),
+        ([0.06, 0.3], 'may be due to offset and wiggling:'),
+    ],
+)
+def test_the_headline_says_how_sure_each_cause_is(confidences, words):
+    table = _identified('offset', 'wiggling')
+    table['effects'] = table['effects'][: len(confidences)]
+    for row, confidence in zip(table['effects'], confidences, strict=True):
+        row['confidence'] = confidence
+    assert headline(table).startswith(f'The gap {words} adding')
 
 
 @pytest.mark.parametrize(

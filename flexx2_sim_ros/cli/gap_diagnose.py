@@ -51,9 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.camera.compiling import compiling_said
     from flexx2_sim_ros.gap import diagnose
     from flexx2_sim_ros.gap.report.age import age_words
-    from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, said
     from flexx2_sim_ros.gap.report.cost_page import in_short as cost_in_short
-    from flexx2_sim_ros.gap.report.sizes import processed_in_short
+    from flexx2_sim_ros.gap.report.sizes import attribution, HEADS, processed_in_short, said
     from flexx2_sim_ros.gap.report.words import (
         headline,
         not_considered,

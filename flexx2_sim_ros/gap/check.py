@@ -52,23 +52,10 @@ def check(
         A folder that `diagnose` has written. The effects are those of its ``effects.yaml``.
     fresh : str or pathlib.Path
         A folder of recordings with ``clean_depth``, none of which was part of the diagnosis.
-    profile : Profile, optional
-        The camera (default: the Flexx2).
-    seed : int
-        Seed of the simulations.
-    jobs : int
-        Number of processes.
     out : str or pathlib.Path, optional
         Folder to write ``check.json`` and ``check.html`` to.
-    pose_prior : tuple of float, optional
-        Standard deviations of the pose error of a recording: metres and degrees. They hold the
-        poses (default: as in the diagnosis).
-    progress : callable, optional
-        Called with the name of the current step and the fraction of the work that is done.
-    scheduler : str, optional
-        Address of a Dask scheduler to work on.
-    known : mapping, optional
-        Effects taken as given, parameters by name (default: those of the diagnosis).
+    profile, seed, jobs, pose_prior, progress, scheduler, known
+        As for `diagnose` (default: the diagnosis' own pose prior and known effects).
 
     Returns
     -------
@@ -78,8 +65,7 @@ def check(
     Raises
     ------
     InputError
-        When an input cannot be used or a recording was part of the diagnosis; then nothing is
-        written.
+        When an input cannot be used; then nothing is written.
 
     """
     began = time.monotonic()

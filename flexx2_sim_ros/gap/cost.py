@@ -62,12 +62,6 @@ def cost(
         A folder that `diagnose` has written.
     consumers : collection of str
         Names, or files and classes such as ``my.py:Grid`` (default: all that are installed).
-    profile : Profile, optional
-        The camera (default: the Flexx2).
-    seed : int
-        Of the simulations.
-    jobs : int
-        Processes.
     out : str or pathlib.Path, optional
         Folder to write ``cost.json`` and ``cost.html`` to.
     mounting : tuple of float, optional
@@ -75,8 +69,8 @@ def cost(
         (default: the ground is found in the ground truth).
     limit : float
         Seconds that a consumer may take for a recording.
-    progress : callable, optional
-        Called with the name of the current step and the fraction of the work that is done.
+    profile, seed, jobs, progress
+        As for `diagnose`.
 
     Returns
     -------

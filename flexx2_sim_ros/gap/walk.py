@@ -51,22 +51,16 @@ def walk(
     ----------
     diagnosis : str or pathlib.Path
         A folder that `diagnose` has written.
-    profile : Profile, optional
-        The camera (default: the Flexx2).
     robot : str
         One of `robots.robot.robot_names`, or the path of a robot's file.
     walks : int
         For each terrain and step height.
     steps : sequence of float
         Step heights, metres.
-    seed : int
-        Of the terrain and the noise.
-    jobs : int
-        Processes.
     out : str or pathlib.Path, optional
         Folder to write ``walk.json`` and ``walk.png`` to.
-    progress : callable, optional
-        Called with the name of the current step and the fraction of the work that is done.
+    profile, seed, jobs, progress
+        As for `diagnose`; the seed is that of the terrain, too.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """The age of images: what the stamps hide, and how late the images arrive after them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import astuple, fields, replace
 from typing import Any
 
 from flexx2_sim_ros.effects import Effect
@@ -23,16 +23,11 @@ def age_table(effects: Sequence[Effect], used: Sequence[Found]) -> dict[str, Any
     nothing. ``delay``: an `Arrival`, each number the median over recordings; None if no recording
     says so.
     """
-    rows = [list(asdict(one.arrival).values()) for one in used if one.arrival is not None]
+    rows = [astuple(one.arrival) for one in used if one.arrival is not None]
     delay = None
     if rows:
-        delay = dict(
-            zip(
-                _KEYS,
-                np.clip(np.median(rows, axis=0), 0, READING.longest_delay).tolist(),
-                strict=True,
-            )
-        )
+        middle = np.clip(np.median(rows, axis=0), 0, READING.longest_delay)
+        delay = dict(zip(_KEYS, middle.tolist(), strict=True))
     return {'latency': time_offset_of(effects).latency_ns / 1e9, 'delay': delay}
 
 

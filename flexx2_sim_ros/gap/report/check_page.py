@@ -15,6 +15,10 @@ td + td, .recordings td { white-space: nowrap; }
 .bar { width: 8rem; } .recordings .bar { width: 6rem; }
 """
 _MEASURES = {'loss': ('loss per recording', '', 1.0), **MEASURES}
+_LOSS = (
+    'weighted sum of the differences in all that the diagnosis compares, in units of noise and '
+    'tolerance'
+)
 _OF_EACH = 'loss', 'wasserstein_mm', 'invalid_rate'  # shown for each recording
 
 
@@ -51,41 +55,32 @@ def lines(table: dict[str, Any]) -> Iterator[tuple[str, ...]]:
     for key, (name, unit, factor) in _MEASURES.items():
         one = table['measures'][key]
         change = 'better' if one['better'] else 'worse' if one['worse'] else 'not significant'
-        before, after, null, moved = (
-            _text(one, part, unit, factor) for part in ('before', 'after', 'null', 'change')
-        )
-        yield name, before, after, null, moved, change
+        parts = ('before', 'after', 'null', 'change')
+        yield name, *(_text(one, part, unit, factor) for part in parts), change
 
 
 def _text(one: dict[str, Any], part: str, unit: str, factor: float) -> str:
-    def number(value: float) -> str:
-        sign = '+' if part == 'change' and value >= 0 else ''
-        return sign + short(value * factor, 3)
-
-    text = f'{number(one[part])} {unit}'.strip()
-    interval = one[f'{part}_interval']
-    if interval is not None and part != 'null':
-        low, high = map(number, interval)
-        text += f' ({low} to {high})'
-    return text
+    ends = None if part == 'null' else one[f'{part}_interval']
+    size, *interval = (
+        ('+' if part == 'change' and value >= 0 else '') + short(value * factor, 3)
+        for value in (one[part], *(ends or ()))
+    )
+    text = f'{size} {unit}'.strip()
+    return f'{text} ({" to ".join(interval)})' if interval else text
 
 
 def page(table: dict[str, Any]) -> str:
     """Return the page as HTML, all text escaped."""
     used = [row for row in table['recordings'] if row['used']]
     count = f'{len(used)} recording{"s" * (len(used) != 1)}'
-    verdict = html.tag('holds', 'good') if table['holds'] else html.tag('does not hold', 'bad')
+    verdict = ('holds', 'good') if table['holds'] else ('does not hold', 'bad')
     seen = html.element('small', f'on {count} that the diagnosis has not seen')
-    loss = (
-        'weighted sum of the differences in all that the diagnosis compares, in units of noise '
-        'and tolerance'
-    )
     body = [
-        html.element('p', verdict, ' ', seen),
+        html.element('p', html.tag(*verdict), ' ', seen),
         html.heading(headline(table), 1),
         html.paragraphs(sentences(table)),
         _measures(table),
-        html.definitions('What the rows mean', {'loss per recording': loss, **MEANINGS}),
+        html.definitions('What the rows mean', {_MEASURES['loss'][0]: _LOSS, **MEANINGS}),
         _recordings(used),
         html.made_by(table, 'docs/diagnosis.md'),
     ]
@@ -111,12 +106,11 @@ def _measures(table: dict[str, Any]) -> html.Html:
 
 def _cell(text: str) -> html.Html:
     # A value above its interval.
-    value, there, interval = text.partition(' (')
-    return (
-        html.join(value, html.element('br'), html.element('small', f'({interval}'))
-        if there
-        else html.join(text)
+    value, *interval = text.split(' (', 1)
+    below = (
+        part for one in interval for part in (html.element('br'), html.element('small', f'({one}'))
     )
+    return html.join(value, *below)
 
 
 def _recordings(used: list[dict[str, Any]]) -> html.Html:
@@ -124,14 +118,10 @@ def _recordings(used: list[dict[str, Any]]) -> html.Html:
     heads = ['file', *(f'{name}, {unit}' if unit else name for name, unit, _ in shown)]
     rows = []
     for row in used:
-        cells = (
-            html.join(_span(row[name], _MEASURES[name][2]), bar(*row[name])) for name in _OF_EACH
-        )
+        cells = []
+        for name, (_, _, factor) in zip(_OF_EACH, shown, strict=True):
+            before, after = (short(value * factor, 3) for value in row[name][:2])
+            cells.append(html.join(f'{before} to {after}', bar(*row[name])))
         rows.append([row['name'], *cells])
-    return html.join(
-        html.heading('Each recording, before to after'), html.table(heads, rows, 'recordings')
-    )
-
-
-def _span(values: list[float], factor: float) -> str:
-    return f'{short(values[0] * factor, 3)} to {short(values[1] * factor, 3)}'
+    title = html.heading('Each recording, before to after')
+    return html.join(title, html.table(heads, rows, 'recordings'))

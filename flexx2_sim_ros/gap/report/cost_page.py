@@ -7,7 +7,7 @@ from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.consumers.comparison import FEWEST
 from flexx2_sim_ros.consumers.running import Result
 from flexx2_sim_ros.gap.report.frames import quantile
-from flexx2_sim_ros.gap.report.text import listed, moved, percent, spaced
+from flexx2_sim_ros.gap.report.text import listed, moved, percent, short, spaced
 from flexx2_sim_ros.html_drawing import bar, picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
@@ -18,6 +18,12 @@ td + td { white-space: nowrap; }
 .row img { image-rendering: pixelated; height: 11rem; width: auto; }
 """
 _PICTURES = {'real': 'recorded', 'simulated': 'as simulated', 'all effects': 'with all effects'}
+_SECTION = (
+    'Errors of what reads depth on a robot, against the true depth: on the recordings, and on '
+    'their simulation. Only those that differ more than two simulations do. The last column is '
+    'how much of the difference the best effect alone takes away, with a 90 % interval. '
+    'docs/robots.md says more.'
+)
 NOTHING_SEEN = 'No recording shows what it measures.'
 _LEAST_COLOUR = 0.02  # metres: smaller errors are drawn pale
 
@@ -41,7 +47,7 @@ def headline(table: dict[str, Any]) -> str:
     consumer, measure = _clearest(table, best['effect'])
     one = measure['effects'][best['effect']]
     where = f'{spaced(measure["name"])} ({spaced(consumer)})'
-    apart = f'{measure["difference"]:.3g} {measure["unit"]}'.strip()
+    apart = f'{short(measure["difference"], 3)} {measure["unit"]}'.strip()
     first = '' if tied else ' first'
     return (
         f'Modelling {spaced(best["effect"])}{first} takes away {_percent(one)} of the difference '
@@ -62,18 +68,12 @@ def _undecided(names: Sequence[str]) -> str:
 
 def _clearest(table: dict[str, Any], effect: str) -> tuple[str, dict[str, Any]]:
     # The measure of which the effect takes away most for sure.
-    rows = [
-        (consumer['name'], measure)
-        for consumer in table['consumers']
-        for measure in consumer['measures']
-        if measure['significant']
-    ]
-
     def sure(row: tuple[str, dict[str, Any]]) -> float:
         one = row[1]['effects'][effect]
-        return float(one['share'] if one['interval'] is None else one['interval'][0])
+        return float((one['interval'] or [one['share']])[0])
 
-    return max(rows, key=sure)
+    every = ((one['name'], measure) for one in table['consumers'] for measure in one['measures'])
+    return max((row for row in every if row[1]['significant']), key=sure)
 
 
 def sentences(table: dict[str, Any]) -> list[str]:
@@ -112,16 +112,9 @@ def lines(consumer: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], bool]]:
         first = 'no difference' if one['recordings'] >= FEWEST else 'too few recordings'
         if one['significant']:
             first = f'{spaced(name)} {_percent(best)}' if best['share'] > 0 else 'no effect alone'
-        yield (
-            (
-                f'{spaced(one["name"])}{unit}',
-                f'{one["real"]:.3g}',
-                f'{one["simulated"]:.3g}',
-                f'{one["all_effects"]["value"]:.3g}',
-                first,
-            ),
-            one['significant'],
-        )
+        sizes = one['real'], one['simulated'], one['all_effects']['value']
+        cells = f'{spaced(one["name"])}{unit}', *(short(size, 3) for size in sizes), first
+        yield cells, one['significant']
 
 
 def _percent(one: dict[str, Any], key: str = 'share') -> str:
@@ -147,26 +140,11 @@ def section(table: dict[str, Any]) -> html.Html:
     rows: list[html.Html | tuple[str, ...]] = []
     for consumer in table['consumers']:
         texts = [line for line, significant in lines(consumer) if significant]
-        if texts:
-            rows.append(
-                html.element('tr', html.element('th', spaced(consumer['name']), colspan='5'))
-            )
-        rows += texts
-    shown = html.join(
-        html.table(['mean error of', *HEADS], rows),
-        html.note(
-            'Errors of what reads depth on a robot, against the true depth: on the recordings, '
-            'and on their simulation. Only those that differ more than two simulations do. The '
-            'last column is how much of the difference the best effect alone takes away, with a '
-            '90 % interval. docs/robots.md says more.'
-        ),
-    )
-    return html.folded(
-        title,
-        html.element('p', html.element('b', in_short(table))),
-        html.paragraphs(sentences(table)),
-        shown if rows else html.Html(),
-    )
+        name = html.element('th', spaced(consumer['name']), colspan='5')
+        rows += [html.element('tr', name), *texts] if texts else []
+    shown = [html.table(['mean error of', *HEADS], rows), html.note(_SECTION)] if rows else []
+    first = html.element('p', html.element('b', in_short(table)))
+    return html.folded(title, first, html.paragraphs(sentences(table)), *shown)
 
 
 def page(table: dict[str, Any], results: Sequence[Result]) -> str:
@@ -201,13 +179,13 @@ def _consumer(one: dict[str, Any], result: Result) -> html.Html:
         unit = f', {measure["unit"]}' if measure['unit'] else ''
         cells = [
             f'{spaced(measure["name"])}{unit}',
-            *(f'{measure[key]:.3g}' for key in ('real', 'simulated', 'difference', 'null')),
+            *(short(measure[key], 3) for key in ('real', 'simulated', 'difference', 'null')),
         ]
         rows.append(html.row([*cells, '', ''], '' if measure['significant'] else 'dim'))
         if measure['significant']:
             effects = {**measure['effects'], 'all effects': measure['all_effects']}
             for name, left in effects.items():
-                values = ['', '', f'{left["value"]:.3g}', f'{left["difference"]:.3g}', '']
+                values = ['', '', short(left['value'], 3), short(left['difference'], 3), '']
                 drawn = bar(measure['difference'], left['difference'], measure['null'])
                 rows.append(html.row([*values, f'{spaced(name)}: {_percent(left)}', drawn]))
     heads = ('', 'recorded', 'simulated', 'difference', 'two simulations', 'taken away by', '')
@@ -217,13 +195,12 @@ def _consumer(one: dict[str, Any], result: Result) -> html.Html:
 def _pictures(result: Result) -> html.Html:
     # Of the recording whose simulation differs most from it.
     def apart(one: dict[str, np.ndarray]) -> float:
-        if not one.keys() >= _PICTURES.keys():
-            return -1.0
         return float(np.nan_to_num(np.abs(one['real'] - one['simulated'])).sum())
 
-    if not result.pictures or max(map(apart, result.pictures)) < 0:
+    some = [one for one in result.pictures if one.keys() >= _PICTURES.keys()]
+    if not some:
         return html.Html()
-    images = max(result.pictures, key=apart)
+    images = max(some, key=apart)
     shown = np.concatenate([images[name].ravel() for name in _PICTURES])
     limit = max(quantile(np.abs(shown), 0.98), _LEAST_COLOUR)
     # x ahead is up in the picture, y left is left.

@@ -102,15 +102,11 @@ def _difference(name: str, apart: np.ndarray, limit: float) -> tuple[str, str]:
     size = np.abs(apart)
     worst = quantile(size, 1 - _WORST)
     marked = picture(apart, limit, 1, _STEPS, size > worst)
-    finite = size[np.isfinite(size)]
-    if not finite.size:
-        return name, marked
-    middle, mean = 1000 * quantile(apart, 0.5), 1000 * finite.mean()
-    return (
-        f'{name}: median {middle:+.1f}, size {mean:.1f}, worst {100 * _WORST:g} % from '
-        f'{1000 * worst:.0f} mm',
-        marked,
-    )
+    if np.isfinite(size).any():
+        middle, mean = 1000 * quantile(apart, 0.5), 1000 * size[np.isfinite(size)].mean()
+        name += f': median {middle:+.1f}, size {mean:.1f}, worst {100 * _WORST:g} % from '
+        name += f'{1000 * worst:.0f} mm'
+    return name, marked
 
 
 def quantile(values: np.ndarray, share: float) -> float:
@@ -125,16 +121,12 @@ def _marks(
     # Text and (h, w) mask of the first conditions that select a part of this frame's pixels.
     out: dict[str, np.ndarray] = {}
     surfaces = frame.places['all'] >= 0
+    most = _MOST_MARKED * max(surfaces.sum(), 1)
     for row in rows:
         mask = _pixels(row, frame, index, axes)
-        if mask is None or not mask.any():
-            continue
-        if (mask & surfaces).sum() > _MOST_MARKED * max(surfaces.sum(), 1):
-            continue
-        out.setdefault(group(row), mask)
-        if len(out) == len(MARKS):
-            break
-    return list(out.items())
+        if mask is not None and mask.any() and (mask & surfaces).sum() <= most:
+            out.setdefault(group(row), mask)
+    return list(out.items())[: len(MARKS)]
 
 
 def _pixels(row: dict[str, Any], frame: SingleFrame, index: int, axes: Axes) -> np.ndarray | None:

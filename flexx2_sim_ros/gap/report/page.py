@@ -10,14 +10,19 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.calibrating import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.report.attribution import attribution, HEADS, lengths, said
-from flexx2_sim_ros.gap.report.charts import charts, maps
+from flexx2_sim_ros.gap.report.charts import charts, forms, maps
 from flexx2_sim_ros.gap.report.cost_page import section
-from flexx2_sim_ros.gap.report.form_figures import figures
 from flexx2_sim_ros.gap.report.frames import frames, FRAMES_STYLE
 from flexx2_sim_ros.gap.report.places import difference, group
-from flexx2_sim_ros.gap.report.sizes import processed_section, sizes_section
-from flexx2_sim_ros.gap.report.text import percent, spaced
+from flexx2_sim_ros.gap.report.sizes import (
+    attribution,
+    HEADS,
+    lengths,
+    processed_section,
+    said,
+    sizes_section,
+)
+from flexx2_sim_ros.gap.report.text import percent, short, spaced
 from flexx2_sim_ros.gap.report.words import (
     accuracy,
     calibrations,
@@ -47,7 +52,7 @@ _VERDICTS = {
     'none': ('no gap', 'good'),
     'identified': ('cause identified', 'named'),
     'partly': ('partly explained', 'doubtful'),
-    'unknown': ('cause unknown', 'bad'),
+    'unknown': ('cause unknown', ''),
     'not_decidable': ('not decidable', 'doubtful'),
     'too_little': ('too little data', ''),
 }
@@ -77,6 +82,7 @@ def page(
     used = sum(row['used'] for row in table['recordings'])
     told = ', '.join([f'from {used} recording{"s" * (used != 1)}', *significance(table)])
     explained = bool(camera_effects(table))
+    taken = [one for one in calibrated.explained.verdicts if one.taken] if calibrated else []
     first, rest = said(table)
     body = [
         html.element(
@@ -87,7 +93,7 @@ def page(
         html.paragraphs(first),
         html.folded('What the columns mean', html.note(_MEANING)) if table['effects'] else '',
         html.folded('More about this result', html.paragraphs(rest)) if rest else '',
-        _forms(calibrated),
+        forms(taken, calibrated.explained.looked) if calibrated and taken else '',
         sizes_section(table),
         processed_section(table) if 'processed' in table else '',
         section(table['cost']) if 'cost' in table else '',
@@ -110,67 +116,47 @@ def _typeset(text: str) -> str:
 def _effects(table: dict[str, Any]) -> html.Html:
     if not table['effects']:
         return html.Html()
-    forms = {row['name']: row['form'] for row in calibrations(table) if row['taken']}
-    values = [forms.get(row['name']) or _parameters(row) for row in table['effects']]
+    fitted = {row['name']: row['form'] for row in calibrations(table, taken=True)}
+    values = [fitted.get(row['name']) or _parameters(row) for row in table['effects']]
     sizes, rows = lengths(table), []
     for i, ((name, sure, *cells), size) in enumerate(zip(attribution(table), sizes, strict=True)):
         drawn = part_bar(size, sizes[-1])
-        if i < len(values):
-            rows.append(html.row([html.element('b', name), drawn, *cells, sure, values[i]]))
-        else:
-            rows.append(html.row([name, drawn, *cells, sure, ''], 'dim'))
+        named = i < len(values)
+        what = html.element('b', name) if named else name
+        told = values[i] if named else ''
+        rows.append(html.row([what, drawn, *cells, sure, told], '' if named else 'dim'))
     return html.table((HEADS[0], 'part', *HEADS[2:], HEADS[1], 'parameters'), rows, 'attribution')
 
 
 def _parameters(row: dict[str, Any]) -> str:
     units = {one.name: one.unit for one in loadable()[row['name']].parameters()}
-    told = (f'{key} {v:.4g} {units.get(key, "")}' for key, v in row['parameters'].items())
+    told = (f'{key} {short(v, 4)} {units.get(key, "")}' for key, v in row['parameters'].items())
     return ', '.join(map(str.strip, told))
 
 
-def _forms(calibrated: Calibrated | None) -> html.Html:
-    taken = [one for one in calibrated.explained.verdicts if one.taken] if calibrated else []
-    if calibrated is None or not taken:
-        return html.Html()
-    return html.folded(
-        'Curves and maps that were fitted',
-        html.beside(
-            figures(taken, calibrated.explained.looked, ('form of the catalogue', 'as fitted'))
-        ),
-        html.note(
-            'What was fitted to the recordings. Bands: 90 % intervals over recordings '
-            '(jackknife). Dashed: in the form of the catalogue.'
-        ),
-    )
-
-
 def _where(table: dict[str, Any]) -> html.Html:
-    title = 'Where the gap lies'
-    if not table['where']:
+    title, listed = 'Where the gap lies', table['where'][:_MOST_PLACES]
+    if not listed:
         found = 'No region differs by more than the tolerance.'
         if table['verdict'] == 'too_little':
             found = 'Too few depths to compare.'
         return html.folded(title, html.element('p', found))
-    listed = table['where'][:_MOST_PLACES]
-    doubts = ''
+    rows, note = [], 'Mean over the pixels that differ.'
+    for cell in listed:
+        chance = f' may be chance: q = {short(cell["q_value"])}'
+        doubt = html.element('small', chance) if cell['q_value'] > _DOUBTFUL else ''
+        rows.append((group(cell), html.join(difference(cell), doubt)))
     if any(cell['q_value'] > _DOUBTFUL for cell in listed):
-        doubts = (
+        note += (
             f' May be chance: q is above {_DOUBTFUL:g}. It is the probability that noise alone '
             'differs so much in the first row, and the false discovery rate (Benjamini and '
             'Hochberg) in the others.'
         )
     more = len(table['where']) - len(listed)
-    others = f' diagnosis.json has {more} more rows.' if more else ''
-    rows = [(group(cell), html.join(difference(cell), _doubt(cell['q_value']))) for cell in listed]
-    return html.folded(
-        title,
-        html.table(['pixels', 'real minus simulated'], rows),
-        html.note(f'Mean over the pixels that differ.{doubts}{others}'),
-    )
-
-
-def _doubt(q: float) -> html.Html:
-    return html.element('small', f' may be chance: q = {q:.2g}') if q > _DOUBTFUL else html.Html()
+    if more:
+        note += f' diagnosis.json has {more} more rows.'
+    heads = ['pixels', 'real minus simulated']
+    return html.folded(title, html.table(heads, rows), html.note(note))
 
 
 def _considered(table: dict[str, Any], decision: Decision) -> html.Html:
@@ -206,19 +192,16 @@ def _recordings(table: dict[str, Any]) -> html.Html:
         if not row['used']:
             rows.append([row['name'], 'left out', row['reason']])
             continue
-        x, y, z, *turn = row['pose']
-        pose = (
-            f'{x * 1000:+.1f}, {y * 1000:+.1f}, {z * 1000:+.1f} mm; '
-            + ', '.join(f'{angle:+.2f}' for angle in turn)
-            + ' deg'
-        )
+        shift = ', '.join(f'{1000 * metres:+.1f}' for metres in row['pose'][:3])
+        turn = ', '.join(f'{angle:+.2f}' for angle in row['pose'][3:])
         kind = 'moving' if row['moving'] else 'still'
         truth = accuracy([row['truth']])
         lines = [f'ground truth: {truth}'] * bool(truth) + row['notes']
-        notes = html.join(
-            *(html.join(html.element('br'), html.element('small', line)) for line in lines)
-        )
-        rows.append([row['name'], f'{row["frames"]} frames, {kind}', html.join(pose, notes)])
+        notes = [
+            part for one in lines for part in (html.element('br'), html.element('small', one))
+        ]
+        pose = html.join(f'{shift} mm; {turn} deg', *notes)
+        rows.append([row['name'], f'{row["frames"]} frames, {kind}', pose])
     heads = (
         'file',
         'frames, camera',

@@ -36,16 +36,17 @@ CHANNELS = {
 }
 # What to record to see a difference along each covariate alone.
 _NEXT_STEPS = {
-    'all': 'A flat wall, seen straight on, is enough to see it.',
-    'structure': 'A flat wall, seen straight on, is enough to see it.',
+    **dict.fromkeys(('all', 'structure'), 'A flat wall, seen straight on, is enough to see it.'),
     'distance': 'To see it alone, move the camera towards a flat wall in small steps.',
     'incidence': 'To see it alone, turn a flat board away from the camera in small steps.',
     'amplitude': 'To see it alone, record a dark and a bright board at the same distance.',
     'edge': 'To see it alone, record the edge of a box in front of a wall.',
     'speed': 'To see it alone, move the camera towards a wall, then hold it still.',
     'uptime': 'To see it alone, record a still scene from power-on for half an hour.',
-    'radius': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
-    'region': 'To see it alone, record a flat wall that fills the image; check the camera matrix.',
+    **dict.fromkeys(
+        ('radius', 'region'),
+        'To see it alone, record a flat wall that fills the image; check the camera matrix.',
+    ),
     'recording': 'Look for what was different in this recording: lighting, poses, settings.',
 }
 # Units of a difference that is written as it is in the table.
@@ -74,12 +75,10 @@ def finding(cell: dict[str, Any]) -> str:
     """Return a row of ``where`` as sentences: what differs from the simulation, what to do now."""
     covariate = cell['covariate'].removeprefix('fine_')
     step = _NEXT_STEPS.get('region' if covariate.startswith('image') else covariate, '')
-    said = _said(cell)
-    if covariate == 'structure':
-        return f'The gap is alike {group(cell)}: {difference(cell)}. {step}'
-    if said is None:
-        return f'The gap is largest here: {group(cell)}: {difference(cell)}. {step}'.strip()
-    return f'The gap is largest here: {group(cell)} {said}. {step}'.strip()
+    first = 'alike' if covariate == 'structure' else 'largest here:'
+    said = None if covariate == 'structure' else _said(cell)
+    what = f': {difference(cell)}' if said is None else f' {said}'
+    return f'The gap is {first} {group(cell)}{what}. {step}'.strip()
 
 
 def _said(cell: dict[str, Any]) -> str | None:
@@ -140,26 +139,17 @@ def _as_bright(low: float | None, high: float | None) -> str:
 
 
 def _span(low: float | None, high: float | None, unit: str) -> str:
-    if low is not None and high is not None:
-        text = f'from {short(low, 3)} to {short(high, 3)} {unit}'
-    elif low is not None:
-        text = f'above {short(low, 3)} {unit}'
-    elif high is not None:
-        text = f'below {short(high, 3)} {unit}'
-    else:
-        text = ''
-    return text.strip()
+    words = {(True, True): 'from {} to {}', (True, False): 'above {}', (False, True): 'below {1}'}
+    ends = ['' if end is None else short(end, 3) for end in (low, high)]
+    text = words.get((low is not None, high is not None), '').format(*ends)
+    return f'{text} {unit}'.strip() if text else ''
 
 
 def difference(cell: dict[str, Any]) -> str:
     """Return what differs in a row of `where`, real minus simulated, as text."""
-    what, size = CHANNELS[cell['channel']], cell['size']
+    what, size, unit = CHANNELS[cell['channel']], cell['size'], cell['unit_size']
     if cell['channel'] == 'log_variance':
         return f'noise {short(math.exp(size / 2), 3)} times as large'
-    if cell['unit_size'] == 'mm':
-        text = f'{size:+.2f} mm'
-    elif cell['unit_size'] == 'fraction':
-        text = f'{100 * size:+.1f} %'
-    else:
-        text = f'{size:+.2g}{_UNITS.get(cell["unit_size"], "")}'
-    return f'{what} {text}'
+    exact = {'mm': f'{size:+.2f} mm', 'fraction': f'{100 * size:+.1f} %'}
+    usual = ('+' if size >= 0 else '') + short(size) + _UNITS.get(unit, '')
+    return f'{what} {exact.get(unit, usual)}'

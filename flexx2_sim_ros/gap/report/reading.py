@@ -26,18 +26,12 @@ class Diagnosed:
     """
     An earlier diagnosis.
 
-    * `verdict`: as in ``diagnosis.json``.
+    * `table`: the content of ``diagnosis.json``, which describes `verdict`, `known`, `pose_prior`,
+      `pose_held`, `full_scale` and `noise_factor`.
     * `effects`: the effects of ``effects.yaml`` that change images.
-    * `known`: effects that were taken as given: parameters by name.
-    * `pose_prior`: standard deviations of pose errors: metres and degrees.
-    * `pose_held`: whether they were stated, so that they hold the poses.
-    * `full_scale`: the floating-point amplitude that was taken for the camera's full scale, if
-      any.
     * `checksums`: names of the recordings that the effects were fitted to, by checksum.
     * `unsummed`: names of recordings without a checksum (diagnoses of older versions).
     * `arrival`: how late images arrive; None where the diagnosis does not say.
-    * `noise_factor`: sigma_z of the camera over that of its profile.
-    * `table`: the whole content of ``diagnosis.json``.
     """
 
     verdict: str
@@ -60,11 +54,9 @@ class Diagnosed:
         """
         effects = tuple(effect for effect in self.effects if effect.role != 'pose')
         if not effects:
-            why = (
-                'only an error of the poses, which belongs to its recordings'
-                if self.verdict in EXPLAINED
-                else f'none: its verdict is {shown(self.verdict)}'
-            )
+            why = f'none: its verdict is {shown(self.verdict)}'
+            if self.verdict in EXPLAINED:
+                why = 'only an error of the poses, which belongs to its recordings'
             raise InputError(f'DIAGNOSIS: must have effects to check, got {why}')
         return effects
 
@@ -122,6 +114,7 @@ def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
     except (InputError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f'settings: {error}') from error
     full, gap = settings.get('full_scale'), table.get('gap')
+    full = None if full is None else _above_zero('settings: full_scale', full, ' or null')
     # Older versions did not write it.
     noise_factor = gap.get('noise_factor', 1.0) if isinstance(gap, dict) else 1.0
     return Diagnosed(
@@ -130,9 +123,7 @@ def diagnosed(table: Any, effects: Iterable[Effect]) -> Diagnosed:
         known=known,
         pose_prior=_pose_prior(settings.get('pose_prior', USUAL)),
         pose_held=settings.get('pose_held') is True,
-        full_scale=(
-            None if full is None else _above_zero('settings: full_scale', full, ' or null')
-        ),
+        full_scale=full,
         checksums={str(row['checksum']): row['name'] for row in used if 'checksum' in row},
         unsummed=frozenset(row['name'] for row in used if 'checksum' not in row),
         arrival=arrival_of(table.get('age')),
@@ -156,12 +147,8 @@ def _read_json(path: Path) -> Any:
 
 
 def _pose_prior(value: Any) -> tuple[float, float]:
-    good = (
-        isinstance(value, list | tuple)
-        and len(value) == 2
-        and all(is_finite(one) and one > 0 for one in value)
-    )
-    if not good:
+    two = isinstance(value, list | tuple) and len(value) == 2
+    if not two or not all(is_finite(one) and one > 0 for one in value):
         raise InputError(
             f'settings: pose_prior: must be metres and degrees above 0, got {shown(value)}'
         )

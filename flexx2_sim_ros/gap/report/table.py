@@ -1,6 +1,6 @@
 """The contents of ``diagnosis.json``."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,13 +12,12 @@ from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.confirm import Outcome
-from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import ENOUGH
 from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.features.simulation import counts_edges
 from flexx2_sim_ros.gap.forms.calibrating import Calibrated
 from flexx2_sim_ros.gap.forms.proposals import PATTERN
-from flexx2_sim_ros.gap.inference.decide import Alternative, Decision
+from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects
 from flexx2_sim_ros.gap.inference.improvement import (
     all_measured,
@@ -36,6 +35,10 @@ from flexx2_sim_ros.gap.report.words import camera_effects, constants_of
 import numpy as np
 
 SCHEMA = 2
+_ONE_RECORDING = (
+    'one recording only: the reduction is measured on the recording that the effects were fitted '
+    'to'
+)
 
 
 def diagnosis_table(
@@ -68,7 +71,16 @@ def diagnosis_table(
         'verdict': decision.verdict if model.seen.any() else 'too_little',
         # A delay alone explains nothing: it is not listed as an effect.
         'effects': _effect_rows(decision, changing(with_delay(effects, arrival_of(age))), parts),
-        'alternatives': [_alternative(model, one) for one in decision.alternatives if finds],
+        'alternatives': [
+            {
+                'name': (effect := fitted_effects(model, one.fit)[-1]).name,
+                'parameters': effect.settings,
+                'confidence': one.confidence,
+                'instead_of': list(one.instead_of),
+            }
+            for one in decision.alternatives
+            if finds
+        ],
         'refused': _refused(decision),
         'not_decidable': [
             {'name': one.effect, 'absorbed': one.absorbed, 'settled_by': one.settled_by}
@@ -172,13 +184,9 @@ def patch_table(patch: Patch, model: Model, patched: list[Outcome]) -> dict[str,
     """
     measures = all_measured(model, [one.apart for one in patched])
     helps = any(measures[unit]['better'] for unit in UNITS)
-    return {
-        'covariate': patch.covariate,
-        'shrink': patch.shrink,
-        'offered': helps and measures['distance']['change'] < 0,
-        'held_out': len(patched) > 1,
-        **measures,
-    }
+    offered, told = helps and measures['distance']['change'] < 0, len(patched) > 1
+    first = {'covariate': patch.covariate, 'shrink': patch.shrink}
+    return {**first, 'offered': offered, 'held_out': told, **measures}
 
 
 def _effect_rows(
@@ -198,16 +206,6 @@ def _effect_rows(
     return [next(largest) if name in parts else row for name, row in rows.items()]
 
 
-def _alternative(model: Model, one: Alternative) -> dict[str, Any]:
-    effect = fitted_effects(model, one.fit)[-1]
-    return {
-        'name': effect.name,
-        'parameters': effect.settings,
-        'confidence': one.confidence,
-        'instead_of': list(one.instead_of),
-    }
-
-
 def _refused(decision: Decision) -> list[dict[str, str]]:
     # An effect that does not improve the fit of left-out recordings was not found.
     if decision.verdict != 'unknown' or decision.support.gain <= 0:
@@ -222,17 +220,16 @@ def _where(
 ) -> list[dict[str, Any]]:
     # The listed difference is what the effects change plus, if the effects do not explain the gap
     # completely, the residual. Nuisances of the recordings are not part of it.
-    identified = decision.verdict == 'identified'
-    difference = np.zeros_like(residual) if identified else residual
-    added = decision.accepted.shift(model) if decision.explains_gap else np.zeros_like(residual)
+    identified, explained = decision.verdict == 'identified', decision.explains_gap
+    added = decision.accepted.shift(model) if explained else np.zeros_like(residual)
     return places(
         model,
-        difference + added,
+        added + (0.0 if identified else residual),
         residual + added,
         [one.groups for one in confirmed],
         identified,
         decision.accepted.sigma,
-        [one.kind for one in decision.accepted.candidates] if decision.explains_gap else [],
+        [one.kind for one in decision.accepted.candidates] if explained else [],
     )
 
 
@@ -240,48 +237,39 @@ def _recordings(
     model: Model, decision: Decision, used: list[Found], left_out: list[tuple[str, str]]
 ) -> list[dict[str, Any]]:
     motions = model.own.found(decision.accepted.nuisances)
-    rows: list[dict[str, Any]] = []
-    for index, (one, motion, file) in enumerate(zip(model.evidence, motions, used, strict=True)):
-        rows.append(
-            {
-                'name': one.name,
-                'used': True,
-                'reason': '',
-                'frames': one.frames,
-                'moving': one.moving,
-                'pose': [float(v) for v in motion[:POSE]],
-                'truth': asdict(one.accuracy),
-                'checksum': one.checksum,
-                'arrival': None if file.arrival is None else asdict(file.arrival),
-                'notes': [
-                    *file.notes,
-                    *one.notes,
-                    *_too_little(one, model.seen[index]),
-                    *_same_noise(model, index),
-                ],
-            }
+    rows: list[dict[str, Any]] = [
+        {
+            'name': one.name,
+            'used': True,
+            'reason': '',
+            'frames': one.frames,
+            'moving': one.moving,
+            'pose': [float(v) for v in motion[:POSE]],
+            'truth': asdict(one.accuracy),
+            'checksum': one.checksum,
+            'arrival': None if file.arrival is None else asdict(file.arrival),
+            'notes': [*file.notes, *one.notes, *_notes(model, index)],
+        }
+        for index, (one, motion, file) in enumerate(
+            zip(model.evidence, motions, used, strict=True)
         )
+    ]
     return rows + [{'name': name, 'used': False, 'reason': reason} for name, reason in left_out]
 
 
-def _too_little(one: Evidence, seen: bool) -> list[str]:
-    if seen:
-        return []
-    return [
-        f'{one.name}: too little to look at: must have at least {ENOUGH} depths on surfaces away '
-        f'from edges whose noise is small enough to compare, got {one.compared}'
-    ]
-
-
-def _same_noise(model: Model, index: int) -> list[str]:
-    other = model.same_noise[index]
-    if other is None:
-        return []
-    one, other_name = model.evidence[index].name, model.evidence[other].name
-    return [
-        f'{one}: has the very same noise as {other_name}, as simulations with the same seed '
-        'and stamps have; fixed-pattern noise that all recordings share is not examined'
-    ]
+def _notes(model: Model, index: int) -> Iterator[str]:
+    one, other = model.evidence[index], model.same_noise[index]
+    if not model.seen[index]:
+        yield (
+            f'{one.name}: too little to look at: must have at least {ENOUGH} depths on surfaces '
+            f'away from edges whose noise is small enough to compare, got {one.compared}'
+        )
+    if other is not None:
+        yield (
+            f'{one.name}: has the very same noise as {model.evidence[other].name}, as simulations '
+            'with the same seed and stamps have; fixed-pattern noise that all recordings share is '
+            'not examined'
+        )
 
 
 def _gap(
@@ -297,10 +285,10 @@ def _gap(
     there, here = [one.elsewhere for one in confirmed], [one.apart for one in confirmed]
     measures, fitted = all_measured(model, there), all_measured(model, here)['distance']
     # Some differences, such as depth in steps of half a millimetre, show in the features only.
-    shown = np.mean([one.elsewhere.gap for one in confirmed]) >= 1.0
+    shown = np.mean([one.gap for one in there]) >= 1.0
     # An error of the poses is corrected and not simulated: if it is all, nothing is removed.
-    posed = [one.kind.role == 'pose' for one in decision.accepted.candidates]
-    by_distance = bool(shown) or hidden or (bool(posed) and all(posed))
+    only_posed = {one.kind.role == 'pose' for one in decision.accepted.candidates} == {True}
+    by_distance = bool(shown) or hidden or only_posed
     loss = _loss(model, decision, confirmed, motions, dropped)
     headline = measures['distance'] if by_distance else loss
     p = p_value(decision.support, calibrated()) if model.seen.any() else None
@@ -317,20 +305,15 @@ def _gap(
         **measures,
     }
     if not held_out:
-        out['note'] = (
-            'one recording only: the reduction is measured on the recording that the effects '
-            'were fitted to'
-        )
+        out['note'] = _ONE_RECORDING
     return out
 
 
 def _interval(decision: Decision, headline: dict[str, Any]) -> list[float] | None:
     # The interval over recordings, widened until it holds on other scenes as often as it says.
-    over_recordings, support = headline['shrink_interval'], decision.support
-    wide = calibrated().widened(
-        over_recordings, headline['shrink'], decision.verdict, support.recordings, support.depths
-    )
-    return wide or over_recordings
+    own, support = headline['shrink_interval'], decision.support
+    told = decision.verdict, support.recordings, support.depths
+    return calibrated().widened(own, headline['shrink'], *told) or own
 
 
 def _loss(
@@ -341,16 +324,11 @@ def _loss(
     dropped: Collection[str],
 ) -> dict[str, Any]:
     # The reduction of the loss of each recording by a perfect simulation, and by these effects.
-    kinds = {one.effect: one.kind for one in decision.accepted.candidates}
-    camera = [name for name, kind in kinds.items() if kind.role != 'pose']
-    before, after, noise = simulated_losses(
-        (model, decision.base),
-        (model, decision.accepted),
-        confirmed,
-        motions,
-        counts_edges(camera),
-        any(kind.role == 'pose' for name, kind in kinds.items() if name not in dropped),
-    ).T
+    poses = {one.effect: one.kind.role == 'pose' for one in decision.accepted.candidates}
+    edges = counts_edges([name for name, pose in poses.items() if not pose])
+    posed = any(pose for name, pose in poses.items() if name not in dropped)
+    fits = (model, decision.base), (model, decision.accepted)
+    before, after, noise = simulated_losses(*fits, confirmed, motions, edges, posed).T
     if not decision.explains_gap:
         after = before
     possible, taken = before - noise, before - after

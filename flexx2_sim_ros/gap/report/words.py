@@ -1,5 +1,6 @@
 """Sentences that describe a diagnosis."""
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from flexx2_sim_ros.effects import of_role
@@ -21,21 +22,19 @@ MEASURES = {
     'kl_nats': ('shape of the errors (KL)', 'nats', 1.0),
 }
 # What they mean, for a reader who sees them for the first time.
-_MEANINGS = {
-    'wasserstein_mm': 'how far depth errors must be moved to get from one distribution to the '
-    'other, on average (Wasserstein distance), in 12 regions of the image',
-    'wasserstein_sigma': 'the same, with each error divided by the noise that the simulation '
-    'gives its pixel (sigma_z)',
-    'edge_sigma': 'the same, at depth jumps and sharp bends only',
-    'invalid_rate': 'difference of the fraction of pixels without depth',
-    'log_variance': 'difference of the logarithm of the variance over time: 0.1 is 10 % more or '
-    'less variance',
-    'correlation': 'difference of the correlation of the noise with the next pixel',
-    'lag': 'difference of the correlation of the noise with the frame before (lag 1)',
-    'kl_nats': 'Kullback-Leibler divergence of the distributions of errors / noise: 0 is the '
-    'same distribution',
-}
-MEANINGS = {MEASURES[key][0]: meaning for key, meaning in _MEANINGS.items()}
+_MEANINGS = (
+    'how far depth errors must be moved to get from one distribution to the other, on average '
+    '(Wasserstein distance), in 12 regions of the image',
+    'the same, with each error divided by the noise that the simulation gives its pixel (sigma_z)',
+    'the same, at depth jumps and sharp bends only',
+    'difference of the fraction of pixels without depth',
+    'difference of the logarithm of the variance over time: 0.1 is 10 % more or less variance',
+    'difference of the correlation of the noise with the next pixel',
+    'difference of the correlation of the noise with the frame before (lag 1)',
+    'Kullback-Leibler divergence of the distributions of errors / noise: 0 is the same '
+    'distribution',
+)
+MEANINGS = dict(zip((name for name, *_ in MEASURES.values()), _MEANINGS, strict=True))
 SIZES = (
     'How much recordings and simulation differ, mean over recordings: smaller is better. Two '
     'simulations: two runs of the simulator with other noise, as an exact simulation would '
@@ -45,6 +44,17 @@ _POSES_HIDE = (
     'Poses that may be wrong by any amount take over offsets, drifts and scales of depth. If you '
     'know how accurate yours are, diagnose again with --pose-prior.'
 )
+_NO_GAP = 'No gap above the tolerance'
+_HIDDEN = 'the ground truth is not accurate enough to'
+# Headlines of verdicts without effects.
+_HEADLINES = {
+    'none': f'{_NO_GAP}: the recordings look like the simulation.',
+    'too_little': 'Too few depths of the recordings can be compared to say whether there is a '
+    'gap.',
+    'not_decidable': f'{_NO_GAP}, but {_HIDDEN} decide on {{hidden}}.',
+    'unknown': 'There is a gap, and no effect of the catalogue explains it.',
+    'hidden': f'There is a gap, but {_HIDDEN} tell its cause. Nearest explanations: {{nearest}}.',
+}
 # Why effects that were found are not named.
 REFUSED = {
     'improbable': 'none of the effects found is probable enough',
@@ -52,10 +62,27 @@ REFUSED = {
     'hidden': 'an effect that the ground truth hides explains the gap about as well',
     'larger': 'the effects found make the gap larger when they are simulated',
 }
+_IMITATION = (
+    'The named effects may only imitate a cause that is not in the catalogue: check them in other '
+    'scenes with flexx2 gap check.'
+)
+_AT_GIVEN_POSES = (
+    'The gap is measured at the given poses: in other scenes they are as wrong, and no effect of '
+    'the simulation corrects them. The list of recordings says how far the fitted poses are from '
+    'them.'
+)
+# What the reduction in percent counts.
+_COUNTED = {
+    'loss': 'In depth and invalid pixels the gap is below the tolerance. The percentage is '
+    'therefore the improvement of the fit: in all that is compared, such as noise and '
+    'correlations.',
+    'distance': 'The percentage counts depth errors in units of the noise, and invalid pixels. '
+    '100 % would be as close as two runs of the simulator.',
+}
 _SAME_NOISE = 0.02  # of sigma_z
 
 
-def _names(rows: list[dict[str, Any]]) -> str:
+def _names(rows: Iterable[dict[str, Any]]) -> str:
     return listed([row['name'] for row in rows])
 
 
@@ -75,18 +102,13 @@ def blames_poses(table: dict[str, Any]) -> bool:
 
 def imitation(table: dict[str, Any]) -> list[str]:
     """Return a warning where named effects may stand for a cause that is not in the catalogue."""
-    if table['verdict'] != 'partly' or not camera_effects(table):
-        return []
-    return [
-        'The named effects may only imitate a cause that is not in the catalogue: check them in '
-        'other scenes with flexx2 gap check.'
-    ]
+    return [_IMITATION] if table['verdict'] == 'partly' and camera_effects(table) else []
 
 
-def calibrations(table: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the forms that were tried; none if nothing was calibrated."""
+def calibrations(table: dict[str, Any], taken: bool = False) -> list[dict[str, Any]]:
+    """Return the forms that were tried, or those of them that were `taken`."""
     rows: list[dict[str, Any]] = (table['calibration'] or {}).get('effects', [])
-    return rows
+    return [row for row in rows if row['taken'] or not taken]
 
 
 def constants_of(table: dict[str, Any]) -> list[str]:
@@ -96,44 +118,28 @@ def constants_of(table: dict[str, Any]) -> list[str]:
     ]
 
 
-def _taken(table: dict[str, Any]) -> list[dict[str, Any]]:
-    return [row for row in calibrations(table) if row['taken']]
-
-
 def headline(table: dict[str, Any]) -> str:
     """Return the verdict in one sentence."""
-    gap, rows = table['gap'], table['effects']
-    if table['verdict'] == 'none':
-        return 'No gap above the tolerance: the recordings look like the simulation.'
-    if table['verdict'] == 'too_little':
-        return 'Too few depths of the recordings can be compared to say whether there is a gap.'
-    if table['verdict'] == 'not_decidable':
-        return (
-            'No gap above the tolerance, but the ground truth is not accurate enough to decide '
-            f'on {_names(table["not_decidable"])}.'
-        )
-    if table['verdict'] == 'unknown':
-        if _hides_cause(table):
-            return (
-                'There is a gap, but the ground truth is not accurate enough to tell its cause. '
-                f'Nearest explanations: {_names(table["alternatives"])}.'
-            )
-        return 'There is a gap, and no effect of the catalogue explains it.'
+    gap, rows, verdict = table['gap'], table['effects'], table['verdict']
+    if verdict == 'unknown' and _hides_cause(table):
+        verdict = 'hidden'
+    if verdict in _HEADLINES:
+        hidden, nearest = table.get('not_decidable', ()), table.get('alternatives', ())
+        return _HEADLINES[verdict].format(hidden=_names(hidden), nearest=_names(nearest))
     rest = ''
-    if table['verdict'] == 'partly':
+    if verdict == 'partly':
         # What a typical form leaves may be the form's own fault.
-        sure = 'may remain' if _taken(table) else 'remains'
+        sure = 'may remain' if calibrations(table, taken=True) else 'remains'
         rest = f' Another cause {sure}.'
     if blames_poses(table):
         return f'The poses of the cameras are wrong: correct them first.{rest}'
-    likely = max(row['confidence'] for row in rows) >= THRESHOLDS.likely
     simulated = camera_effects(table)
     them = 'it' if len(rows) == 1 else 'them'
     if len(simulated) < len(rows):
         them = listed(simulated)
         fitted = moved(gap['at_fitted_poses']['shrink'], 'what is left')
         rest = f' Once the poses are corrected, it {fitted}.{rest}'
-    added = f'The gap {"is" if likely else "may be"} due to {_names(rows)}: adding {them}'
+    added = f'The gap {_due(rows)}: adding {them}'
     if gap['shrink'] < 0:
         what = 'makes the misfit'
         if gap['measured_by'] == 'distance':
@@ -141,6 +147,16 @@ def headline(table: dict[str, Any]) -> str:
         return f'{added} to the simulation {what} {percent(-gap["shrink"])} larger.{rest}'
     removed = ': '.join(filter(None, [f'{percent(gap["shrink"])} of the gap', _changes(gap)]))
     return f'{added} to the simulation removes {removed}.{rest}'
+
+
+def _due(rows: Sequence[dict[str, Any]]) -> str:
+    # Only a likely effect is said to be the cause.
+    likely = [row for row in rows if row['confidence'] >= THRESHOLDS.likely]
+    others = [row for row in rows if row not in likely]
+    if not likely:
+        return f'may be due to {_names(rows)}'
+    also = f', and may be due to {_names(others)} as well' if others else ''
+    return f'is due to {_names(likely)}{also}'
 
 
 def significance(table: dict[str, Any]) -> list[str]:
@@ -152,7 +168,7 @@ def significance(table: dict[str, Any]) -> list[str]:
 def _hides_cause(table: dict[str, Any]) -> bool:
     # Whether an effect that the ground truth hides may be the cause of an unknown gap.
     hidden = {row['name'] for row in table['not_decidable']}
-    larger = any(reason == 'larger' for reason in refusals(table).values())
+    larger = 'larger' in refusals(table).values()
     return not larger and bool(hidden & {row['name'] for row in table['alternatives']})
 
 
@@ -177,8 +193,8 @@ def _unnamed(table: dict[str, Any]) -> list[str]:
 def _changes(gap: dict[str, Any]) -> str:
     # What is reduced, in physical units; empty where it is below the tolerance in these.
     parts = []
-    for name, unit in (('depth errors', 'wasserstein_mm'), ('invalid pixels', 'invalid_rate')):
-        _, symbol, factor = MEASURES[unit]
+    for unit in ('wasserstein_mm', 'invalid_rate'):
+        name, symbol, factor = MEASURES[unit]
         before, after, null = (factor * gap[unit][key] for key in ('before', 'after', 'null'))
         if before - null > factor * gap[unit]['tolerance']:
             parts.append(f'{name} {short(before)} -> {short(after)} {symbol}')
@@ -187,7 +203,7 @@ def _changes(gap: dict[str, Any]) -> str:
 
 def sentences(table: dict[str, Any]) -> list[str]:
     """Return the details below the headline, one line each, those of a first screen first."""
-    gap, out = table['gap'], []
+    gap, named, out = table['gap'], table['effects'], list[str]()
     if table['where'] and table['verdict'] != 'none':
         out.append(finding(table['where'][0]))
     if table['verdict'] == 'unknown':
@@ -195,22 +211,15 @@ def sentences(table: dict[str, Any]) -> list[str]:
     if camera_effects(table):
         out = [*imitation(table), *out, *reduction(gap)[1:]]  # The first is in the table.
         out += [*_noise_level(gap['noise_factor']), *_calibrated(table)]
-    if any(row['name'] == of_role('pose').name for row in table['effects']):
-        out.append(
-            'The gap is measured at the given poses: in other scenes they are as wrong, and no '
-            'effect of the simulation corrects them. The list of recordings says how far the '
-            'fitted poses are from them.'
-        )
-    if table['effects']:
-        out += [
-            f'Alternative explanation: {_names([other])}'
-            + (f' instead of {listed(other["instead_of"])}.' if len(table['effects']) > 1 else '.')
-            for other in table['alternatives']
-        ]
+    if len(camera_effects(table)) < len(named):
+        out.append(_AT_GIVEN_POSES)
+    for other in table['alternatives'] if named else ():
+        instead = f' instead of {listed(other["instead_of"])}' if len(named) > 1 else ''
+        out.append(f'Alternative explanation: {_names([other])}{instead}.')
     if table['verdict'] in ('unknown', 'partly') and table['unexplained']:
         names = ', '.join(CHANNELS[row['structure']] for row in table['unexplained'][:4])
         rest = 'The gap' if table['verdict'] == 'unknown' else 'The remaining gap'
-        if _taken(table):
+        if calibrations(table, taken=True):
             rest = 'Before curves and tables were fitted, the remaining gap'
         out.append(f'{rest} shows in: {names}.')
     if 'patch' in table:
@@ -219,43 +228,36 @@ def sentences(table: dict[str, Any]) -> list[str]:
     truth = accuracy(truths)
     out += [f'Accuracy of the ground truth: {truth}.'] if truth else []
     free = any(one['pose'] is None and not one['planes'] for one in truths)
-    if free and len(table['effects']) > 1 and not table['settings']['pose_held']:
+    if free and len(named) > 1 and not table['settings']['pose_held']:
         out.append(_POSES_HIDE)
     return out + not_decidable(table) + age_words(table['age'])
 
 
 def _calibrated(table: dict[str, Any]) -> list[str]:
     # Which effects have another form than that of the catalogue.
-    taken, same = _taken(table), [*map(_constant, constants_of(table))]
+    same = [
+        f'{spaced(name)}: its fitted form is about the same everywhere in these recordings. '
+        'A cause that does not depend on the same quantity may do this as well.'
+        for name in constants_of(table)
+    ]
+    taken = calibrations(table, taken=True)
     if not taken:
         return same
     forms = ', '.join(f'{spaced(row["name"])} ({row["form"]})' for row in taken)
-    typical = table['calibration']['typical_gap']
-    removed = moved(typical['shrink'], 'the gap', '')
-    alike = typical['measured_by'] == table['gap']['measured_by']
-    other = f' In the form of the catalogue, the effects would {removed}.' if alike else ''
-    return [
-        f'Calibrated: {forms}, fitted to these recordings.{other}',
-        *map(why_dropped, table['calibration']['dropped']),
-        *same,
+    typical, other = table['calibration']['typical_gap'], ''
+    if typical['measured_by'] == table['gap']['measured_by']:
+        removed = moved(typical['shrink'], 'the gap', '')
+        other = f' In the form of the catalogue, the effects would {removed}.'
+    dropped = [
+        f'{spaced(name)}: left out; it made up for what the diagnosed lens did not explain.'
+        for name in table['calibration']['dropped']
     ]
-
-
-def _constant(name: str) -> str:
-    return (
-        f'{spaced(name)}: its fitted form is about the same everywhere in these recordings. '
-        'A cause that does not depend on the same quantity may do this as well.'
-    )
-
-
-def why_dropped(name: str) -> str:
-    """Return why a pose error is left out beside a fitted lens."""
-    return f'{spaced(name)}: left out; it made up for what the diagnosed lens did not explain.'
+    return [f'Calibrated: {forms}, fitted to these recordings.{other}', *dropped, *same]
 
 
 def reduction(gap: dict[str, Any]) -> list[str]:
     """Return sentences on the reduction of the gap in physical units, and on what gets worse."""
-    out = [difference(gap), _percentage(gap)]
+    out = [difference(gap), _COUNTED[gap['measured_by']]]
     if gap['held_out']:
         out.append(
             'Each recording was compared with effects that were fitted to the others. Where '
@@ -268,6 +270,20 @@ def reduction(gap: dict[str, Any]) -> list[str]:
         names = ', '.join(MEASURES[unit][0] for unit in gap['worse'])
         out.append(f'The effects make this worse: {names}.')
     return out
+
+
+def _elsewhere(interval: list[float] | None) -> str:
+    # The reduction to expect on other scenes.
+    if interval is None:
+        return 'Two recordings are too few for an interval of the reduction.'
+    low, high = map(percent, interval)
+    text = f'On other scenes, expect a reduction of {low} to {high} (90 % interval).'
+    if interval[0] < 0:
+        text += (
+            ' Below 0 %, the effects make the gap larger: these recordings do not rule that out. '
+            'More recordings make the interval narrower.'
+        )
+    return text
 
 
 def correction(table: dict[str, Any]) -> list[str]:
@@ -320,75 +336,54 @@ def _noise_level(factor: float) -> list[str]:
     ]
 
 
-def _percentage(gap: dict[str, Any]) -> str:
-    # What the reduction in percent counts.
-    if gap['measured_by'] == 'loss':
-        return (
-            'In depth and invalid pixels the gap is below the tolerance. The percentage is '
-            'therefore the improvement of the fit: in all that is compared, such as noise and '
-            'correlations.'
-        )
-    return (
-        'The percentage counts depth errors in units of the noise, and invalid pixels. 100 % '
-        'would be as close as two runs of the simulator.'
-    )
-
-
-def _elsewhere(interval: list[float] | None) -> str:
-    # The reduction to expect on other scenes.
-    if interval is None:
-        return 'Two recordings are too few for an interval of the reduction.'
-    low, high = map(percent, interval)
-    text = f'On other scenes, expect a reduction of {low} to {high} (90 % interval).'
-    if interval[0] < 0:
-        text += (
-            ' Below 0 %, the effects make the gap larger: these recordings do not rule that out. '
-            'More recordings make the interval narrower.'
-        )
-    return text
+def _by(rows: Iterable[dict[str, Any]], key: str) -> Iterable[tuple[str, str]]:
+    # What rows have in common, and the names of those that have it.
+    by: dict[str, list[str]] = {}
+    for row in rows:
+        by.setdefault(row[key], []).append(row['name'])
+    return ((what, listed(names)) for what, names in by.items())
 
 
 def not_decidable(table: dict[str, Any]) -> list[str]:
     """Return the undecidable effects, one line for each measurement that would decide."""
-    by: dict[str, list[str]] = {}
-    for row in table['not_decidable']:
-        by.setdefault(row['settled_by'], []).append(row['name'])
     return [
-        f'Not decidable with this ground truth: {listed(names)}. This would decide: {what}.'
-        for what, names in by.items()
+        f'Not decidable with this ground truth: {names}. This would decide: {what}.'
+        for what, names in _by(table['not_decidable'], 'settled_by')
     ]
-
-
-def accuracy(truths: list[dict[str, Any]]) -> str:
-    """Return the accuracy of the ground truth as text; empty if it is taken as exact."""
-
-    def span(key: str, factor: float) -> str:
-        values = [factor * one[key] for one in truths if one[key] is not None]
-        low, high = short(min(values), 3), short(max(values), 3)
-        return low if low == high else f'{low} to {high}'
-
-    parts = []
-    if any(one['unknown'] for one in truths):
-        parts.append(f'{span("unknown", 100)} % of the pixels unknown')
-    if any(one['sigma'] for one in truths):
-        parts.append(f'depth known to {span("sigma", 1000)} mm')
-    if any(one['pose'] is not None for one in truths):
-        parts.append(f'pose to {span("pose", 1000)} mm and {span("turn", 1)} deg')
-    if any(one['planes'] for one in truths):
-        parts.append(f'planes to {span("offset", 1000)} mm and {span("tilt", 1)} deg')
-    return ', '.join(parts)
-
-
-def on_recordings(rows: list[dict[str, Any]]) -> list[str]:
-    """Return why recordings were left out, and notes on the others: each reason and note once."""
-    left_out = each_once((row['name'], row['reason']) for row in rows if not row['used'])
-    notes = each_once((row['name'], note) for row in rows if row['used'] for note in row['notes'])
-    return [f'Left out: {reason}.' for reason in left_out] + [f'Note: {note}.' for note in notes]
 
 
 def not_considered(table: dict[str, Any]) -> list[str]:
     """Return the effects that were not considered, one line for each reason."""
-    reasons: dict[str, list[str]] = {}
-    for row in table['not_considered']:
-        reasons.setdefault(row['reason'], []).append(row['name'])
-    return [f'Not considered: {listed(names)}: {reason}.' for reason, names in reasons.items()]
+    return [
+        f'Not considered: {names}: {reason}.'
+        for reason, names in _by(table['not_considered'], 'reason')
+    ]
+
+
+def accuracy(truths: Sequence[dict[str, Any]]) -> str:
+    """Return the accuracy of the ground truth as text; empty if it is taken as exact."""
+
+    def span(key: str, unit: str, factor: float = 1.0) -> str:
+        # Empty where no recording says it, or all say it is exact.
+        values = [factor * one[key] for one in truths if one[key] is not None]
+        low, high = (short(end(values, default=0), 3) for end in (min, max))
+        size = low if low == high else f'{low} to {high}'
+        return '' if high == '0' else f'{size} {unit}'
+
+    def both(*some: str) -> str:
+        return ' and '.join(filter(None, some))
+
+    said = {
+        '{} of the pixels unknown': span('unknown', '%', 100),
+        'depth known to {}': span('sigma', 'mm', 1000),
+        'pose to {}': both(span('pose', 'mm', 1000), span('turn', 'deg')),
+        'planes to {}': both(span('offset', 'mm', 1000), span('tilt', 'deg')),
+    }
+    return ', '.join(words.format(size) for words, size in said.items() if size)
+
+
+def on_recordings(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Return why recordings were left out, and notes on the others: each reason and note once."""
+    left_out = each_once((row['name'], row['reason']) for row in rows if not row['used'])
+    notes = each_once((row['name'], note) for row in rows if row['used'] for note in row['notes'])
+    return [f'Left out: {reason}.' for reason in left_out] + [f'Note: {note}.' for note in notes]
