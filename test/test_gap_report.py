@@ -484,6 +484,14 @@ def test_what_effects_take_off_is_a_table_with_what_is_left():
     assert shown_by_one(table) == []
 
 
+def test_noise_that_was_not_measured_is_no_zero():
+    nothing = {'before': 0.0, 'after': 0.0, 'null': 0.0}
+    part = dict.fromkeys(PARTS, {'mean': 0.0, 'interval': None})
+    table = _identified('offset', **dict.fromkeys(NOISE, nothing))
+    table['effects'][0]['takes_off'] = part
+    assert {row[-1] for row in attribution(table)} == {'-'}
+
+
 def test_the_parts_of_effects_add_up():
     """Assert it where one effect hides another, and of one effect alone."""
     asked = []

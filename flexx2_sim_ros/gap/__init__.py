@@ -10,7 +10,7 @@ says how much of a gap given effects take off. `randomise` makes distributions o
 from flexx2_sim_ros.gap.check import check
 from flexx2_sim_ros.gap.cost import cost
 from flexx2_sim_ros.gap.diagnosis import diagnose
-from flexx2_sim_ros.gap.measure import measure
+from flexx2_sim_ros.gap.given_effects import measure
 from flexx2_sim_ros.gap.randomise import randomise
 
 __all__ = ['check', 'cost', 'diagnose', 'measure', 'randomise']

@@ -75,7 +75,6 @@ def check(
     effects = before.effects_to_check()
     given = {name: dict(one) for name, one in (before.known if known is None else known).items()}
     in_one_table(given_effects(given), effects)  # Refuses effects that are in both.
-    metres, degrees = before.pose_prior if pose_prior is None else pose_prior
     progress = progress or (lambda text, fraction: None)
     progress('looking for recordings', 0.0)
     folder = Path(fresh).absolute() if scheduler is not None else Path(fresh)
@@ -89,7 +88,7 @@ def check(
             effects,
             profile=profile,
             seed=seed,
-            prior=np.array([metres] * 3 + [degrees] * 3),
+            prior=before.pose_prior if pose_prior is None else pose_prior,
             held=before.pose_held if pose_prior is None else True,
             mapped=mapped,
             progress=portion(progress, 0.05, 0.6),
@@ -151,8 +150,7 @@ def judged(measures: Mapping[str, Mapping[str, Any]]) -> tuple[bool, list[str]]:
     It holds if the mean loss shrinks by the threshold at which the diagnosis names an effect, and
     no physical measure gets significantly worse.
     """
-    reasons = []
-    loss = measures['loss']
+    reasons, loss = [], measures['loss']
     if loss['change'] > -loss['tolerance']:
         reasons.append(
             f'The loss of the diagnosis changes by {loss["change"]:+.3g} per recording; the gap '

@@ -1,6 +1,6 @@
 """What a gap costs: the errors that it makes in what reads depth on a robot."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 import math
@@ -14,7 +14,7 @@ from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.consumers.comparison import compare, parts, QUANTILES
 from flexx2_sim_ros.consumers.loading import ConsumerSource, sources
 from flexx2_sim_ros.consumers.running import Result, run
-from flexx2_sim_ros.effects import Effect, parse_effects
+from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, shown, unquoted
@@ -162,27 +162,20 @@ def measure_cost(
     )
     step = stepper(progress, 'simulating the recordings', 0.02, 0.6, len(found))
     rendered = mapped(work, found, step)
-    unusable = [
-        (file.path.name, one)
-        for file, one in zip(found, rendered, strict=True)
-        if isinstance(one, str)
-    ]
+    both = list(zip(found, rendered, strict=True))
+    left_out = [*left_out, *((file.path.name, one) for file, one in both if isinstance(one, str))]
     used = [one for one in rendered if not isinstance(one, str)]
     if not used:
-        raise nothing_left(Path(campaign), [*left_out, *unusable])
-    chosen = request.consumers
+        raise nothing_left(Path(campaign), left_out)
+    chosen, views = request.consumers, [one for one, _ in used]
     step = stepper(progress, 'running the consumers', 0.62, 0.36, len(chosen) * len(used))
-    views = [one for one, _ in used]
     with ThreadPoolExecutor(request.jobs) as pool:  # Each thread waits for one process.
         results = list(pool.map(lambda source: run(source, views, request.limit, step), chosen))
     rows: list[dict[str, Any]] = [
         {'name': one.name, 'used': True, 'reason': '', 'effects_from': whence}
         for one, whence in used
     ]
-    rows += [
-        {'name': name, 'used': False, 'reason': reason} for name, reason in [*left_out, *unusable]
-    ]
-    mounting = request.mounting
+    rows += [{'name': name, 'used': False, 'reason': reason} for name, reason in left_out]
     table = {
         'schema': SCHEMA,
         'effects': for_reports(known.effects),
@@ -191,7 +184,7 @@ def measure_cost(
         'recordings': rows,
         'settings': {
             'seed': request.seed,
-            'mounting': None if mounting is None else list(mounting),
+            'mounting': request.mounting and list(request.mounting),
             'limit': request.limit,
             'delay': known.delay,
         },
@@ -207,15 +200,10 @@ def compared(results: Sequence[Result], effects: Sequence[str]) -> dict[str, Any
     consumer.
     """
     good = [one for one in results if not one.fault]
-    rows: list[dict[str, Any]] = [
-        {
-            'name': one.label,
-            'title': one.title,
-            'measures': _measures(one, effects),
-            'seconds': one.seconds,
-        }
-        for one in good
-    ]
+    rows: list[dict[str, Any]] = []
+    for one in good:
+        first = {'name': one.label, 'title': one.title}
+        rows.append({**first, 'measures': _measures(one, effects), 'seconds': one.seconds})
     return {
         'consumers': rows,
         'faults': [{'consumer': one.label, 'reason': one.fault} for one in results if one.fault],
@@ -241,19 +229,10 @@ def _ranking(
         low, high = np.quantile(mean[:, k], QUANTILES)
         lead = np.quantile(mean[:, [k]] - mean, QUANTILES[0], axis=0)
         own = [one['effects'][name] for _, one in differ]
-        ranking.append(
-            {
-                'effect': name,
-                **{
-                    key: float(np.clip([one[key] for one in own], -1, 1).mean()) for key in _RANKED
-                },
-                'interval': [float(low), float(high)],
-                'ahead_of': [
-                    other for other, least in zip(effects, lead, strict=True) if least > 0
-                ],
-                'measures': len(differ),
-            }
-        )
+        means = {key: float(np.clip([one[key] for one in own], -1, 1).mean()) for key in _RANKED}
+        row = {'effect': name, **means, 'interval': [float(low), float(high)]}
+        row['ahead_of'] = [effects[int(i)] for i in np.flatnonzero(lead > 0)]
+        ranking.append({**row, 'measures': len(differ)})
     return sorted(ranking, key=lambda row: -row['part'])
 
 
@@ -275,8 +254,6 @@ def known_of(before: Diagnosed) -> Known:
     Raises `InputError` when it has no effects of the camera.
     """
     effects = before.effects_to_check()
-    table = table_of(effects)
-    metres, degrees = before.pose_prior
     without = {}
     used = [row for row in before.table['recordings'] if row.get('used')]
     for row in used if len(used) > 1 else []:  # A single recording cannot be left out.
@@ -284,27 +261,18 @@ def known_of(before: Diagnosed) -> Known:
         parts = isinstance(own, dict) and isinstance(forms, dict)
         if not parts or not isinstance(row.get('checksum'), str):
             continue
-        left = [one for one in parse_effects({**own, **forms}) if one.role != 'pose']
-        if _forms(left) == _forms(effects):  # Maps have none.
-            without[row['checksum']] = table_of(left)
-    late = before.arrival
-    delay = (
-        late.median
-        if late is not None
-        else time_offset_of(parse_effects(before.known)).delay_ns / 1e9
-    )
-    return Known(
-        table,
-        before.known,
-        (metres,) * 3 + (degrees,) * 3,
-        frozenset(before.checksums),
-        without,
-        delay,
-    )
-
-
-def _forms(effects: Iterable[Effect]) -> dict[str, set[str]]:
-    return {effect.name: set(effect.forms) for effect in effects}
+        left = {one.name: one for one in parse_effects({**own, **forms}) if one.role != 'pose'}
+        alike = left.keys() == {one.name for one in effects} and all(
+            left[one.name].forms.keys() == one.forms.keys() for one in effects
+        )
+        if alike:  # Maps have none.
+            without[row['checksum']] = table_of(left.values())
+    delay = time_offset_of(parse_effects(before.known)).delay_ns / 1e9
+    if before.arrival is not None:
+        delay = before.arrival.median
+    prior = tuple(np.repeat(before.pose_prior, 3).tolist())
+    fitted = frozenset(before.checksums)
+    return Known(table_of(effects), before.known, prior, fitted, without, delay)
 
 
 def _check(seed: int, jobs: int, limit: float, mounting: tuple[float, float] | None) -> None:

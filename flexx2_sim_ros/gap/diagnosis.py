@@ -20,7 +20,6 @@ from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
 from flexx2_sim_ros.gap.data.prior import USUAL
-from flexx2_sim_ros.gap.explained import explained, found_set
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import confirm
 from flexx2_sim_ros.gap.forms.looked import Simulator
@@ -30,7 +29,7 @@ from flexx2_sim_ros.gap.inference.disagreement import disagreement, likelier_mod
 from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.patch import fit_patch
-from flexx2_sim_ros.gap.named import Named, processed_table, simulate_named
+from flexx2_sim_ros.gap.named import explained, found_set, Named, processed_table, simulate_named
 from flexx2_sim_ros.gap.report.reading import diagnosed
 from flexx2_sim_ros.gap.report.table import makes_larger, patch_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
@@ -159,11 +158,11 @@ def diagnose(
         named = simulate_named(model, chosen, used, simulator, forms, progress)
         table = named.table(model, used, left_out)
         if makes_larger(table):
-            refused, still = named.decision.refused(), portion(progress, 0.98, 0.0)
+            refused, still = named.found.decision.refused(), portion(progress, 0.98, 0.0)
             chosen = found_set(refused, model)
             named = simulate_named(model, chosen, used, simulator, forms, still)
             table = named.table(model, used, left_out)
-        effects, decision = named.effects, named.decision
+        effects, decision = named.effects, named.found.decision
         table['settings'] = _settings(found[0], seed, usual, model.held, told)
         posed = bool(model.own.posed.any())
         table['likelier_mode'] = likelier_mode(model, found[0].mode, profile or flexx2())
@@ -228,9 +227,9 @@ def _correction(
 ) -> tuple[list[Effect], dict[str, Any]]:
     # The correction without a cause, or nothing if it does not help; and what it does.
     used = named.used
-    patch = fit_patch(model, named.decision.base.residual(model))
+    patch = fit_patch(model, named.found.decision.base.residual(model))
     without = [of_camera([one]) for one in patch.without]
-    motions = model.own.found(named.decision.accepted.nuisances)
+    motions = model.own.found(named.found.decision.accepted.nuisances)
     jobs = jobs_at(used, motions, effects=without, wrong=without)
     patched = named.simulator.run(at_pose, jobs, step, look=confirm)
     table = patch_table(patch, model, patched)

@@ -1,15 +1,17 @@
-"""Recordings fitted without and with given effects, whose parameters are not fitted."""
+"""How much given effects reduce a gap; their parameters are not fitted."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from flexx2_sim_ros.camera import Profile
-from flexx2_sim_ros.effects import ageing, Effect, of_role
+from flexx2_sim_ros.effects import ageing, Effect, of_role, parse_effects
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, in_one_table, Table
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
+from flexx2_sim_ros.gap.data.prior import USUAL
 from flexx2_sim_ros.gap.features.catalogue import (
     Candidate,
     CandidateTerm,
@@ -17,14 +19,24 @@ from flexx2_sim_ros.gap.features.catalogue import (
     Column,
     nuisances,
 )
+from flexx2_sim_ros.gap.features.confirm import confirm
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.search import inside_of
-from flexx2_sim_ros.gap.features.simulation import definitions
+from flexx2_sim_ros.gap.features.simulation import counts_edges, definitions
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
+from flexx2_sim_ros.gap.inference.improvement import simulated_losses
 from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.work import Progress, Simulations, stepper, summarise_all
-from flexx2_sim_ros.jobs import Map
+from flexx2_sim_ros.gap.work import (
+    at_pose,
+    find,
+    jobs_at,
+    Progress,
+    Simulations,
+    stepper,
+    summarise_all,
+)
+from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
 _SET = 'set'
@@ -74,7 +86,7 @@ def fit_without_and_with(
     *,
     profile: Profile | None,
     seed: int,
-    prior: np.ndarray,
+    prior: tuple[float, float],
     held: bool,
     mapped: Map,
     progress: Progress,
@@ -85,24 +97,28 @@ def fit_without_and_with(
 
     For effects that shift surfaces, the poses are fitted twice: for a camera without these
     effects, and for one that is known to have them. A pose that is fitted alone can take over what
-    an effect explains, for example an offset in front of a wall. The effect would then be added to
-    a scene that already has it. Raises `InputError` when no recording can be used.
+    an effect explains, and the effect would be added to a scene that already has it. Raises
+    `InputError` when no recording can be used.
 
     * `folder`, `left_out`: the campaign, and name and reason of each recording that was left out
       before; for errors.
     * `effects`: what is given. A pose error is where the poses of the recordings lie about.
     * `profile`: the camera (None: the Flexx2).
-    * `prior`: (6,) standard deviations of pose errors, metres and degrees.
+    * `prior`: standard deviations of pose errors, metres and degrees.
     * `held`: whether they hold the poses; see `Model`.
     * `progress`: called with the name of the current step and the fraction of this work that is
       done.
     * `known`: effects that the base simulator has: parameters by name.
     """
+    deviation = np.repeat(prior, 3)
     table = table_of(effects)
     posed = table.pop(of_role('pose').name, None)
     shifting = _shift_surfaces(table)
     rest = {name: values for name, values in table.items() if name not in shifting}
-    columns = _nuisance_columns(found[0])
+    wanted = nuisances().columns
+    columns = [
+        one for one in catalogue((), bool(found[0].mode.modulation_hz))[0] if one.name in wanted
+    ]
     more = [*columns, Column(_SET, rest, few=False)] if rest else columns
 
     rounds = 2 if shifting else 1
@@ -111,7 +127,7 @@ def fit_without_and_with(
     def summaries(
         some: Sequence[Found], what: list[Column], given: Table
     ) -> tuple[list[Found], list[Evidence], list[tuple[str, str]]]:
-        simulations = Simulations(profile, what, seed, tuple(prior), given, inside_of(effects))
+        simulations = Simulations(profile, what, seed, tuple(deviation), given, inside_of(effects))
         return summarise_all(folder, some, left_out, simulations, mapped, step)
 
     known = known or {}
@@ -119,16 +135,15 @@ def fit_without_and_with(
     used, after, unusable = summaries(found, more, with_known)
     if shifting:
         _, before, _ = summaries(used, columns, known)
-        one = Model(before, columns, prior, held=held)
+        one = Model(before, columns, deviation, held=held)
     else:
-        one = Model(after, more, prior, held=held)
-    models = one, Model(after, more, prior, held=held)
+        one = Model(after, more, deviation, held=held)
+    models = one, Model(after, more, deviation, held=held)
     if posed is not None:
         centre = np.array([posed[name] * posed['strength'] for name in NAMES])
         models[1].own.centre = centre / STEPS
-    return FittedRecordings(
-        used, unusable, after, models, (fit(models[0], []), _fit_set(models[1], rest))
-    )
+    fits = fit(models[0], []), _fit_set(models[1], rest)
+    return FittedRecordings(used, unusable, after, models, fits)
 
 
 def _shift_surfaces(table: Table) -> Table:
@@ -143,14 +158,73 @@ def _shift_surfaces(table: Table) -> Table:
     }
 
 
-def _nuisance_columns(one: Found) -> list[Column]:
-    wanted = nuisances().columns
-    columns = catalogue((), bool(one.mode.modulation_hz))[0]
-    return [column for column in columns if column.name in wanted]
-
-
 def _fit_set(model: Model, table: Table) -> Fit:
     if not table:
         return fit(model, [])
     on = CandidateTerm('on', ((1.0, _SET),), 1.0, 1.0)
     return fit(model, [Candidate(_SET, '', (on,), lambda values: {})], np.ones(1))
+
+
+def measure(
+    campaign_dir: str | Path,
+    effects: Mapping[str, Mapping[str, float]],
+    seed: int = 0,
+    *,
+    profile: Profile | None = None,
+    jobs: int = 1,
+    pose_prior: tuple[float, float] | None = None,
+) -> dict[str, Any]:
+    """
+    Measure the gap of a campaign without and with effects.
+
+    Parameters
+    ----------
+    campaign_dir : str or pathlib.Path
+        A folder of recordings.
+    effects : mapping
+        Parameters by effect; they are used unchanged.
+    seed, profile, jobs, pose_prior
+        As for `diagnose`.
+
+    Returns
+    -------
+    dict
+        ``before``, ``after``, ``null`` and ``shrink`` of the loss, as ``gap.loss`` in
+        ``docs/diagnosis.md``. ``shrink`` is None if there is no gap to take away: then the
+        difference of ``before`` and ``null`` is below 5.5 per recording.
+
+    Raises
+    ------
+    InputError
+        When no recording or effect can be used.
+
+    """
+    parsed = parse_effects(effects)
+    with workers(jobs, None) as mapped:
+        found, left_out = find(campaign_dir, profile, mapped)
+        fitted = fit_without_and_with(
+            campaign_dir,
+            found,
+            left_out,
+            parsed,
+            profile=profile,
+            seed=seed,
+            prior=pose_prior or USUAL,
+            held=pose_prior is not None,
+            mapped=mapped,
+            progress=lambda text, fraction: None,
+        )
+        motions = [after for _, after in fitted.motions()]
+        table = table_of(one for one in parsed if one.role != 'pose')
+        tables = [table] * len(motions)
+        work = bind(at_pose, look=confirm, profile=profile, seed=seed)
+        there = jobs_at(fitted.found, motions, effects=tables, wrong=tables)
+        simulated = mapped(work, there, lambda: None)
+    without, given = zip(fitted.models, fitted.fits, strict=True)
+    losses = simulated_losses(without, given, simulated, motions, counts_edges(table))
+    before, after, null = (float(one) for one in losses.sum(axis=0))
+    excess = before - null
+    # Poses can take over what effects would explain, as an offset in front of a wall.
+    gap = excess >= THRESHOLDS.gap * len(fitted.found)
+    shrink = float(np.clip((before - after) / excess, -1, 1)) if gap else None
+    return {'before': before, 'after': after, 'null': null, 'shrink': shrink}

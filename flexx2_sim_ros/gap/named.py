@@ -4,25 +4,94 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from flexx2_sim_ros.effects import Effect
+from flexx2_sim_ros.effects import Effect, parse_effects
 from flexx2_sim_ros.gap.data.campaign import Found
-from flexx2_sim_ros.gap.explained import FoundSet
 from flexx2_sim_ros.gap.features.confirm import apart, confirm, measured_parts, Outcome
 from flexx2_sim_ros.gap.features.processed import process_both_or_why, Processed
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_named, Calibrated
 from flexx2_sim_ros.gap.forms.looked import confirm_settled, Settings, Simulator
 from flexx2_sim_ros.gap.forms.proposals import rounds
-from flexx2_sim_ros.gap.inference.decide import Decision
-from flexx2_sim_ros.gap.inference.effects import of_camera, table_of
+from flexx2_sim_ros.gap.inference.decide import Decision, with_effects
+from flexx2_sim_ros.gap.inference.effects import (
+    fitted_effects,
+    held_out_effects,
+    of_camera,
+    table_of,
+)
 from flexx2_sim_ros.gap.inference.improvement import all_measured, remaining, taken_off
 from flexx2_sim_ros.gap.inference.jackknife import as_wrong_as_fitted
+from flexx2_sim_ros.gap.inference.joint import Table
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, verdict_of
+from flexx2_sim_ros.gap.rounds import Campaign, explain
 from flexx2_sim_ros.gap.work import at_pose, jobs_at, noisier, Progress, stepper
 from flexx2_sim_ros.processing import Chain
 from flexx2_sim_ros.recording.reader import PROCESSED
 import numpy as np
+
+
+@dataclass(frozen=True)
+class FoundSet:
+    """
+    What was decided, with the effects as they are simulated.
+
+    * `fitted`, `held_out`: fitted to all recordings, and without each recording.
+    * `motions`: where the camera of each recording is with them.
+    * `sigma`: relative error of the base sigma_z.
+    """
+
+    decision: Decision
+    fitted: list[Effect]
+    held_out: list[list[Effect]]
+    motions: list[np.ndarray]
+    sigma: float
+
+
+def found_set(decision: Decision, model: Model) -> FoundSet:
+    """Return what was decided, as it was fitted around the simulation without effects."""
+    fit = decision.accepted
+    motions = model.own.found(fit.nuisances)
+    fitted, held_out = fitted_effects(model, fit), held_out_effects(model, fit)
+    return FoundSet(decision, fitted, held_out, motions, fit.sigma)
+
+
+def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
+    """
+    Fit what was decided around the simulation that has it.
+
+    It was decided around the simulation without effects, and `model` has the recordings beside
+    that; `campaign` has the same recordings, to be simulated.
+    """
+    before = found_set(decision, model)
+    posed = [one for one in decision.accepted.candidates if one.kind.role == 'pose']
+    chosen = [one for one in decision.accepted.candidates if one.kind.role != 'pose']
+    if len(chosen) < 2 or len(campaign.found) == 1:
+        # As decided: what else is seen of one cause may be its form, and one recording has no
+        # other that says what is needed.
+        return before
+    undecided = {one.effect for one in decision.undecided} - {one.effect for one in chosen}
+    left = [one for one in campaign.candidates if one.effect not in undecided]
+    one = explain(replace(campaign, candidates=left), model, decision.accepted.parts)
+    if not one.effects:
+        return before
+    forms = [*(one.forms[name] for name in one.effects), *posed]
+    values = [
+        one.effects[form.effect].get(term.name, term.neutral)
+        for form in forms
+        for term in form.terms
+    ]
+    decision = with_effects(decision, model, forms, np.array(values, float))
+    typical = found_set(decision, model)
+
+    def own(table: Table, as_fitted: Sequence[Effect]) -> list[Effect]:
+        # A form is fitted again, beside all of the set: it begins as in the catalogue.
+        now = {effect.name: effect for effect in parse_effects(table) if not effect.forms}
+        return [now.get(effect.name, effect) for effect in as_fitted]
+
+    fitted = own(one.effects, typical.fitted)
+    held_out = [own(*pair) for pair in zip(one.without, typical.held_out, strict=True)]
+    return FoundSet(decision, fitted, held_out, one.motions, one.sigma)
 
 
 @dataclass(frozen=True)
@@ -55,26 +124,18 @@ class Named:
     bare: list[np.ndarray | None]
     parts: dict[str, np.ndarray] = field(default_factory=dict)
 
-    @property
-    def decision(self) -> Decision:
-        """Return what was decided."""
-        return self.found.decision
-
     def table(
         self, model: Model, used: list[Found], left_out: list[tuple[str, str]]
     ) -> dict[str, Any]:
         """Return the table of the diagnosis, as far as it is about the named effects."""
-        one, parts = self.found, self.parts
-        out = diagnosis_table(model, one.decision, one.fitted, self.first, used, left_out, parts)
+        decision, fitted = self.found.decision, self.found.fitted
+        out = diagnosis_table(model, decision, fitted, self.first, used, left_out, self.parts)
         if self.forms is not None:
-            out = calibrated_table(
-                out, model, one.decision, self.forms, self.confirmed, self.motions
-            )
+            out = calibrated_table(out, model, decision, self.forms, self.confirmed, self.motions)
         out['verdict'] = verdict_of(out)
-        for i, own in enumerate(one.held_out):  # Used recordings are first.
-            row = out['recordings'][i]
-            row['effects_without'] = table_of(own)
-            row['takes_off_here'] = {name: float(part[i, 0]) for name, part in parts.items()}
+        for i, own in enumerate(self.found.held_out):  # Used recordings are first.
+            here = {name: float(part[i, 0]) for name, part in self.parts.items()}
+            out['recordings'][i] |= {'effects_without': table_of(own), 'takes_off_here': here}
         return out
 
 
@@ -117,78 +178,72 @@ def _with_forms(
     used, noisy = noisier(used, simulator.profile, 1 + found.sigma)
     simulator = replace(simulator, profile=noisy)
     step = stepper(progress, 'simulating the outcome', 0.8, 0.06, 2 * len(used))
-    show = _shown(found.decision)
+    # Frames are shown of the recordings with the largest gap.
+    largest = np.argsort(-found.decision.base.loss, kind='stable')[:MOST_FRAMES].tolist()
+    show = [i in largest for i in range(len(used))]
     without = [of_camera(one) for one in held_out]
     wrong = as_wrong_as_fitted(of_camera(fitted), without)
     bare = model.own.free_planes_at(found.decision.base.nuisances)
-    elsewhere = _Elsewhere(model, used, simulator, bare)
-    poses = elsewhere.poses(fitted, motions)
-    # At other poses, `measured` simulates the wrong effects, and not this.
+
+    poses = _poses_elsewhere(model, fitted, motions)
+    # At other poses, `_elsewhere` simulates the wrong effects, and not this.
     here = wrong if poses is None else without
     jobs = jobs_at(used, motions, effects=without, wrong=here, show=show, bare=bare)
+    named = Named(found, fitted, [], None, [], motions, used, simulator, without, bare)
     first = simulator.run(at_pose, jobs, step, look=confirm)
-    first = elsewhere.measured(first, poses, wrong, step)
-    rest = used, simulator, without, bare
-    plain_ones = Named(found, fitted, first, None, first, motions, *rest)
+    first = _elsewhere(named, first, poses, wrong, step)
+    named = replace(named, first=first, confirmed=first)
     if which == 'catalogue':
-        return plain_ones
+        return named
     quick = which == 'quick'
     total = (2 + rounds(of_camera(fitted), quick)) * len(used)
     step = stepper(progress, 'fitting curves and maps', 0.86, 0.1, total)
     forms = calibrate_named(used, motions, fitted, held_out, simulator, step, quick)
     if forms is None:
-        return plain_ones
+        return named
     effects = forms.effects(fitted)
-    named = replace(plain_ones, effects=effects, forms=forms)
+    named = replace(named, effects=effects, forms=forms)
     if not forms.taken:
         return named
-    formed = forms.explained
-    now = list(formed.now)
-    wrong = as_wrong_as_fitted(formed.effects, now)
+    now = list(forms.explained.now)
+    wrong = as_wrong_as_fitted(forms.explained.effects, now)
     # Each recording with forms that were not fitted to it.
-    each = list(zip(formed.looked, now, wrong, show, bare, strict=True))
+    each = list(zip(forms.explained.looked, now, wrong, show, bare, strict=True))
     both = simulator.run(confirm_settled, each, step)
     confirmed, motions = [one for one, _ in both], [motion for _, motion in both]
-    poses = elsewhere.poses(effects, motions)
-    confirmed = elsewhere.measured(confirmed, poses, wrong, step)
+    poses = _poses_elsewhere(model, effects, motions)
+    confirmed = _elsewhere(named, confirmed, poses, wrong, step)
     return replace(named, confirmed=confirmed, motions=motions, own=now)
 
 
-@dataclass(frozen=True)
-class _Elsewhere:
-    # The gap as it is in other scenes of the same camera, whose poses have other errors.
-    model: Model
-    used: Sequence[Found]
-    simulator: Simulator
-    bare: Sequence[np.ndarray | None]
+def _elsewhere(
+    named: Named,
+    outcomes: list[Outcome],
+    poses: Sequence[np.ndarray] | None,
+    wrong: Sequence[Settings],
+    step: Callable[[], None],
+) -> list[Outcome]:
+    # Outcomes with how far recordings and simulations are apart at the poses of other scenes, with
+    # effects that are as wrong as their fit leaves open.
+    if poses is None or not any(wrong):
+        return outcomes
+    jobs = jobs_at(named.used, poses, effects=wrong, bare=named.bare)
+    found = named.simulator.run(at_pose, jobs, step, look=apart)
+    return [replace(one, elsewhere=far) for one, far in zip(outcomes, found, strict=True)]
 
-    def poses(
-        self, effects: Sequence[Effect], motions: Sequence[np.ndarray]
-    ) -> list[np.ndarray] | None:
-        # Those of other scenes, or None if they are the fitted ones. They are, if poses can hide
-        # no part of the effects, such as random dropout. What the poses have in common then is
-        # chance, or another cause that is not named.
-        posed = any(one.role == 'pose' for one in effects)
-        if not posed and not any('pose' in one.nuisances for one in effects):
-            return None
-        poses = self.model.own.elsewhere(motions, posed)
-        same = all(np.array_equal(*pair) for pair in zip(poses, motions, strict=True))
-        return None if same else poses
 
-    def measured(
-        self,
-        outcomes: Sequence[Outcome],
-        poses: Sequence[np.ndarray] | None,
-        wrong: Sequence[Settings],
-        step: Callable[[], None],
-    ) -> list[Outcome]:
-        # Outcomes with how far recordings and simulations are apart there, with effects that are
-        # as wrong as their fit leaves open.
-        if poses is None or not any(wrong):
-            return list(outcomes)
-        jobs = jobs_at(self.used, poses, effects=wrong, bare=self.bare)
-        found = self.simulator.run(at_pose, jobs, step, look=apart)
-        return [replace(one, elsewhere=far) for one, far in zip(outcomes, found, strict=True)]
+def _poses_elsewhere(
+    model: Model, effects: Sequence[Effect], motions: Sequence[np.ndarray]
+) -> list[np.ndarray] | None:
+    # Those of other scenes of the same camera, whose poses have other errors, or None if they are
+    # the fitted ones. They are, if poses can hide no part of the effects, such as random dropout.
+    # What the poses have in common then is chance, or another cause that is not named.
+    posed = any(one.role == 'pose' for one in effects)
+    if not posed and not any('pose' in one.nuisances for one in effects):
+        return None
+    poses = model.own.elsewhere(motions, posed)
+    same = all(np.array_equal(*pair) for pair in zip(poses, motions, strict=True))
+    return None if same else poses
 
 
 def processed_table(
@@ -217,10 +272,3 @@ def processed_table(
         **remaining(here, here),
         'effects': {name: taken_off(part) for name, part in parts.items()},
     }
-
-
-def _shown(decision: Decision) -> list[bool]:
-    # Frames are shown of the recordings with the largest gap.
-    loss = decision.base.loss
-    largest = set(np.argsort(-loss, kind='stable')[:MOST_FRAMES].tolist())
-    return [i in largest for i in range(len(loss))]

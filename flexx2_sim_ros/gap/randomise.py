@@ -41,14 +41,8 @@ class Randomised:
     """
     Distributions, and how much narrower they are than those of the catalogue.
 
-    Attributes
-    ----------
-    randomisation : Randomisation
-    named, undecided : tuple of str
-        Effects with fitted parameters, and effects with the distributions of the catalogue.
-    narrower : dict of str to float
-        By parameter: standard deviation in the catalogue divided by the one here.
-
+    `named` effects have fitted parameters, `undecided` ones the distributions of the catalogue.
+    `narrower` is, by parameter, the standard deviation in the catalogue over the one here.
     """
 
     randomisation: Randomisation
@@ -109,12 +103,11 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
         (*distributions, *prior),
         matrix,
     )
-    found = Randomised(
-        randomisation,
-        tuple(effect.name for effect in named),
-        tuple(effect.name for effect in undecided),
-        _narrower(distributions),
-    )
+    usual = [_catalogue_prior(registry()[one.effect], one.parameter) for one in distributions]
+    both = zip(distributions, usual, strict=True)
+    narrower = {one.name: wide.spread / one.spread for one, wide in both if wide is not None}
+    fitted, drawn = (tuple(effect.name for effect in some) for some in (named, undecided))
+    found = Randomised(randomisation, fitted, drawn, narrower)
     if out is not None:
         save_randomisation(out, randomisation, '\n'.join(comment(found)))
     return found
@@ -178,11 +171,7 @@ def _priors(
 ) -> list[Distribution]:
     # Strength would scale the delay of images, too, which is known.
     free = {TimeOffset.name: 'latency'} if delay or arrival is not None else {}
-    parameters = [free.get(effect.name, 'strength') for effect in undecided]
-    found = [
-        _catalogue_prior(type(effect), name)
-        for effect, name in zip(undecided, parameters, strict=True)
-    ]
+    found = [_catalogue_prior(type(one), free.get(one.name, 'strength')) for one in undecided]
     out = [one for one in found if one is not None]
     if arrival is not None and arrival.high:
         # As late as the frames of the recordings were.
@@ -208,25 +197,24 @@ def _held_out(before: Diagnosed, named: Sequence[Effect]) -> list[dict[str, Effe
 def _check_form(named: Sequence[Effect], held_out: Sequence[Mapping[str, Effect]]) -> None:
     # The fits that the jackknife needs have the form of the diagnosis, some with a number of
     # another formula.
+    why = ''
     for effect in named:
         if effect.name not in registry():
-            raise InputError(f'DIAGNOSIS: must have effects with a cause, got {effect.name}')
-    if named and not held_out:
-        raise InputError(
-            'DIAGNOSIS: must have the effects as fitted without each recording, got none: use the '
-            'folder of flexx2 gap diagnose, made with this version'
-        )
-    if named and len(held_out) < _FEWEST:
-        raise InputError(
-            f'DIAGNOSIS: must have been made from at least {_FEWEST} recordings, got '
-            f'{len(held_out)}'
-        )
-    for effect in named:
-        if any(one[effect.name].forms.keys() != effect.forms.keys() for one in held_out):
-            raise InputError(
-                f'DIAGNOSIS: must have effects in the form of the diagnosis, got {effect.name} in '
-                'another form without a recording: diagnose again'
+            why = f'effects with a cause, got {effect.name}'
+        elif not held_out:
+            why = (
+                'the effects as fitted without each recording, got none: use the folder of flexx2 '
+                'gap diagnose, made with this version'
             )
+        elif len(held_out) < _FEWEST:
+            why = f'been made from at least {_FEWEST} recordings, got {len(held_out)}'
+        elif any(one[effect.name].forms.keys() != effect.forms.keys() for one in held_out):
+            why = (
+                f'effects in the form of the diagnosis, got {effect.name} in another form without '
+                'a recording: diagnose again'
+            )
+        if why:
+            raise InputError(f'DIAGNOSIS: must have {why}')
 
 
 def _fitted(
@@ -253,20 +241,9 @@ def _fitted(
     centre = np.array([getattr(effect, item.name) for effect, item in items])
     spread = np.hypot(wide * sd, _SHARED * centre)
     distributions = [
-        Distribution(
-            effect.name, item.name, item.low, item.high, getattr(effect, item.name), float(one)
-        )
-        for (effect, item), one in zip(items, spread, strict=True)
+        Distribution(effect.name, item.name, item.low, item.high, float(middle), float(one))
+        for (effect, item), middle, one in zip(items, centre, spread, strict=True)
     ]
     correlation = wide**2 * covariance / np.outer(spread, spread)
     np.fill_diagonal(correlation, 1.0)
     return distributions, correlation
-
-
-def _narrower(distributions: Sequence[Distribution]) -> dict[str, float]:
-    out = {}
-    for one in distributions:
-        prior = _catalogue_prior(registry()[one.effect], one.parameter)
-        if prior is not None:
-            out[one.name] = prior.spread / one.spread
-    return out

@@ -5,7 +5,14 @@ from typing import Any
 
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
-from flexx2_sim_ros.gap.report.words import difference, MEANINGS, MEASURES, on_recordings, SIZES
+from flexx2_sim_ros.gap.report.words import (
+    difference,
+    is_measured,
+    MEANINGS,
+    MEASURES,
+    on_recordings,
+    SIZES,
+)
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
@@ -56,6 +63,9 @@ def lines(table: dict[str, Any]) -> Iterator[tuple[str, ...]]:
         one = table['measures'][key]
         change = 'better' if one['better'] else 'worse' if one['worse'] else 'not significant'
         parts = ('before', 'after', 'null', 'change')
+        if not is_measured(key, one):
+            yield name, *('-' for _ in parts), 'not measured'
+            continue
         yield name, *(_text(one, part, unit, factor) for part in parts), change
 
 

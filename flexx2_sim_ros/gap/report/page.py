@@ -58,14 +58,13 @@ _VERDICTS = {
 }
 _MEANING = html.Html(
     '<b>Probability</b> that the camera has the effect. <b>Takes off</b>: by how much the '
-    'simulation comes nearer when the effect is switched on, mean over one order of the '
-    'effects and its reverse, and over recordings, with its 90 % '
-    'interval. The rows add up to the last one. Noise: its variance and correlations, in '
-    'tolerances; bars: depth and lost pixels, in tolerances. <b>Absorbed by poses</b>: what '
-    'the fitted poses take off, and poses in other scenes do not. <b>Not explained</b>: what '
-    'is left, less what two simulations differ by. '
-    '<code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate these '
-    'effects; docs/effects.md explains their parameters.'
+    'simulation comes nearer when the effect is switched on, mean over one order of the effects '
+    'and its reverse, and over recordings, with its 90 % interval. The rows add up to the last '
+    'one. Noise: its variance and correlations, in tolerances (-: not measured); bars: depth and '
+    'lost pixels, in tolerances. <b>Absorbed by poses</b>: what the fitted poses take off, and '
+    'poses in other scenes do not. <b>Not explained</b>: what is left, less what two simulations '
+    'differ by. <code>flexx2 simulate --effects effects.yaml</code> and the camera node simulate '
+    'these effects; docs/effects.md explains their parameters.'
 )
 _MOST_PLACES = 12
 _DOUBTFUL = 0.05  # rows of `where` with a larger false discovery rate are marked

@@ -6,7 +6,14 @@ from typing import Any
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.features.confirm import NOISE
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
-from flexx2_sim_ros.gap.report.words import camera_effects, MEANINGS, MEASURES, sentences, SIZES
+from flexx2_sim_ros.gap.report.words import (
+    camera_effects,
+    is_measured,
+    MEANINGS,
+    MEASURES,
+    sentences,
+    SIZES,
+)
 from flexx2_sim_ros.html_drawing import bar
 import numpy as np
 
@@ -38,6 +45,8 @@ def attribution(table: dict[str, Any]) -> list[tuple[str, ...]]:
         values = gap['wasserstein_mm'][key], 100 * gap['invalid_rate'][key], noise
         shown = zip(values, _UNITS.values(), strict=True)
         rows.append((text, '', *(f'{_rounded(one)}{unit}' for one, unit in shown)))
+    if not any(is_measured(unit, gap[unit]) for unit in NOISE):
+        rows = [(*row[:-1], row[-1] and '-') for row in rows]
     return rows
 
 
@@ -130,6 +139,9 @@ def _sizes(gap: dict[str, Any], added: bool) -> html.Html:
     rows = []
     for unit, (name, symbol, factor) in MEASURES.items():
         size = {key: gap[unit][key] * factor for key in heads}
+        if not is_measured(unit, gap[unit]):
+            rows.append([name, *('-' for _ in keys), ''])
+            continue
         drawn = bar(size['before'], size['after'] if added else None, size['null'])
         rows.append([name, *(f'{short(size[key], 3)} {symbol}' for key in keys), drawn])
     return html.table(['difference in', *(heads[key] for key in keys), ''], rows, 'sizes')

@@ -38,7 +38,7 @@ MEANINGS = dict(zip((name for name, *_ in MEASURES.values()), _MEANINGS, strict=
 SIZES = (
     'How much recordings and simulation differ, mean over recordings: smaller is better. Two '
     'simulations: two runs of the simulator with other noise, as an exact simulation would '
-    'differ, too. Each row of bars has its own scale.'
+    'differ, too. -: not measured. Each row of bars has its own scale.'
 )
 _POSES_HIDE = (
     'Poses that may be wrong by any amount take over offsets, drifts and scales of depth. If you '
@@ -80,6 +80,11 @@ _COUNTED = {
     '100 % would be as close as two runs of the simulator.',
 }
 _SAME_NOISE = 0.02  # of sigma_z
+
+
+def is_measured(unit: str, one: dict[str, Any]) -> bool:
+    """Return whether the recordings show a measure; single frames, for example, show no noise."""
+    return unit == 'invalid_rate' or any(one[key] for key in ('before', 'after', 'null'))
 
 
 def _names(rows: Iterable[dict[str, Any]]) -> str:
