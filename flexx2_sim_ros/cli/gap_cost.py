@@ -65,10 +65,22 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(table: dict[str, Any], console: Console) -> None:
-    from flexx2_sim_ros.gap.report.cost_page import headline, lines, NOTHING_SEEN, sentences
+    from flexx2_sim_ros.gap.report.cost_page import (
+        headline,
+        lines,
+        NOTHING_SEEN,
+        RANKING,
+        ranking,
+        sentences,
+    )
     from flexx2_sim_ros.gap.report.text import spaced
 
     console.print(printable(headline(table)), style='bold')
+    if table['ranking']:
+        ranked = Table(*RANKING, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for row in ranking(table):
+            ranked.add_row(*map(printable, row))
+        console.print(ranked)
     shown = Table(
         Column(overflow='fold'),
         'recorded',

@@ -88,7 +88,7 @@ def cost(
     _check(seed, jobs, limit, mounting)
     if out is not None:
         check_outputs('--out', out, FILES)
-    request = CostRequest.of(consumers, profile, seed, jobs, mounting, limit)
+    request = CostRequest(*found_consumers(consumers), profile, seed, jobs, mounting, limit)
     before = read_diagnosis(Path(diagnosis))
     known = known_of(before)
     progress('looking for recordings', 0.0)
@@ -109,35 +109,21 @@ def cost(
 
 @dataclass(frozen=True)
 class CostRequest:
-    """
-    How a cost is measured; see `cost`.
+    """How a cost is measured; see `cost`. `damaged` are installed packages that cannot be read."""
 
-    `damaged` are installed packages that cannot be read. The camera is the Flexx2 if `profile` is
-    None.
-    """
-
-    consumers: tuple[ConsumerSource, ...]
-    damaged: tuple[str, ...]
+    consumers: Sequence[ConsumerSource]
+    damaged: Sequence[str]
     profile: Profile | None
     seed: int
     jobs: int
-    mounting: tuple[float, float] | None
-    limit: float
+    mounting: tuple[float, float] | None = None
+    limit: float = CONSUMER_SECONDS
 
-    @classmethod
-    def of(
-        cls,
-        consumers: Collection[str],
-        profile: Profile | None,
-        seed: int,
-        jobs: int,
-        mounting: tuple[float, float] | None = None,
-        limit: float = CONSUMER_SECONDS,
-    ) -> 'CostRequest':
-        """Find the consumers."""
-        damaged: list[str] = []
-        chosen = sources(consumers, lambda name, error: damaged.append(unquoted(name)))
-        return cls(tuple(chosen), tuple(damaged), profile, seed, jobs, mounting, limit)
+
+def found_consumers(names: Collection[str]) -> tuple[list[ConsumerSource], list[str]]:
+    """Return consumers, all that are installed if none is named, and the damaged packages."""
+    damaged: list[str] = []
+    return sources(names, lambda name, error: damaged.append(unquoted(name))), damaged
 
 
 def measure_cost(

@@ -15,7 +15,7 @@ from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.registry import check_map_files
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.gap.cost import CostRequest, known_of, measure_cost
+from flexx2_sim_ros.gap.cost import CostRequest, found_consumers, known_of, measure_cost
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
@@ -125,7 +125,7 @@ def diagnose(
     known = table_of(given_effects(known or {}))
     whole = progress or (lambda text, fraction: None)
     progress = portion(whole, 0.0, _BEFORE_COST) if cost else whole
-    request = CostRequest.of((), profile, seed, jobs) if cost else None
+    request = CostRequest(*found_consumers(()), profile, seed, jobs) if cost else None
     if out is not None:
         check_outputs('--out', out, FILES)
         check_map_files(out)

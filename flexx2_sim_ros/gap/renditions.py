@@ -56,9 +56,7 @@ def render(
 
     All have common random numbers. Return the renditions by name, and ``other recordings`` if the
     effects were not fitted to this one, or ``this recording``; or the reason why the recording
-    cannot be used. The camera is the Flexx2 if `profile` is None. `mounting` is the height of the
-    camera, metres, and the angle by which it looks down, degrees; if None, the ground is found in
-    the ground truth.
+    cannot be used. `mounting` is as for `cost`.
     """
     try:
         recording = read(found, profile, known.given)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import repeat
+from itertools import count, repeat
 from pathlib import Path
 from typing import Any
 
@@ -47,19 +47,12 @@ def stepper(
     progress: Progress, text: str, start: float, weight: float, total: int
 ) -> Callable[[], None]:
     """
-    Return a function that reports progress each time it is called.
+    Return a function that reports progress each time it is called, `total` times.
 
-    The step `text` begins at the fraction `start` of the whole work and is the fraction `weight`
-    of it. After `total` calls the progress stays the same.
+    The step `text` begins at the fraction `start` of the whole work, and is `weight` of it.
     """
-    done = 0
-
-    def step() -> None:
-        nonlocal done
-        done += 1
-        progress(text, start + weight * min(done / max(total, 1), 1.0))
-
-    return step
+    calls = count(1)
+    return lambda: progress(text, start + weight * min(next(calls) / max(total, 1), 1.0))
 
 
 def portion(progress: Progress, start: float, weight: float) -> Progress:
@@ -71,11 +64,9 @@ def find(
     folder: str | Path, profile: Profile | None, mapped: Map, full_scale: float | None = None
 ) -> tuple[list[Found], list[tuple[str, str]]]:
     """
-    Find a campaign's recordings; see `of_one_mode`.
+    Find a campaign's recordings; see `of_one_mode`. The camera is the Flexx2 without a profile.
 
-    The camera is the Flexx2 if `profile` is None. The map is used because each bag has to be read.
-    `full_scale` is that of a floating-point amplitude, as an earlier diagnosis took it (default:
-    guessed).
+    `full_scale` is that of a floating-point amplitude, as an earlier diagnosis took it.
     """
     paths = find_recordings(folder)
     checked = mapped(bind(check, profile=profile), paths, lambda: None)
@@ -94,8 +85,8 @@ def noisier(
     return as_noisy, (profile or flexx2()).noisier(factor)
 
 
-def look(found: Found, profile: Profile | None, known: Table | None = None) -> Clues | None:
-    """Return what a recording shows of the inside of its camera; None if it cannot be used."""
+def _look(found: Found, profile: Profile | None, known: Table | None) -> Clues | None:
+    # What a recording shows of the inside of its camera.
     try:
         return clues_of(read(found, profile, known))
     except InputError:
@@ -109,28 +100,21 @@ def search_inside(
     step: Callable[[], None],
     known: Table | None = None,
 ) -> Inside:
-    """
-    Find what is free inside the camera of a campaign; see `search.search`.
-
-    The camera is the Flexx2 if `profile` is None; `known` are effects that the base simulator has,
-    parameters by name. `step` is called after each recording.
-    """
-    clues = mapped(bind(look, profile=profile, known=known), found, step)
+    """Find what is free inside the camera of a campaign; see `search.search`."""
+    clues = mapped(bind(_look, profile=profile, known=known), found, step)
     some = [one for one in clues if one is not None]
     return search(some, found[0].mode) if some else {}
 
 
 def summarise(job: tuple[Found, np.ndarray | None], simulations: Simulations) -> Evidence | str:
     """Return the summary of a recording, at a motion if one is given, or why there is none."""
-    (found, motion), one = job, simulations
+    (found, motion), one, where = job, simulations, ''
     try:
         recording = read(found, one.profile, one.known)
-    except InputError as error:
-        return str(error)
-    try:
+        where = f'{found.path}: '
         return gather(recording, one.columns, one.seed, np.array(one.prior), one.inside, motion)
     except InputError as error:
-        return f'{found.path}: {error}'
+        return f'{where}{error}'
 
 
 def summarise_all(
@@ -143,12 +127,11 @@ def summarise_all(
     motions: Sequence[np.ndarray] | None = None,
 ) -> tuple[list[Found], list[Evidence], list[tuple[str, str]]]:
     """
-    Summarise all recordings of a campaign.
+    Return the recordings that can be used, their summaries, and name and reason of each other one.
 
-    Return those that can be used, their summaries, and name and reason of each other recording.
     `folder` and `left_out` (name and reason of each recording that was left out before) are for
-    errors. `motions` are (6 + 3 P,) where the cameras and planes are; they are registered when
-    left out. Raises `InputError` when no recording can be used.
+    errors. `motions` are (6 + 3 P,) where the cameras and planes are; registered if left out.
+    Raises `InputError` when no recording can be used.
     """
     jobs = list(zip(found, motions or repeat(None), strict=False))
     outcomes = mapped(bind(summarise, simulations=simulations), jobs, step)

@@ -255,7 +255,8 @@ def _kinds(table: Mapping[str, Any]) -> str:
 
 
 def _mark(cell: str) -> str:
-    return html.element('span', cell, kind='bad') if cell in ('open', '-') else cell
+    kind = {'open': 'dim', '-': 'bad'}.get(cell)  # Unknown is gray.
+    return html.element('span', cell, kind=kind) if kind else cell
 
 
 def suggestions(table: Mapping[str, Any], views: Sequence[PredictedView], lens: Intrinsics) -> str:

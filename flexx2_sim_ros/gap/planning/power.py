@@ -135,12 +135,11 @@ def to_yaml(table: Mapping[str, Any]) -> str:
 
 def compute(request: PowerRequest, command: str, progress: Progress) -> dict[str, Any]:
     """
-    Compute what a plan can find.
+    Return the table of what a plan can find; `command` is the command line to store in it.
 
-    Finished kinds of ground truth are stored in ``out``, so that an interrupted run resumes. The
-    command line is stored in the table, of plain values: ``effects`` has, by effect and kind, the
-    ``smallest`` strength (or None), the fraction ``found`` by strength, and whether the ground
-    truth leaves the effect ``open``.
+    Finished kinds of ground truth are stored in ``out``, so that an interrupted run resumes.
+    ``effects`` has, by effect and kind, the ``smallest`` strength (or None), the fraction
+    ``found`` by strength, and whether the ground truth leaves the effect ``open``.
     """
     some = [
         name

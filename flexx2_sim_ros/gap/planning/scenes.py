@@ -23,10 +23,10 @@ _WARM = 1800.0  # seconds since power-on
 @dataclass(frozen=True)
 class Panel:
     """
-    A flat rectangle, in the optical frame at the first stamp: x right, y down, z forward.
+    A flat rectangle, in the optical frame at the first stamp: x right, y down, z forward, metres.
 
-    `centre` is in metres. `across` and `along` lead from it to the middle of two neighbouring
-    sides, metres; perpendicular. `reflectivity` is 0 to 1, `velocity` in metres per second.
+    `across` and `along` lead from the centre to the middle of two neighbouring sides;
+    perpendicular. `reflectivity` is 0 to 1, `velocity` in metres per second.
     """
 
     centre: Vector
@@ -57,12 +57,7 @@ class PlannedScene:
 
 
 def wall(distance: float, tilt: float = 0.0, reflectivity: float = _WHITE) -> Panel:
-    """
-    Return a wall that fills the image, at `distance` metres along the optical axis.
-
-    `tilt` is its turn about the vertical, degrees; positive: the right side is farther.
-    `reflectivity` is 0 to 1.
-    """
+    """Return a wall that fills the image; `tilt`, degrees, takes its right side farther away."""
     turn = math.radians(tilt)
     across = (_LARGE * math.cos(turn), 0.0, _LARGE * math.sin(turn))
     return Panel((0.0, 0.0, distance), across, (0.0, _LARGE, 0.0), reflectivity)
@@ -72,9 +67,8 @@ def card(
     distance: float, x: float, half: float, reflectivity: float, velocity: Vector = (0.0, 0.0, 0.0)
 ) -> Panel:
     """Return an upright square with its centre ``x`` metres right of the optical axis."""
-    return Panel(
-        (x, 0.0, distance), (half, 0.0, 0.0), (0.0, half, 0.0), reflectivity, velocity=velocity
-    )
+    centre = x, 0.0, distance
+    return Panel(centre, (half, 0.0, 0.0), (0.0, half, 0.0), reflectivity, velocity)
 
 
 def render(

@@ -7,11 +7,12 @@ from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.consumers.comparison import FEWEST
 from flexx2_sim_ros.consumers.running import Result
 from flexx2_sim_ros.gap.report.frames import quantile
-from flexx2_sim_ros.gap.report.text import listed, moved, percent, short, spaced
+from flexx2_sim_ros.gap.report.text import listed, percent, short, spaced
 from flexx2_sim_ros.html_drawing import bar, picture
 from flexx2_sim_ros.html_page import html_page
 import numpy as np
 
+RANKING = 'effect', 'of what all effects change', 'takes away', 'measures'
 HEADS = 'recorded', 'as simulated', 'with all effects', 'taken away first'
 _STYLE = """
 td + td { white-space: nowrap; }
@@ -76,15 +77,19 @@ def _clearest(table: dict[str, Any], effect: str) -> tuple[str, dict[str, Any]]:
     return max((row for row in every if row[1]['significant']), key=sure)
 
 
+def ranking(table: dict[str, Any]) -> list[tuple[str, ...]]:
+    """Return a row for each effect below `RANKING`, if there is a ranking: means over measures."""
+    return [
+        (spaced(row['effect']), _percent(row, 'part'), percent(row['share']), str(row['measures']))
+        for row in table['ranking']
+    ]
+
+
 def sentences(table: dict[str, Any]) -> list[str]:
     """Return what else a person should know, one line each."""
     used = [row for row in table['recordings'] if row['used']]
     fitted = sum(row['effects_from'] == 'this recording' for row in used)
-    out = [
-        f'{spaced(row["effect"])}: {_percent(row, "part")} of what all effects change; '
-        f'{moved(row["share"], "the difference")} (means over {row["measures"]} measures).'
-        for row in table['ranking']
-    ]
+    out = []
     for place, row in enumerate(table['ranking'][1:], start=1):  # the first: in the headline
         tied = _tied(table, place)
         out += [_undecided([row['effect'], *tied])] if tied else []
@@ -144,7 +149,13 @@ def section(table: dict[str, Any]) -> html.Html:
         rows += [html.element('tr', name), *texts] if texts else []
     shown = [html.table(['mean error of', *HEADS], rows), html.note(_SECTION)] if rows else []
     first = html.element('p', html.element('b', in_short(table)))
-    return html.folded(title, first, html.paragraphs(sentences(table)), *shown)
+    return html.folded(title, first, *_below(table), *shown)
+
+
+def _below(table: dict[str, Any]) -> list[html.Html]:
+    # What is below the headline.
+    rows = ranking(table)
+    return [html.table(RANKING, rows) if rows else html.Html(), html.paragraphs(sentences(table))]
 
 
 def page(table: dict[str, Any], results: Sequence[Result]) -> str:
@@ -154,7 +165,7 @@ def page(table: dict[str, Any], results: Sequence[Result]) -> str:
     body = [
         html.note(f'What the gap costs, on {len(used)} recordings'),
         html.heading(headline(table), 1),
-        html.paragraphs(sentences(table)),
+        *_below(table),
         *(_consumer(*both) for both in zip(table['consumers'], good, strict=True)),
         html.note(
             'The recordings and their simulations go through the same program. Values are means '

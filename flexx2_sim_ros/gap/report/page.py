@@ -161,22 +161,18 @@ def _where(table: dict[str, Any]) -> html.Html:
 def _considered(table: dict[str, Any], decision: Decision) -> html.Html:
     rows = []
     taken, refused = {row['name'] for row in table['effects']}, refusals(table)
-    ties = {other['name'] for other in table['alternatives']}
+    why = dict.fromkeys(taken, 'selected')
+    why |= {name: f'found, but not named: {REFUSED[reason]}' for name, reason in refused.items()}
+    if why:
+        instead = ' instead of a selected effect' if taken else ''
+        tie = f'alternative explanation: may be present{instead}'
+        why = {**{other['name']: tie for other in table['alternatives']}, **why}
+    less = f'improves the fit {"less" if taken or refused else "too little"}'
     for one in decision.considered[:10]:
         name = one.fit.candidates[0].effect
         fraction = max(decision.base.total - one.fit.total, 0) / decision.excess
-        if name in taken:
-            why = 'selected'
-        elif name in refused:
-            why = f'found, but not named: {REFUSED[refused[name]]}'
-        elif name in ties and (taken or refused):
-            why = 'alternative explanation: may be present'
-            why += ' instead of a selected effect' if taken else ''
-        elif one.gain <= 0:
-            why = 'no better on recordings that were left out of the fit'
-        else:
-            why = 'improves the fit less' if taken or refused else 'improves the fit too little'
-        rows.append([spaced(name), percent(min(fraction, 1)), why])
+        usual = less if one.gain > 0 else 'no better on recordings that were left out of the fit'
+        rows.append([spaced(name), percent(min(fraction, 1)), why.get(name, usual)])
     return html.folded(
         'Effects that were considered',
         html.table(['effect', 'alone, improves the fit by', 'result'], rows),

@@ -103,10 +103,9 @@ def verdict_of(table: dict[str, Any]) -> str:
     """
     Return the verdict of a diagnosis after its effects were simulated.
 
-    Effects of the camera that close less than four fifths of the gap explain it partly, and so do
-    those of a single recording, those whose form is a constant: other causes do the same, and
-    those of recordings that disagree. An error of the poses is not simulated: what the others do
-    beside it shows at the fitted poses.
+    Effects of the camera explain it partly if they close less than four fifths of the gap, come
+    from a single recording or from recordings that disagree, or have a constant for a form: other
+    causes do the same. What they do beside an error of the poses shows at the fitted poses.
     """
     verdict = str(table['verdict'])
     names = [row['name'] for row in table['effects']]
@@ -193,13 +192,13 @@ def _effect_rows(
     decision: Decision, effects: Sequence[Effect], parts: Mapping[str, np.ndarray]
 ) -> list[dict[str, Any]]:
     rows = {
-        effect.name: {
-            'name': effect.name,
-            'parameters': effect.settings,
-            'takes_off': taken_off(parts[effect.name]) if effect.name in parts else None,
+        one.name: {
+            'name': one.name,
+            'parameters': one.settings,
+            'takes_off': taken_off(parts[one.name]) if one.name in parts else None,
             'confidence': confidence,
         }
-        for effect, confidence in zip(effects, decision.confidences, strict=False)
+        for one, confidence in zip(effects, decision.confidences, strict=False)
     }
     # A pose error has no part, and stays where it is.
     largest = (rows[name] for name in parts if name in rows)
@@ -208,11 +207,9 @@ def _effect_rows(
 
 def _refused(decision: Decision) -> list[dict[str, str]]:
     # An effect that does not improve the fit of left-out recordings was not found.
-    if decision.verdict != 'unknown' or decision.support.gain <= 0:
-        return []
-    return [
-        {'name': one.effect, 'reason': decision.why_refused} for one in decision.chosen.candidates
-    ]
+    found = decision.verdict == 'unknown' and decision.support.gain > 0
+    names = [one.effect for one in decision.chosen.candidates] if found else []
+    return [{'name': name, 'reason': decision.why_refused} for name in names]
 
 
 def _where(

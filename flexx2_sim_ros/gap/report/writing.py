@@ -47,18 +47,12 @@ def write(
 
 def _with_files(table: dict[str, Any], effects: Sequence[Effect]) -> dict[str, Any]:
     # Names of files instead of maps.
-    files = {
-        effect.name: dict.fromkeys(
-            (name for name, one in effect.forms.items() if isinstance(one, PixelMap)),
-            map_file(effect.name),
-        )
-        for effect in effects
-    }
-    rows = [
-        {**row, 'parameters': {**row['parameters'], **files.get(row['name'], {})}}
-        for row in table['effects']
-    ]
-    return {**table, 'effects': rows}
+    rows = {row['name']: {**row, 'parameters': {**row['parameters']}} for row in table['effects']}
+    for effect in effects:
+        for name, one in effect.forms.items():
+            if isinstance(one, PixelMap) and effect.name in rows:
+                rows[effect.name]['parameters'][name] = map_file(effect.name)
+    return {**table, 'effects': list(rows.values())}
 
 
 def comment(table: dict[str, Any]) -> str:
