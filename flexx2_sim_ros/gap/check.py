@@ -22,6 +22,7 @@ from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.report.check_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
+from flexx2_sim_ros.gap.report.text import short
 from flexx2_sim_ros.gap.work import find, noisier, portion, Progress, stepper
 from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
@@ -156,12 +157,10 @@ def judged(measures: Mapping[str, Mapping[str, Any]]) -> tuple[bool, list[str]]:
             f'The loss of the diagnosis changes by {loss["change"]:+.3g} per recording; the gap '
             f'shrinks if it changes by less than {-loss["tolerance"]:g}.'
         )
-    reasons += [
-        f'{unit} gets significantly worse: {measures[unit]["before"]:.3g} to '
-        f'{measures[unit]["after"]:.3g}.'
-        for unit in UNITS
-        if measures[unit]['worse']
-    ]
+    for unit in UNITS:
+        if measures[unit]['worse']:
+            before, after = (short(measures[unit][key], 3) for key in ('before', 'after'))
+            reasons.append(f'{unit} gets significantly worse: {before} to {after}.')
     return not reasons, reasons
 
 

@@ -95,19 +95,15 @@ def fit_without_and_with(
     """
     Fit recordings without and with effects.
 
-    For effects that shift surfaces, the poses are fitted twice: for a camera without these
-    effects, and for one that is known to have them. A pose that is fitted alone can take over what
-    an effect explains, and the effect would be added to a scene that already has it. Raises
+    For effects that shift surfaces, the poses are fitted twice, for a camera without and with
+    these effects: a pose that is fitted alone can take over what an effect explains. Raises
     `InputError` when no recording can be used.
 
     * `folder`, `left_out`: the campaign, and name and reason of each recording that was left out
       before; for errors.
     * `effects`: what is given. A pose error is where the poses of the recordings lie about.
-    * `profile`: the camera (None: the Flexx2).
     * `prior`: standard deviations of pose errors, metres and degrees.
     * `held`: whether they hold the poses; see `Model`.
-    * `progress`: called with the name of the current step and the fraction of this work that is
-      done.
     * `known`: effects that the base simulator has: parameters by name.
     """
     deviation = np.repeat(prior, 3)

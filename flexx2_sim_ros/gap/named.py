@@ -99,15 +99,12 @@ class Named:
     """
     What is named, and what simulating it gives.
 
-    * `found`: as found by the decision.
-    * `effects`: the same, with curves, tables and maps where those were fitted.
-    * `first`: of each recording, with what was found without it.
-    * `forms`: the curves, tables and maps.
-    * `confirmed`: of each recording, with `forms` where those are taken.
-    * `motions`: where the camera of each recording was in `confirmed`.
-    * `used`: the recordings, at the noise level of the decision.
-    * `simulator`: of these.
-    * `own`: of each recording, the effects of the camera in `confirmed`: parameters by name.
+    * `effects`: those that were found, with curves, tables and maps (`forms`) if any were fitted.
+    * `first`, `confirmed`: of each recording, simulated with what was found without it; with
+      `forms` where those are taken.
+    * `motions`, `own`: of each recording in `confirmed`, where the camera was, and the effects.
+    * `used`, `simulator`: the recordings at the noise level of the decision, and what simulates
+      them.
     * `bare`: where each one is without effects, as for `confirm.confirm`.
     * `parts`: (R, 4) what each effect takes off each recording, as from `confirm.parts`.
     """

@@ -84,17 +84,10 @@ def walk(
     simulated = with_uptime(diagnosed, None)
     kind = profile or flexx2()
     points = batches(walks, steps)
+    lens, mode = centred(kind.intrinsics), kind.mode(usecase)
+    step = stepper(progress, 'walking', 0.0, 0.99, len(points))
     with workers(jobs, None) as mapped:
-        found = walk_all(
-            points,
-            cameras,
-            centred(kind.intrinsics),
-            kind.mode(usecase),
-            mapped,
-            stepper(progress, 'walking', 0.0, 0.99, len(points)),
-            seed=seed,
-            robot=robot,
-        )
+        found = walk_all(points, cameras, lens, mode, mapped, step, seed=seed, robot=robot)
     table: dict[str, Any] = {
         'schema': SCHEMA,
         'effects': for_reports(simulated),
@@ -113,9 +106,8 @@ def walk(
     if out is not None:
         with whole_files(output_folder(out)) as part:
             write_text(part / FILES[0], as_json(table))
-            draw_walks(
-                part / FILES[1], table['rows'], f'{walks} walks for each point, 95 % intervals'
-            )
+            title = f'{walks} walks for each point, 95 % intervals'
+            draw_walks(part / FILES[1], table['rows'], title)
     progress('done', 1.0)
     return table
 

@@ -59,16 +59,16 @@ def check_open(before: Diagnosed) -> None:
 
     Raises `InputError` when it does not, or lacks a key.
     """
-    try:
-        alternatives, hidden = before.table['alternatives'], before.table['not_decidable']
-    except KeyError as error:
-        raise InputError(
-            f'DIAGNOSIS: diagnosis.json: must be as flexx2 gap diagnose writes it, got no '
-            f'{shown(error.args[0])}'
-        ) from error
-    if before.verdict == 'identified' and not (alternatives or hidden):
+    for key in ('alternatives', 'not_decidable'):
+        if key not in before.table:
+            raise InputError(
+                f'DIAGNOSIS: diagnosis.json: must be as flexx2 gap diagnose writes it, got no '
+                f'{shown(key)}'
+            )
+    left_open = before.table['alternatives'] or before.table['not_decidable']
+    if before.verdict == 'identified' and not left_open:
         raise InputError('DIAGNOSIS: must leave something open, got one explanation: check it')
-    if not (before.table.get('effects') or alternatives or hidden):
+    if not (before.table.get('effects') or left_open):
         raise InputError(
             'DIAGNOSIS: must have alternatives or effects that are not decidable, got verdict '
             f'{shown(before.verdict)} without any'
@@ -78,11 +78,9 @@ def check_open(before: Diagnosed) -> None:
 def _explanations(
     model: Model, decision: Decision, candidates: Sequence[Candidate]
 ) -> list[Explanation]:
-    # The sets of effects that are still possible: the chosen effects, each alternative (which
-    # replaces some of them), each single effect that was rejected narrowly, each effect that the
-    # ground truth cannot decide (at typical strength), and no effect. If no gap was found, each
-    # effect that would not make one in these recordings is possible, too. Pose errors count as no
-    # effect. An explanation is as likely as exp(gain / 2), with the gain in loss of a `Choice`.
+    # The sets of effects that are still possible, as docs/diagnose_your_flexx2.md lists them. Pose
+    # errors count as no effect. An explanation is as likely as exp(gain / 2), with the gain in
+    # loss of a `Choice`.
     trials = Trials(model)
     sets = [*_found(trials, decision), *_narrowly_rejected(model, decision)]
     base, kept = decision.accepted, table_of(fitted_effects(model, decision.accepted))
@@ -228,8 +226,7 @@ def expect(
 def _gap(
     model: Model, assumed: Explanation, count: int, fitted: bool, rng: np.random.Generator
 ) -> np.ndarray:
-    # (R, SIZE) gap of all recordings, the last ``count`` of which are new, if an explanation is
-    # true.
+    # (R, SIZE) gap if an explanation is true; the last ``count`` recordings are new.
     first = len(model.gap) - count
     gap = noise(model, rng)
     chosen = rng.integers(len(assumed.rest), size=count)

@@ -67,8 +67,8 @@ class Checklist:
     """
     The content of the checklist and of the page.
 
-    `table` is the result of `power.compute`, `own` whether it was computed for this plan. `named`
-    is what ``--profile`` of other commands takes for this camera; empty: a Flexx2.
+    `table` is from `power.compute`, for this plan if `own`. `named` is what ``--profile`` takes
+    for this camera; empty for a Flexx2.
     """
 
     plan: Plan

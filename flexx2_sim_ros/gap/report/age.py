@@ -16,13 +16,7 @@ _KEYS = tuple(field.name for field in fields(Arrival))
 
 
 def age_table(effects: Sequence[Effect], used: Sequence[Found]) -> dict[str, Any]:
-    """
-    Return the age of the images of a campaign, for ``diagnosis.json``.
-
-    ``latency``: seconds from the exposure to the stamp, as in `TimeOffset`; 0 if it explains
-    nothing. ``delay``: an `Arrival`, each number the median over recordings; None if no recording
-    says so.
-    """
+    """Return ``age`` of ``diagnosis.json``: seconds, as ``docs/diagnosis.md`` says."""
     rows = [astuple(one.arrival) for one in used if one.arrival is not None]
     delay = None
     if rows:

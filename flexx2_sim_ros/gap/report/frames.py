@@ -72,16 +72,14 @@ def _recording(
     first, last, _ = one.apart.physical['wasserstein_mm']
     errors = f'depth errors {short(first)} mm'
     if camera_effects(table):
-        pictures += [
-            (f'simulated with the effects, {_invalid(after)}', depth_picture(after, low, high)),
-            _difference('real minus simulated with the effects', real - after, limit),
-        ]
+        added = f'simulated with the effects, {_invalid(after)}'
+        pictures.append((added, depth_picture(after, low, high)))
+        pictures.append(_difference('real minus simulated with the effects', real - after, limit))
         errors += f', with the effects {short(last)} mm'
     figures = (html.figure(url, text) for text, url in pictures)
-    legend = (
-        html.join(html.element('span', kind='mark', style=f'background: rgb{MARKS[i]}'), text)
-        for i, (text, _) in enumerate(marks)
-    )
+    legend: list[str] = []
+    for (text, _), colour in zip(marks, MARKS, strict=False):
+        legend += [html.element('span', kind='mark', style=f'background: rgb{colour}'), text]
     return html.join(
         html.heading(f'{one.name}, frame {frame.index}: {errors}', 3),
         html.element('div', *figures, kind='frames'),
