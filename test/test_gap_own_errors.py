@@ -5,6 +5,7 @@ from bench.planes import NAMES, record, VIEWS
 from campaigns import among
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose, measure
+from flexx2_sim_ros.gap.data.prior import prior_from_scatter
 from flexx2_sim_ros.gap.inference.own_errors import common_motion
 from flexx2_sim_ros.gap.report.words import accuracy
 from flexx2_sim_ros.truth import make_truth, PlaneRequest
@@ -37,6 +38,17 @@ def test_equal_poses_are_all_in_common():
     same = np.tile(PRIOR, (4, 1))
     assert common_motion(same) == pytest.approx(PRIOR)
     assert (common_motion(np.zeros((4, 6))) == 0).all()
+
+
+def test_a_drift_of_the_depth_is_no_scatter_of_poses():
+    # Of two scatters of eight, the larger is more than 2.5 times the true one, or less than a
+    # fourth of it, with a probability of 6e-7 (chi-square, 7 degrees of freedom).
+    poses = PRIOR * np.random.default_rng(3).standard_normal((8, 6))
+    drift = np.zeros((8, 6))
+    drift[:, 2] = np.linspace(0, 0.05, 8)
+    found = prior_from_scatter(poses + drift) / PRIOR
+    assert ((found > 0.25) & (found < 2.5)).all()
+    assert (prior_from_scatter(np.zeros((3, 6))) > 0).all()
 
 
 def on_free_planes(effect, folder, **changes):

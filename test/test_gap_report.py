@@ -398,7 +398,7 @@ def _identified(*names, **gap):
         'where': [],
         'disagree': None,
         'recordings': [],
-        'settings': {'pose_held': False},
+        'settings': {'pose_stated': False},
         'age': {'latency': 0.0, 'delay': None},
     }
 
@@ -408,7 +408,7 @@ def test_the_accuracy_of_poses_is_asked_for_where_they_may_hide_effects():
     rows = [{'used': True, 'truth': exact}]
     several = _identified('offset', 'wiggling', at_fitted_poses={'shrink': 0.5})
     asked = [table | {'recordings': rows} for table in (several, _identified('offset'))]
-    held = asked[0] | {'settings': {'pose_held': True}}
+    held = asked[0] | {'settings': {'pose_stated': True}}
     known = asked[0] | {
         'recordings': [{'used': True, 'truth': exact | {'pose': 0.1, 'turn': 1.0}}]
     }

@@ -15,11 +15,12 @@ from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.effects.registry import check_map_files
 from flexx2_sim_ros.effects.tables import plain
 from flexx2_sim_ros.errors import InputError, shown
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.cost import CostRequest, found_consumers, known_of, measure_cost
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
-from flexx2_sim_ros.gap.data.prior import USUAL
+from flexx2_sim_ros.gap.data.prior import prior_from_scatter, USUAL
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import confirm
 from flexx2_sim_ros.gap.forms.looked import Simulator
@@ -90,7 +91,8 @@ def diagnose(
         Folder to write ``diagnosis.json``, ``effects.yaml`` and ``report.html`` to.
     pose_prior : tuple of float, optional
         Standard deviations of the errors of the given poses, metres and degrees. They hold the
-        poses; left out, poses may be as wrong as they seem.
+        poses. Left out, poses may be as wrong as they seem; where several effects are found, they
+        are held by how much they scatter.
     progress : callable, optional
         Called with the name of the current step and the fraction of the work that is done.
     scheduler : str, optional
@@ -150,11 +152,19 @@ def diagnose(
         model = Model(evidence, columns, prior, held=pose_prior is not None)
         decision = _decide(model, candidates, hidden, progress)
         left_out = left_out + unusable
+        scatter = _scatter(model, decision)
+        if scatter is not None:
+            still = portion(progress, 0.5, 0.0)
+            step = stepper(still, 'simulating at poses as they scatter', 0.0, 0.0, len(used))
+            simulations = replace(simulations, prior=tuple(scatter))
+            _, evidence, _ = summarise_all(campaign_dir, used, [], simulations, mapped, step)
+            model = Model(evidence, columns, scatter, held=True)
+            decision = _decide(model, candidates, hidden, still)
         step = stepper(progress, 'fitting effects together', 0.5, 0.3, _ROUNDS * len(used))
         recorded = str(campaign_dir), used, candidates
         campaign = Campaign(*recorded, simulations, mapped, step, held=model.held)
         chosen = explained(decision, model, campaign)
-        simulator = Simulator(mapped, profile, known, seed, tuple(prior))
+        simulator = Simulator(mapped, profile, known, seed, simulations.prior)
         named = simulate_named(model, chosen, used, simulator, forms, progress)
         table = named.table(model, used, left_out)
         if makes_larger(table):
@@ -163,7 +173,7 @@ def diagnose(
             named = simulate_named(model, chosen, used, simulator, forms, still)
             table = named.table(model, used, left_out)
         effects, decision = named.effects, named.found.decision
-        table['settings'] = _settings(found[0], seed, usual, model.held, told)
+        table['settings'] = _settings(found[0], seed, model, pose_prior is not None, told)
         posed = bool(model.own.posed.any())
         table['likelier_mode'] = likelier_mode(model, found[0].mode, profile or flexx2())
         table['not_considered'] = _not_considered(without, known, no_phases, posed, hidden)
@@ -184,15 +194,14 @@ def diagnose(
     return table
 
 
-def _settings(
-    found: Found, seed: int, pose_prior: tuple[float, float], held: bool, known: Table
-) -> dict[str, Any]:
+def _settings(found: Found, seed: int, model: Model, stated: bool, known: Table) -> dict[str, Any]:
     return {
         'usecase': found.mode.name,
         'full_scale': found.full_scale,
         'seed': seed,
-        'pose_prior': [float(one) for one in pose_prior],
-        'pose_held': held,
+        'pose_prior': [float(one) for one in model.prior[::3]],
+        'pose_held': model.held,
+        'pose_stated': stated,
         'known': {name: plain(values) for name, values in known.items()},
     }
 
@@ -220,6 +229,16 @@ def _decide(
     if not model.seen.any():
         return replace(decision, verdict='none')  # The table says `too_little`.
     return replace(decision, unlike=disagreement(model, decision.accepted, candidates))
+
+
+def _scatter(model: Model, decision: Decision) -> np.ndarray | None:
+    # The prior of poses of which nothing is stated, if several effects are named: poses that may
+    # be wrong by any amount hide a part of them.
+    sure = [one.sure_pose for one in model.evidence if one.covariance is None]
+    several = len(decision.accepted.candidates) > 1
+    if model.held or not several or len(sure) < GROUND_TRUTH.fewest_poses:
+        return None
+    return prior_from_scatter(np.array(sure))
 
 
 def _correction(

@@ -104,6 +104,10 @@ class GroundTruth:
     usual: tuple[float, float] = constant(
         (0.010, 0.5), 'm, deg', 'the same of a pose of which nothing is stated', ASSUMED
     )
+    fewest_poses: int = constant(3, '', 'that say how much poses scatter', DEFINITION)
+    least_scatter: tuple[float, float] = constant(
+        (0.0005, 0.03), 'm, deg', 'what features can tell of a pose', DEFINITION
+    )
     tape: float = constant(0.003, 'm', 'standard deviation of a tape measure')
     laser: float = constant(0.001, 'm', 'the same of a laser distance meter')
     square: float = constant(5.2e-3, 'rad', 'the same of a set square, 0.3 degrees')

@@ -8,6 +8,18 @@ POSE = 6
 USUAL = GROUND_TRUTH.usual  # metres and degrees
 
 
+def prior_from_scatter(poses: np.ndarray) -> np.ndarray:
+    """
+    Return the prior of poses of which nothing is stated, (6,) metres and degrees, from (R, 6).
+
+    `poses` are what registration found, of at least two recordings. They scatter by what they are
+    wrong by, alike in all directions, and along one of them by what the camera does besides, such
+    as a drift of its depth. So the middle one of three directions counts.
+    """
+    scatter = np.median(poses.std(axis=0, ddof=1).reshape(2, 3), axis=1)
+    return np.repeat(np.maximum(scatter, GROUND_TRUTH.least_scatter), 3)
+
+
 def covariance_of(truth: Truth, usual: np.ndarray) -> np.ndarray | None:
     """
     Return the prior covariance of a recording's own errors, if its ground truth gives one.

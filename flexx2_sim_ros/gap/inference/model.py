@@ -90,7 +90,7 @@ class Model:
         self._plane_columns = np.zeros((len(gap), self.own.count - COMMON, SIZE))
         for columns_of, e in zip(self._plane_columns, evidence, strict=True):
             columns_of[: len(e.plane_columns)] = e.plane_columns
-        self._prior = prior / STEPS
+        self.prior, self._prior = prior, prior / STEPS
         # Pixels beside jumps to the right and left shift with yaw, below and above with pitch.
         self._edges = (
             np.stack(

@@ -41,8 +41,8 @@ SIZES = (
     'differ, too. -: not measured. Each row of bars has its own scale.'
 )
 _POSES_HIDE = (
-    'Poses that may be wrong by any amount take over offsets, drifts and scales of depth. If you '
-    'know how accurate yours are, diagnose again with --pose-prior.'
+    'Poses of unknown accuracy take over offsets, drifts and scales of depth. If you know how '
+    'accurate yours are, diagnose again with --pose-prior.'
 )
 _NO_GAP = 'No gap above the tolerance'
 _HIDDEN = 'the ground truth is not accurate enough to'
@@ -233,7 +233,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     truth = accuracy(truths)
     out += [f'Accuracy of the ground truth: {truth}.'] if truth else []
     free = any(one['pose'] is None and not one['planes'] for one in truths)
-    if free and len(named) > 1 and not table['settings']['pose_held']:
+    if free and len(named) > 1 and not table['settings']['pose_stated']:
         out.append(_POSES_HIDE)
     return out + not_decidable(table) + age_words(table['age'])
 
