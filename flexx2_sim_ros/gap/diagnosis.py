@@ -159,6 +159,7 @@ def diagnose(
             simulations = replace(simulations, prior=tuple(scatter))
             _, evidence, _ = summarise_all(campaign_dir, used, [], simulations, mapped, step)
             model = Model(evidence, columns, scatter, held=True)
+            candidates = [one for one in candidates if one.kind.role != 'pose']
             decision = _decide(model, candidates, hidden, still)
         step = stepper(progress, 'fitting effects together', 0.5, 0.3, _ROUNDS * len(used))
         recorded = str(campaign_dir), used, candidates
@@ -233,9 +234,10 @@ def _decide(
 
 def _scatter(model: Model, decision: Decision) -> np.ndarray | None:
     # The prior of poses of which nothing is stated, if several effects are named: poses that may
-    # be wrong by any amount hide a part of them.
+    # be wrong by any amount hide a part of them. Then their scatter is no finding.
+    roles = [one.kind.role for one in decision.accepted.candidates]
     sure = [one.sure_pose for one in model.evidence if one.covariance is None]
-    several = len(decision.accepted.candidates) > 1
+    several = len(roles) > 1 and 'pose' not in roles
     if model.held or not several or len(sure) < GROUND_TRUTH.fewest_poses:
         return None
     return prior_from_scatter(np.array(sure))
