@@ -107,3 +107,16 @@ def test_poses_stay_as_near_as_is_stated(tmp_path):
         measure(tmp_path, camera, pose_prior=prior)['before'] for prior in (None, (0.002, 0.125))
     )
     assert held > free
+
+
+def test_beside_several_effects_poses_are_held_by_their_scatter(tmp_path):
+    effects = {'offset': {'bias': 0.03}, 'random_dropout': {'share': 0.05}}
+    small = {'recordings': 6, 'frames': 6, 'scale': 0.25, 'moving': 0}
+    write_campaign(tmp_path, seed=12, effects=effects, **small)
+    table = diagnose(tmp_path, **among('pose_error', *effects))
+    assert {row['name'] for row in table['effects']} == set(effects)
+    settings = table['settings']
+    assert (settings['pose_held'], settings['pose_stated']) == (True, False)
+    assert settings['pose_prior'][0] < 0.006
+    reasons = {row['name']: row['reason'] for row in table['not_considered']}
+    assert 'how much they scatter' in reasons['pose_error']

@@ -175,9 +175,11 @@ def diagnose(
             table = named.table(model, used, left_out)
         effects, decision = named.effects, named.found.decision
         table['settings'] = _settings(found[0], seed, model, pose_prior is not None, told)
-        posed = bool(model.own.posed.any())
+        poses = '' if model.own.posed.any() else 'the ground truth gives all poses as exact'
+        if scatter is not None:
+            poses = 'the poses are held by how much they scatter'
         table['likelier_mode'] = likelier_mode(model, found[0].mode, profile or flexx2())
-        table['not_considered'] = _not_considered(without, known, no_phases, posed, hidden)
+        table['not_considered'] = _not_considered(without, known, no_phases, poses, hidden)
         if decision.verdict == 'unknown' and ResidualPatch.name not in known:
             step = stepper(progress, 'simulating the correction', 0.96, 0.02, len(used))
             effects, table['patch'] = _correction(model, named, step)
@@ -280,7 +282,7 @@ def _not_considered(
     without: Collection[str],
     known: Collection[str],
     no_phases: str,
-    posed: bool,
+    poses: str,
     hidden: Collection[Hidden],
 ) -> list[dict[str, str]]:
     # Effects of the registry that are not in the catalogue, and why.
@@ -289,8 +291,8 @@ def _not_considered(
     }
     pose = of_role('pose').name
     reasons.update({one.effect: one.reason for one in hidden if one.effect == pose})
-    if not posed:
-        reasons[pose] = 'the ground truth gives all poses as exact'
+    if poses:
+        reasons[pose] = poses
     reasons.update(dict.fromkeys(without, 'left out as asked for'))
     reasons.update(dict.fromkeys(known, 'taken as given'))
     return [{'name': name, 'reason': reasons[name]} for name in registry() if name in reasons]
