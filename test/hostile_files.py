@@ -1,6 +1,10 @@
-"""Values of the parameter `effects` that are no file of effects."""
+"""Values of the parameter `effects` that are no file of effects, and a bound of memory."""
 
+from contextlib import contextmanager
 import os
+import tracemalloc
+
+MB = 1 << 20
 
 HOSTILE_FILES = {
     'date': 'a: 2024-13-45',
@@ -49,3 +53,14 @@ def hostile_texts(tmp_path):
         '*',
         'x' * 100_000,
     )
+
+
+@contextmanager
+def little_memory(most=30 * MB):
+    """Assert that the block allocates less than so many bytes at any time."""
+    tracemalloc.start()
+    try:
+        yield
+        assert tracemalloc.get_traced_memory()[1] < most
+    finally:
+        tracemalloc.stop()

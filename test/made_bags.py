@@ -41,38 +41,17 @@ def image(topic, stamp, pixels, encoding='32FC1', received=None):
     height, width = pixels.shape
     big = pixels.dtype.byteorder == '>'
     data = np.frombuffer(pixels.tobytes(), np.uint8)
-    return (
-        topic,
-        IMAGE,
-        stamp if received is None else received,
-        make(
-            IMAGE, header(stamp), height, width, encoding, int(big), width * pixels.itemsize, data
-        ),
-    )
+    step = width * pixels.itemsize
+    message = make(IMAGE, header(stamp), height, width, encoding, int(big), step, data)
+    return topic, IMAGE, stamp if received is None else received, message
 
 
 def info(topic, stamp, size, matrix=MATRIX, distortion=DISTORTION):
     """Return a camera info for (height, width)."""
-    projection = np.hstack([matrix, np.zeros((3, 1))]).ravel()
+    matrices = matrix, np.eye(3), np.hstack([matrix, np.zeros((3, 1))])
     region = make('sensor_msgs/msg/RegionOfInterest', 0, 0, 0, 0, False)
-    return (
-        topic,
-        INFO,
-        stamp,
-        make(
-            INFO,
-            header(stamp),
-            *size,
-            'plumb_bob',
-            distortion,
-            matrix.ravel(),
-            np.eye(3).ravel(),
-            projection,
-            0,
-            0,
-            region,
-        ),
-    )
+    lens = 'plumb_bob', distortion, *(one.ravel() for one in matrices)
+    return topic, INFO, stamp, make(INFO, header(stamp), *size, *lens, 0, 0, region)
 
 
 def driver_cloud(topic, stamp, z):
@@ -84,48 +63,19 @@ def driver_cloud(topic, stamp, z):
         make('sensor_msgs/msg/PointField', name, 4 * i, 7, 1)
         for i, name in enumerate(('x', 'y', 'z', 'conf'))
     ]
-    return (
-        topic,
-        CLOUD,
-        stamp,
-        make(
-            CLOUD,
-            header(stamp),
-            width,
-            height,
-            fields,
-            False,
-            16,
-            16 * width,
-            np.frombuffer(points.tobytes(), np.uint8),
-            False,
-        ),
-    )
+    data = np.frombuffer(points.tobytes(), np.uint8)
+    layout = width, height, fields, False, 16, 16 * width
+    return topic, CLOUD, stamp, make(CLOUD, header(stamp), *layout, data, False)
 
 
 def usecase(node, received, value, changed=False, name='usecase'):
     """Return the event of a node's mode, or of another text parameter."""
-    content = make(
-        'rcl_interfaces/msg/ParameterValue',
-        4,
-        False,
-        0,
-        0.0,
-        value,
-        np.zeros(0, np.uint8),
-        np.zeros(0, bool),
-        np.zeros(0, np.int64),
-        np.zeros(0),
-        [],
-    )
-    parameters = [make('rcl_interfaces/msg/Parameter', name, content)]
+    others = (np.zeros(0, kind) for kind in (np.uint8, bool, np.int64, float))
+    content = make('rcl_interfaces/msg/ParameterValue', 4, False, 0, 0.0, value, *others, [])
+    given = [make('rcl_interfaces/msg/Parameter', name, content)]
     time = make('builtin_interfaces/msg/Time', *divmod(received, SECOND))
-    return (
-        '/parameter_events',
-        EVENT,
-        received,
-        make(EVENT, time, node, [] if changed else parameters, parameters if changed else [], []),
-    )
+    message = make(EVENT, time, node, [] if changed else given, given if changed else [], [])
+    return '/parameter_events', EVENT, received, message
 
 
 def write(path, entries, storage='mcap', compression=CompressionMode.NONE):
@@ -221,5 +171,6 @@ def every_kind(folder, count=COUNT):
 def unlike(one, other):
     """Return which arrays of two recordings differ."""
     names = ('depth', 'K', 'stamp', 'stamp_ns', 'clean_depth', 'amplitude')
-    found = [name for name in names if not same(getattr(one, name), getattr(other, name))]
+    pairs = {name: (getattr(one, name), getattr(other, name)) for name in names}
+    found = [name for name, (a, b) in pairs.items() if a is not b and not same(a, b)]
     return found + ['usecase'] * (one.usecase != other.usecase)

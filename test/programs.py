@@ -10,6 +10,7 @@ import sys
 import time
 
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.recording import load_recording
 
 ROOT = Path(__file__).resolve().parents[1]
 # Far more than anything takes to start or end; a machine may be busy.
@@ -71,6 +72,24 @@ def flexx2_words(*words):
 def call_flexx2(words):
     """Run the command `flexx2` in this process; it has to succeed."""
     assert main(shlex.split(words)) == 0, words
+
+
+def convert(*words):
+    """Run the command `flexx2 convert` in this process; return its exit status."""
+    return main(['convert', *map(str, words)])
+
+
+def converted(source, *options):
+    """Return the recording that `flexx2 convert` makes of a file, beside it."""
+    out = source.parent / f'{source.name}.npz'
+    assert convert(source, out, *options) == 0
+    return load_recording(out)
+
+
+def refusal(capsys, *words):
+    """Return in one line why `flexx2 convert` refuses."""
+    assert convert(*words) == 2
+    return ' '.join(capsys.readouterr().err.split())
 
 
 def node_words(name, *words):

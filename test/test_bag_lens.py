@@ -7,6 +7,7 @@ from flexx2_sim_ros.recording import load_recording
 from made_bags import camera_entries, depths, driver_bag, image, info, make, MATRIX, write
 from made_images import ost
 import numpy as np
+from programs import convert, converted, refusal
 import pytest
 
 SIZE = 172, 224
@@ -41,57 +42,49 @@ def entries(topic='/d/image_raw', where='/d/camera_info', **fields):
     return made
 
 
-def converted(bag, *options):
-    out = bag.parent / f'{bag.name}.npz'
-    assert main(['convert', str(bag), str(out), *map(str, options)]) == 0
-    return load_recording(out)
-
-
-def refused(bag, capsys, *options):
-    out = bag.parent / 'out.npz'
-    assert main(['convert', str(bag), str(out), *map(str, options)]) == 2
-    assert not out.exists()
-    return ' '.join(capsys.readouterr().err.split())
-
-
 @pytest.mark.parametrize(
     'fields',
     [
         {'where': ''},
         {'k': np.zeros(9), 'p': np.zeros(12)},
         {'k': np.eye(3).ravel()},
-        {'k': MATRIX.ravel() / [1, 1, 224, 1, 1, 172, 1, 1, 1]},
         {'distortion_model': 'thin_prism', 'd': BENT},
         {'height': 480, 'width': 640},
     ],
-    ids=['no camera info', 'zeros', 'unit', 'fractions', 'another lens', 'another size'],
+    ids=['no camera info', 'zeros', 'unit', 'another lens', 'another size'],
 )
 def test_a_lens_is_given_where_the_bag_has_none_that_can_be_used(fields, lens, tmp_path, capsys):
-    bag = write(tmp_path / 'bag', entries(**fields))
-    said = refused(bag, capsys)
-    assert 'flexx2 convert --calibration FILE' in said
+    bag, out = write(tmp_path / 'bag', entries(**fields)), tmp_path / 'out.npz'
+    assert 'flexx2 convert --calibration FILE' in refusal(capsys, bag, out)
+    assert not out.exists()
     found = converted(bag, '--calibration', lens)
     assert found.K.ravel().tolist() == GIVEN
-    np.testing.assert_array_equal(found.extra['distortion'], [0.1, -0.2, 0.001, 0.002, 0.05])
+    np.testing.assert_array_equal(found.extra['distortion'], BENT)
     assert found.extra['frame_id'] == 'pmd_royale_ros_camera_node_optical_frame'
     np.testing.assert_array_equal(found.depth, depths(3))
-    found = converted(bag, '--intrinsics', 200, 201, 110, 86)
-    assert found.K.ravel().tolist() == GIVEN
-    assert 'distortion' not in found.extra
-    # Depth that is rectified has the projection matrix of the file.
-    found = converted(bag, '--calibration', lens, '--rectified')
-    assert found.K[0].tolist() == [150.0, 0.0, 100.0]
+
+
+@pytest.mark.parametrize(
+    ('options', 'row'),
+    [
+        (['--intrinsics', 200, 201, 110, 86], [200.0, 0.0, 110.0]),
+        (['--calibration', 'lens.yaml', '--rectified'], [150.0, 0.0, 100.0]),
+    ],
+    ids=['numbers', 'the projection of a file'],
+)
+def test_a_lens_without_distortion_is_given(options, row, lens, tmp_path, monkeypatch):
+    monkeypatch.chdir(lens.parent)
+    found = converted(write(tmp_path / 'bag', entries(where='')), *options)
+    assert found.K[0].tolist() == row
     assert 'distortion' not in found.extra
 
 
 def test_a_given_lens_replaces_that_of_any_recording(lens, tmp_path):
     """Assert it of the real driver, and of a bag that was converted."""
-    given = np.where(depths(2) > 0.2, depths(2), 0).astype('f4')
-    bag = driver_bag(tmp_path / 'driver', given)
+    bag, again = driver_bag(tmp_path / 'driver', depths(2)), tmp_path / 'again'
     found = converted(bag, '--calibration', lens)
     assert found.K.ravel().tolist() == GIVEN
-    again = tmp_path / 'again'
-    assert main(['convert', str(tmp_path / 'driver.npz'), str(again)]) == 0
+    assert convert(tmp_path / 'driver.npz', again) == 0
     found = converted(again, '--intrinsics', 211, 212, 111, 85)
     assert found.K[0].tolist() == [211.0, 0.0, 111.0]
     assert 'distortion' not in found.extra
@@ -108,27 +101,30 @@ def test_a_given_lens_replaces_that_of_any_recording(lens, tmp_path):
     ],
     ids=['unit', 'zeros', 'fractions', 'all fractions', 'skew'],
 )
-def test_all_commands_refuse_a_matrix_that_is_no_calibration(matrix, lens, tmp_path, capsys):
+def test_a_matrix_that_is_no_calibration_is_refused(matrix, lens, tmp_path, capsys):
+    source = tmp_path / 'r.npz'
+    np.savez(source, depth=np.full((3, *SIZE), 1.5, 'f4'), K=matrix)
+    assert 'K: must be' in refusal(capsys, source, tmp_path / 'out.npz')
+    assert converted(source, '--calibration', lens).K.ravel().tolist() == GIVEN
+
+
+def test_all_commands_refuse_it(tmp_path, capsys):
     source, folder = tmp_path / 'in' / 'r.npz', tmp_path / 'in'
     folder.mkdir()
     flat = np.full((3, *SIZE), 1.5, 'f4')
-    np.savez(source, depth=flat, clean_depth=flat, K=matrix, usecase='Mode_9_30fps')
+    np.savez(source, depth=flat, clean_depth=flat, K=np.eye(3), usecase='Mode_9_30fps')
     board = tmp_path / 'wall.obj'
     board.write_text('v -1 -1 2\nv 1 -1 2\nv 1 1 2\nv -1 1 2\nf 1 2 3\nf 1 3 4\n')
+    out = tmp_path / 'out'
     for command in (
-        ['convert', source, tmp_path / 'out.npz'],
-        ['convert', source, tmp_path / 'out'],
-        ['simulate', source, tmp_path / 'out.npz'],
-        ['gap', 'truth', source, '--scan', board, '--out', tmp_path / 'out'],
-        ['gap', 'diagnose', folder, '--out', tmp_path / 'out', '--jobs', 1],
+        ['convert', source, out],
+        ['simulate', source, out.with_suffix('.npz')],
+        ['gap', 'truth', source, '--scan', board, '--out', out],
+        ['gap', 'diagnose', folder, '--out', out, '--jobs', 1],
     ):
         assert main([*map(str, command)]) == 2
         assert 'K: must be' in ' '.join(capsys.readouterr().err.split()), command
-        assert not (tmp_path / 'out.npz').exists()
-        assert not (tmp_path / 'out').exists()
-    out = tmp_path / 'out.npz'
-    assert main(['convert', str(source), str(out), '--calibration', str(lens)]) == 0
-    assert load_recording(out).K.ravel().tolist() == GIVEN
+        assert not list(tmp_path.glob('out*'))
 
 
 @pytest.mark.parametrize(
@@ -146,13 +142,15 @@ def test_a_given_lens_that_cannot_be_is_refused(
 ):
     monkeypatch.chdir(lens.parent)
     Path('small.yaml').write_text(ost())
-    assert said in refused(write(tmp_path / 'bag', entries()), capsys, *options)
+    bag = write(tmp_path / 'bag', entries())
+    assert said in refusal(capsys, bag, tmp_path / 'out.npz', *options)
+    assert not (tmp_path / 'out.npz').exists()
 
 
 def test_one_lens_is_not_that_of_two_cameras(lens, tmp_path, capsys):
     both = [*entries('/a/image', ''), *entries('/b/image', '')]
     bag = write(tmp_path / 'bag', both)
-    said = refused(bag, capsys, '--calibration', lens)
+    said = refusal(capsys, bag, tmp_path / 'out.npz', '--calibration', lens)
     assert '--calibration: must come with --camera for a bag with several cameras' in said
     assert 'a/image, b/image' in said
     assert converted(bag, '--calibration', lens, '--camera', 'b/image').K[0, 0] == 200.0
@@ -175,7 +173,7 @@ def test_a_rectified_image_has_the_projection_matrix(topic, options, rectified, 
     assert ('distortion' in found.extra) != rectified
     # A bag that was made of it is of the same camera.
     again = tmp_path / 'again'
-    assert main(['convert', str(tmp_path / 'bag.npz'), str(again)]) == 0
+    assert convert(tmp_path / 'bag.npz', again) == 0
     np.testing.assert_array_equal(load_recording(again).K, found.K)
 
 
@@ -204,11 +202,8 @@ def test_a_clean_image_may_be_rectified(tmp_path, capsys):
             message.d = np.zeros(5)
         made.append((topic.replace('clean/depth_image', 'clean/image_rect'), kind, stamp, message))
     bag = write(tmp_path / 'bag', made)
-    found = load_recording(bag)
-    assert found.clean_depth is None
-    out = tmp_path / 'out.npz'
-    assert main(['convert', str(bag), str(out), '--clean', '/left/clean/image_rect']) == 0
-    clean = load_recording(out).clean_depth
+    assert load_recording(bag).clean_depth is None
+    clean = converted(bag, '--clean', '/left/clean/image_rect').clean_depth
     assert clean is not None
     assert np.isfinite(clean).all()
     assert 'looked up' not in capsys.readouterr().err  # They have the same pixels.
@@ -229,7 +224,7 @@ def test_a_clean_image_may_be_rectified(tmp_path, capsys):
 )
 def test_a_mode_is_checked_against_the_cameras(options, status, said, tmp_path, capsys):
     bag, out = write(tmp_path / 'bag', entries()), tmp_path / 'out.npz'
-    assert main(['convert', str(bag), str(out), *options]) == status
+    assert convert(bag, out, *options) == status
     heard = ' '.join(capsys.readouterr().err.split())
     assert said in heard
     assert ('usecase:' in heard) == (said.startswith("'") or 'got' in said or 'mean' in said)

@@ -24,6 +24,7 @@ from made_bags import (
     same,
     SECOND,
     STORAGES,
+    unlike,
     usecase,
     write,
 )
@@ -83,8 +84,9 @@ def contents(count=5, height=9, width=7):
 @pytest.mark.parametrize(
     ('kind', 'target'),
     [
-        *((kind, target) for kind in contents() for target in TARGETS[:2]),
-        *(('moving', target) for target in TARGETS[2:]),
+        *((kind, TARGETS[0]) for kind in contents()),
+        ('unsteady', 'folder-sqlite3'),
+        *(('moving', target) for target in TARGETS[1:]),
     ],
 )
 def test_recordings_survive_a_bag_to_the_last_bit(kind, target, tmp_path):
@@ -109,14 +111,15 @@ def test_recordings_survive_a_bag_to_the_last_bit(kind, target, tmp_path):
         assert set(back.files) == set(given.files)
         for key in given.files:
             assert same(back[key], given[key]), key
-    direct, through = load_recording(tmp_path / 'in.npz'), load_recording(tmp_path / target)
-    for field in ('depth', 'K', 'stamp', 'stamp_ns'):
-        assert same(getattr(direct, field), getattr(through, field)), field
-    assert direct.usecase == through.usecase
+    assert not unlike(load_recording(tmp_path / 'in.npz'), load_recording(tmp_path / target))
 
 
-@pytest.mark.parametrize('name', ['%', '#1 a?b w%41 w\xe4nd 雪'])
-@pytest.mark.parametrize('storage', STORAGES)
+ODD_NAME = '#1 a?b w%41 w\xe4nd 雪'
+
+
+@pytest.mark.parametrize(
+    ('storage', 'name'), [('mcap', ODD_NAME), ('sqlite3', ODD_NAME), ('sqlite3', '%')]
+)
 def test_a_bag_lies_where_it_was_asked_for(storage, name, tmp_path):
     folder = tmp_path / name
     folder.mkdir()
@@ -208,22 +211,13 @@ def test_real_driver(storage, tmp_path):
     assert recording.extra['frame_id'] == 'pmd_royale_ros_camera_node_optical_frame'
     assert [note for note in recording.notes if 'no checksums' not in note] == []
 
-
-@pytest.mark.parametrize('storage', STORAGES)
-def test_real_driver_through_npz_and_back(storage, tmp_path):
-    first = load_recording(driver_bag(tmp_path / 'bag', depths(3), storage))
     convert(tmp_path / 'bag', tmp_path / 'there.npz')
     convert(tmp_path / 'there.npz', tmp_path / 'back', storage=storage)
-    with np.load(tmp_path / 'there.npz') as archive:
-        assert archive['stamp_ns'].tolist() == first.stamp_ns.tolist(), 'no float64 holds these'
     for path in (tmp_path / 'there.npz', tmp_path / 'back'):
-        second = load_recording(path)
-        for field in ('depth', 'K', 'stamp', 'stamp_ns', 'amplitude'):
-            assert same(getattr(first, field), getattr(second, field)), field
-        assert second.usecase == first.usecase
-        assert {key: value.tolist() for key, value in second.extra.items()} == {
-            key: value.tolist() for key, value in first.extra.items()
-        }
+        again = load_recording(path)
+        assert unlike(again, recording) == []
+        assert same(again.extra['distortion'], DISTORTION)
+        assert again.extra['frame_id'] == recording.extra['frame_id']
     assert recording_cameras(tmp_path / 'back') == ['pmd_royale_ros_camera_node']
 
 
@@ -355,11 +349,9 @@ def test_clean_depth_of_another_view_is_that_of_the_cameras_pixels(size, radial,
 
 
 def test_chunks_add_up_to_the_recording_in_bounded_memory(tmp_path):
-    depth, clean = depths(400, 86, 112, seed=1), depths(400, 86, 112, seed=2)
-    size = depth.nbytes
-    np.savez(
-        tmp_path / 'in.npz', depth=depth, clean_depth=clean, K=MATRIX, stamp=np.arange(400) / 60
-    )
+    depth, clean = depths(400, 64, 80, seed=1), depths(400, 64, 80, seed=2)
+    size, stamp = depth.nbytes, np.arange(400) / 60
+    np.savez(tmp_path / 'in.npz', depth=depth, clean_depth=clean, K=MATRIX, stamp=stamp)
     tracemalloc.start()
     convert(tmp_path / 'in.npz', tmp_path / 'bag')
     convert(tmp_path / 'bag', tmp_path / 'out.npz')
@@ -369,7 +361,7 @@ def test_chunks_add_up_to_the_recording_in_bounded_memory(tmp_path):
             rows = slice(first, first + len(part.depth))
             assert same(part.depth, depth[rows])
             assert same(part.clean_depth, clean[rows])
-            assert part.stamp.tolist() == [index / 60 for index in range(first, rows.stop)]
+            assert same(part.stamp, stamp[rows])
             first = rows.stop
         assert first == 400
     _, peak = tracemalloc.get_traced_memory()

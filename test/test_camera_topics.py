@@ -1,6 +1,5 @@
 """Cameras on topics of any name: recognised by what they publish, in bags and while recording."""
 
-from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, recording_cameras
 from made_bags import (
@@ -16,6 +15,7 @@ from made_bags import (
     write,
 )
 import numpy as np
+from programs import convert, converted
 import pytest
 
 CLOUDLESS = depths(3, 5, 4, seed=1)
@@ -51,8 +51,7 @@ def test_a_remapped_camera_is_found_in_a_bag(tmp_path):
     assert same(recording.amplitude, CLOUDLESS.astype('u1'))
     assert same(recording.K, MATRIX)
     assert recording.usecase == 'Mode_9_30fps'
-    assert main(['convert', str(bag), str(tmp_path / 'out.npz')]) == 0
-    assert same(load_recording(tmp_path / 'out.npz').depth, CLOUDLESS)
+    assert same(converted(bag).depth, CLOUDLESS)
 
 
 def test_two_remapped_cameras_and_one_of_usual_names(tmp_path):
@@ -76,7 +75,7 @@ def test_a_topic_selects_the_camera_of_a_bag_that_becomes_a_bag(tmp_path):
     bag, out = write(tmp_path / 'bag', entries), tmp_path / 'out'
     with pytest.raises(InputError, match='/front_left/flexx2.*/front_left/filtered.*--camera'):
         load_recording(bag)
-    assert main(['convert', str(bag), str(out), '--camera', '/front_left/filtered']) == 0
+    assert convert(bag, out, '--camera', '/front_left/filtered') == 0
     assert recording_cameras(out) == ['front_left/filtered']
     assert same(load_recording(out).depth, CLOUDLESS + 1)
 
@@ -93,7 +92,7 @@ def test_images_that_are_not_clear_are_named_beside_a_camera(tmp_path, capsys):
     usual = camera_entries('left', CLOUDLESS, CLOUDLESS)
     usual += camera_entries('right', CLOUDLESS, CLOUDLESS)
     bag = write(tmp_path / 'bag', entries + usual)
-    assert main(['convert', str(bag), str(tmp_path / 'out.npz')]) == 0
+    assert convert(bag, tmp_path / 'out.npz') == 0
     said = ' '.join(capsys.readouterr().err.split())
     assert '/front_left/flexx2, /front_left/filtered: not read' in said
 

@@ -1,10 +1,8 @@
-"""HDF5 files of imitation-learning sets, and folders of RGB-D data sets, as recordings."""
+"""HDF5 files of imitation-learning sets as recordings."""
 
 from flexx2_sim_ros import npz_arrays
-from flexx2_sim_ros.cli.main import main
-from flexx2_sim_ros.recording import load_recording
-from made_images import save
 import numpy as np
+from programs import converted, refusal
 import pytest
 
 h5py = pytest.importorskip('h5py')
@@ -25,32 +23,23 @@ def written(path, **more):
     return path
 
 
-def converted(path, *words):
-    """Run `flexx2 convert` to a.npz beside the file."""
-    return main(['convert', str(path), str(path.with_name('a.npz')), *words])
-
-
 def test_an_episode_becomes_a_recording(tmp_path):
     path = written(tmp_path / 'demos.hdf5')
-    assert converted(path, '--key', f'depth={KEY}', '--key', 'stamp=data/demo_0/t', *LENS) == 0
-    found = load_recording(tmp_path / 'a.npz')
+    found = converted(path, '--key', f'depth={KEY}', '--key', 'stamp=data/demo_0/t', *LENS)
     np.testing.assert_array_equal(found.depth, DEPTH)
     np.testing.assert_allclose(found.stamp, np.arange(5) * 0.05)
     other = 'depth=data/demo_1/obs/front_depth'
-    assert converted(path, '--key', other, '--rate', '20', *LENS) == 0
-    np.testing.assert_array_equal(load_recording(tmp_path / 'a.npz').depth, 2 * DEPTH)
+    found = converted(path, '--key', other, '--rate', '20', *LENS)
+    np.testing.assert_array_equal(found.depth, 2 * DEPTH)
     # Keys of a recording that lie in no group need no option.
     counts = (DEPTH[0] * 1000).astype(np.uint16)
     plain = written(tmp_path / 'plain.h5', depth=counts, K=np.diag([20.0, 20.0, 1.0]))
-    assert converted(plain) == 0
-    np.testing.assert_allclose(load_recording(tmp_path / 'a.npz').depth[0], DEPTH[0], atol=1e-3)
+    np.testing.assert_allclose(converted(plain).depth[0], DEPTH[0], atol=1e-3)
 
 
 def test_files_that_cannot_be_used_are_refused(tmp_path, capsys, monkeypatch):
     def said(path, *words):
-        assert converted(path, *words, *LENS) == 2
-        assert not path.with_name('a.npz').exists()
-        return capsys.readouterr().err
+        return refusal(capsys, path, tmp_path / 'a.npz', *words, *LENS)
 
     broken = tmp_path / 'broken.h5'
     broken.write_bytes(b'\x89HDF\r\n\x1a\n' + bytes(50))
@@ -71,24 +60,4 @@ def test_files_that_cannot_be_used_are_refused(tmp_path, capsys, monkeypatch):
         del file['depth']
     assert 'out: must lie in the file' in said(path, '--key', 'depth=out')
     assert 'must name a key' in said(path, '--key', 'depth=link')
-
-
-def test_folders_of_tum_and_scannet(tmp_path):
-    counts = (DEPTH * 5000).astype(np.uint16)
-    tum, scannet = tmp_path / 'tum', tmp_path / 'scannet'
-    for folder in (tum / 'depth', scannet / 'depth', scannet / 'intrinsic'):
-        folder.mkdir(parents=True)
-    (tum / 'depth.txt').write_text('# depth maps\n')
-    for k, image in enumerate(counts):
-        save(tum / 'depth' / f'1305031102.{160407 + k}.png', image)
-        save(scannet / 'depth' / f'{k}.png', image // 5)
-    np.savetxt(scannet / 'intrinsic' / 'intrinsic_depth.txt', np.diag([20.0, 20.0, 1.0, 1.0]))
-    assert main(['convert', str(tum), str(tmp_path / 't.npz'), '--unit', '0.0002', *LENS]) == 0
-    found = load_recording(tmp_path / 't.npz')
-    np.testing.assert_allclose(found.depth, DEPTH, atol=2e-4)
-    assert found.stamp_ns[1] - found.stamp_ns[0] == 1000
-    lens = ['--calibration', str(scannet / 'intrinsic' / 'intrinsic_depth.txt')]
-    assert main(['convert', str(scannet), str(tmp_path / 's.npz'), *lens]) == 0
-    found = load_recording(tmp_path / 's.npz')
-    np.testing.assert_allclose(found.depth, DEPTH, atol=1e-3)
-    assert found.K[0, 0] == 20.0
+    assert not (tmp_path / 'a.npz').exists()

@@ -11,6 +11,7 @@ from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.depth_video import Coding
 import numpy as np
 from PIL import Image
+from programs import convert, converted, refusal
 import pytest
 
 av = pytest.importorskip('av')
@@ -135,12 +136,8 @@ def write_video(path, images, form='gray12le'):
         file.mux(stream.encode())
 
 
-def converted(root, *words):
-    return main(['convert', str(root), str(root.parent / 'out.npz'), *LENS, *words])
-
-
-def check(path, episode):
-    found = load_recording(path)
+def check(found, episode):
+    """Assert that a recording is that of an episode."""
     np.testing.assert_array_equal(found.depth, metres(episode))
     np.testing.assert_allclose(found.stamp, np.arange(COUNT) / RATE, atol=1e-7)
     np.testing.assert_array_equal(found.K, [[20, 0, 15.5], [0, 20, 11.5], [0, 0, 1]])
@@ -162,8 +159,7 @@ def test_what_lerobot_has_written_is_read(kind, camera, step, tmp_path):
     with tarfile.open(Path(__file__).with_name('lerobot_0_6_1.tar.xz')) as packed:
         packed.extractall(tmp_path, filter='data')
     out = tmp_path / 'out'
-    words = ['--views', '--camera', camera, *LENS]
-    assert main(['convert', str(tmp_path / kind), str(out), *words]) == 0
+    assert convert(tmp_path / kind, out, '--views', '--camera', camera, *LENS) == 0
     for episode in (0, 1):
         found = load_recording(out / f'episode_{episode:06d}.npz')
         frame, row, column = np.ogrid[:4, :24, :32]
@@ -178,11 +174,10 @@ def test_what_lerobot_has_written_is_read(kind, camera, step, tmp_path):
 def test_an_episode_of_images_becomes_a_recording(written, form, tmp_path):
     columns = [pictures(counts(episode), form) for episode in range(3)]
     root = written(tmp_path / 'set', image(depth_unit='mm'), *columns)
-    assert converted(root, '--episode', '1', '--usecase', 'm') == 0
-    check(tmp_path / 'out.npz', 1)
-    assert main(['convert', str(root), str(tmp_path / 'all'), '--views', *LENS]) == 0
+    check(converted(root, '--episode', '1', '--usecase', 'm', *LENS), 1)
+    assert convert(root, tmp_path / 'all', '--views', *LENS) == 0
     for episode in range(3):
-        check(tmp_path / f'all/episode_{episode:06d}.npz', episode)
+        check(load_recording(tmp_path / f'all/episode_{episode:06d}.npz'), episode)
 
 
 def test_start_leads_from_a_data_set_to_its_recordings(tmp_path, monkeypatch, capfd):
@@ -191,10 +186,10 @@ def test_start_leads_from_a_data_set_to_its_recordings(tmp_path, monkeypatch, ca
     words = ['gap', 'start', 'set', '--profile', 'kinect_v2', '--planes', 'planes.yaml']
     monkeypatch.setattr('sys.stdin', io.StringIO('\n20 20 15.5 11.5\n'))
     assert main(words) == 0
-    convert = 'flexx2 convert set gap/recordings --views --usecase depth_30fps'
-    assert f'$ {convert} {" ".join(LENS)} --profile kinect_v2' in capfd.readouterr().err
+    command = 'flexx2 convert set gap/recordings --views --usecase depth_30fps'
+    assert f'$ {command} {" ".join(LENS)} --profile kinect_v2' in capfd.readouterr().err
     for episode in (0, 1):
-        check(Path(f'gap/recordings/episode_{episode:06d}.npz'), episode)
+        check(load_recording(Path(f'gap/recordings/episode_{episode:06d}.npz')), episode)
     assert 'episode_000001' in Path('planes.yaml').read_text()
     monkeypatch.setattr('sys.stdin', io.StringIO('\nmy lens.yaml\n'))
     assert main(words) == 2
@@ -205,11 +200,10 @@ def test_start_leads_from_a_data_set_to_its_recordings(tmp_path, monkeypatch, ca
 def test_an_episode_of_numbers_becomes_a_recording(written, tmp_path):
     whole = {'dtype': 'uint16', 'shape': [*SIZE, 1]}
     root = written(tmp_path / 'set', whole, *(lists(counts(one)[..., None]) for one in (0, 1)))
-    assert converted(root, '--episode', '1', '--camera', 'front_depth') == 0
-    check(tmp_path / 'out.npz', 1)
+    check(converted(root, '--episode', '1', '--camera', 'front_depth', *LENS), 1)
     # Metres, in images of one dimension less; a bag has the camera's name.
     root = written(tmp_path / 'm', {'dtype': 'float32', 'shape': [*SIZE]}, lists(metres(0)))
-    assert main(['convert', str(root), str(tmp_path / 'bag'), *LENS]) == 0
+    assert convert(root, tmp_path / 'bag', *LENS) == 0
     found = load_recording(tmp_path / 'bag')
     np.testing.assert_array_equal(found.depth, metres(0))
     assert found.camera == 'front_depth'
@@ -229,8 +223,7 @@ def test_a_video_gives_the_depth_of_its_codes(use_log, tmp_path, capsys):
     root = v3(tmp_path / 'set', video(use_log=use_log), None, None)
     write_video(root / 'videos' / KEY / 'chunk-000/file-000.mp4', codes)
     for episode in (0, 1):
-        assert converted(root, '--episode', str(episode)) == 0
-        found = load_recording(tmp_path / 'out.npz').depth
+        found = converted(root, '--episode', episode, *LENS).depth
         step = (13.5 if use_log else 10.0) / 4095 * (np.log(13.5 / 3.51) if use_log else 1.0)
         np.testing.assert_allclose(found, metres(episode), atol=step / 2)
     said = ' '.join(capsys.readouterr().err.split())
@@ -245,19 +238,17 @@ def test_a_video_of_version_2_may_be_with_loss(tmp_path, capsys):
     path = root / 'videos/chunk-000' / KEY / 'episode_000000.mp4'
     codes = np.tile(np.arange(2000, 2032, dtype=np.uint16), (COUNT, SIZE[0], 1))
     write_video(path, codes)
-    assert converted(root) == 0
-    depth = load_recording(tmp_path / 'out.npz').depth
+    depth = converted(root, *LENS).depth
     np.testing.assert_array_equal(depth, Coding(**CODING).table()[codes])
     assert 'may be with loss' in capsys.readouterr().err
+    out = tmp_path / 'out.npz'
     write_video(path, codes[:-1])
-    assert converted(root) == 2
-    assert 'must have an image at 0.1333 s, got none' in capsys.readouterr().err
+    assert 'must have an image at 0.1333 s, got none' in refusal(capsys, root, out, *LENS)
     write_video(path, codes, 'yuv420p12le')
-    assert converted(root) == 2
-    assert 'must be 32 x 24 pixels of gray12le, got 32 x 24 of yuv' in capsys.readouterr().err
+    said = refusal(capsys, root, out, *LENS)
+    assert 'must be 32 x 24 pixels of gray12le, got 32 x 24 of yuv' in said
     path.write_bytes(b'#EXTM3U\nfile:///etc/passwd\n')
-    assert converted(root) == 2
-    assert 'episode_000000.mp4: cannot be read' in capsys.readouterr().err
+    assert 'episode_000000.mp4: cannot be read' in refusal(capsys, root, out, *LENS)
 
 
 @pytest.mark.parametrize(
@@ -283,20 +274,19 @@ def test_a_video_of_version_2_may_be_with_loss(tmp_path, capsys):
 )
 def test_data_sets_that_cannot_be_used_are_refused(feature, words, said, tmp_path, capsys):
     root = v3(tmp_path / 'set', feature, pictures(counts(0)), pictures(counts(1)))
-    assert converted(root, *words) == 2
-    assert said in ' '.join(capsys.readouterr().err.split())
+    assert said in refusal(capsys, root, tmp_path / 'out.npz', *LENS, *words)
     assert not (tmp_path / 'out.npz').exists()
 
 
 def test_damaged_and_hostile_files_are_refused(tmp_path, capsys, monkeypatch):
+    out = tmp_path / 'out.npz'
+
     def said(*words):
-        assert converted(root, *words) == 2
-        return ' '.join(capsys.readouterr().err.split())
+        return refusal(capsys, root, out, *LENS, *words)
 
     root = v2(tmp_path / 'set', image(), pictures(counts(0)))
     table, info = root / 'data/chunk-000/episode_000000.parquet', root / 'meta/info.json'
-    assert main(['convert', str(root), str(tmp_path / 'out.npz')]) == 2
-    assert '--intrinsics: must come with a LeRobot data set' in capsys.readouterr().err
+    assert '--intrinsics: must come with a LeRobot data set' in refusal(capsys, root, out)
     assert '--views, got 0' in said('--views', '--episode', '0')
     eight = counts(0).astype(np.uint8)
     pq.write_table(rows(0, pictures(eight)), table)

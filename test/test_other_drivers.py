@@ -1,6 +1,5 @@
 """Bags of other cameras' drivers become recordings."""
 
-from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, recording_cameras
 from made_bags import DISTORTION, IMAGE, MATRIX, write
@@ -17,6 +16,7 @@ from made_driver_bags import (
     with_frame,
 )
 import numpy as np
+from programs import convert, converted, refusal
 import pytest
 
 
@@ -28,9 +28,7 @@ import pytest
 def test_a_drivers_bag_becomes_a_recording(driver, distortion, bits, ros, tmp_path):
     name, writer = ('a.bag', ros1_bag) if ros == 1 else ('a', write)
     bag = writer(tmp_path / name, driver())
-    out = tmp_path / 'out.npz'
-    assert main(['convert', str(bag), str(out), '--usecase', 'my_mode']) == 0
-    found = load_recording(out)
+    found = converted(bag, '--usecase', 'my_mode')
     expected = np.where(depths() > 0, depths(), np.nan)
     np.testing.assert_allclose(found.depth, expected, rtol=1e-6)
     np.testing.assert_array_equal(found.K, MATRIX)
@@ -44,10 +42,8 @@ def test_a_drivers_bag_becomes_a_recording(driver, distortion, bits, ros, tmp_pa
     else:
         np.testing.assert_array_equal(found.extra['distortion'], distortion)
     # And back: the lens is in the camera info under its own name.
-    assert main(['convert', str(out), str(tmp_path / 'back')]) == 0
-    again = load_recording(tmp_path / 'back')
-    np.testing.assert_array_equal(again.depth, found.depth)
-    assert main(['convert', str(tmp_path / 'back'), str(tmp_path / 'second.npz')]) == 0
+    assert convert(tmp_path / f'{name}.npz', tmp_path / 'back') == 0
+    np.testing.assert_array_equal(converted(tmp_path / 'back').depth, found.depth)
 
 
 def test_broken_bags_of_ros_1(tmp_path):
@@ -72,8 +68,7 @@ def test_broken_bags_of_ros_1(tmp_path):
 
 def test_ros_1_bags_are_not_written(tmp_path, capsys):
     bag = write(tmp_path / 'a', azure_kinect())
-    assert main(['convert', str(bag), str(tmp_path / 'out.bag')]) == 2
-    assert 'ROS 1' in capsys.readouterr().err
+    assert 'ROS 1' in refusal(capsys, bag, tmp_path / 'out.bag')
     assert not (tmp_path / 'out.bag').exists()
 
 
