@@ -1,9 +1,11 @@
-"""What is left of a bag: whole first frames, bit for bit, and a note; or a clear error."""
+"""What is left of a damaged recording: whole first frames and a note, or a clear error."""
 
 import os
+import shutil
 import sqlite3
 import subprocess
 import sys
+import zipfile
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, open_recording
@@ -11,21 +13,31 @@ from flexx2_sim_ros.recording.convert import convert
 from flexx2_sim_ros.recording.reader import uptime_of
 from flexx2_sim_ros.recording.truth import read_truth
 from made_bags import (
+    COUNT,
     depths,
     driver_bag,
     driver_entries,
     EPOCH,
+    every_kind,
     MATRIX,
     same,
     SECOND,
-    STORAGES,
+    unlike,
     write,
 )
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode
 
-COUNT = 12
+FLIPS = 60
+KINDS = ('mcap', 'db3', 'folder', 'stored', 'deflated')
+
+
+def change(path, statement):
+    """Change a bag as one that knows nothing of its checksums."""
+    with sqlite3.connect(path) as connection:
+        connection.execute(statement)
+    connection.close()
 
 
 @pytest.fixture(scope='module')
@@ -67,28 +79,9 @@ def check_prefix(path):
 def test_cut_off_anywhere(kind, whole, tmp_path):
     data = whole[kind].read_bytes()
     size = len(data)
-    cuts = sorted(
-        {
-            0,
-            1,
-            7,
-            8,
-            9,
-            60,
-            99,
-            100,
-            511,
-            4095,
-            4096,
-            4097,
-            size - 4097,
-            size - 100,
-            size - 37,
-            size - 8,
-            size - 1,
-            *np.linspace(0, size - 1, 4 * COUNT).astype(int).tolist(),
-        }
-    )
+    starts = 0, 1, 7, 8, 9, 60, 99, 100, 511, 4095, 4096, 4097
+    ends = (size - left for left in (4097, 100, 37, 8, 1))
+    cuts = sorted({*starts, *ends, *np.linspace(0, size - 1, 4 * COUNT).astype(int).tolist()})
     counts = []
     for cut in cuts:
         path = tmp_path / f'{cut}{whole[kind].suffix}'
@@ -107,8 +100,10 @@ def test_cut_off_anywhere(kind, whole, tmp_path):
         assert counts[-1] >= COUNT - 3
 
 
-@pytest.mark.parametrize('storage', STORAGES)
-@pytest.mark.parametrize('metadata', ['missing', 'cut', 'nonsense'])
+@pytest.mark.parametrize(
+    ('storage', 'metadata'),
+    [('mcap', 'missing'), ('sqlite3', 'missing'), ('mcap', 'cut'), ('sqlite3', 'nonsense')],
+)
 def test_without_metadata(storage, metadata, tmp_path):
     bag = driver_bag(tmp_path / 'bag', depths(COUNT, 86, 112), storage)
     file = bag / 'metadata.yaml'
@@ -213,14 +208,13 @@ def test_arrays_stay_with_their_frames_where_one_in_the_middle_is_lost(key, tmp_
     np.savez(tmp_path / 'in.npz', depth=depth, K=MATRIX, clean_depth=depth + 1, **each)
     path = tmp_path / 'bag.db3'
     convert(tmp_path / 'in.npz', path)
-    with sqlite3.connect(path) as connection:
-        # As by a flipped bit: their checksums are wrong then.
-        connection.execute(
-            'UPDATE messages SET timestamp = timestamp + 1 WHERE id IN (SELECT messages.id FROM '
-            'messages JOIN topics ON topics.id = topic_id WHERE name LIKE "%depth_image_0" '
-            'ORDER BY messages.id LIMIT 2 OFFSET 3)'
-        )
-    connection.close()
+    # As by a flipped bit: their checksums are wrong then.
+    change(
+        path,
+        'UPDATE messages SET timestamp = timestamp + 1 WHERE id IN (SELECT messages.id FROM '
+        'messages JOIN topics ON topics.id = topic_id WHERE name LIKE "%depth_image_0" '
+        'ORDER BY messages.id LIMIT 2 OFFSET 3)',
+    )
     left = [0, 1, 2, *range(5, COUNT)]
     recording = load_recording(path)
     assert same(recording.depth, depth[left])
@@ -228,3 +222,76 @@ def test_arrays_stay_with_their_frames_where_one_in_the_middle_is_lost(key, tmp_
     assert same(recording.clean_depth, depth[left] + 1)
     for name in ('uptime', 'known'):
         assert same(recording.extra[name], each[name][left]), name
+
+
+@pytest.fixture(scope='module')
+def every(tmp_path_factory):
+    """Write the same recording in every way."""
+    return every_kind(tmp_path_factory.mktemp('every'))
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_flipped_bits_are_detected(kind, every, tmp_path):
+    source = load_recording(every[kind])
+    assert source.notes == ()
+    target = tmp_path / every[kind].name
+    rng = np.random.default_rng(5)
+    seen = 0
+    for index in range(FLIPS):
+        if every[kind].is_dir():
+            shutil.copytree(every[kind], target, dirs_exist_ok=True)
+            # Half of the flips go to metadata.yaml.
+            file = sorted(target.iterdir())[index % 2]
+        else:
+            file = shutil.copyfile(every[kind], target)
+        data = bytearray(file.read_bytes())
+        at = int(rng.integers(len(data)))
+        # The first and last kilobytes hold the structure: a third of the flips go there.
+        at = (at, at % 2048, len(data) - 1 - at % 2048)[int(rng.integers(3))] % len(data)
+        data[at] ^= 1 << int(rng.integers(8))
+        file.write_bytes(data)
+        try:
+            found = load_recording(target)
+        except InputError:
+            seen += 1
+            continue
+        damage = [note for note in found.notes if 'damaged' in note or 'not whole' in note]
+        seen += bool(damage)
+        assert damage or not unlike(found, source), (file.name, at, unlike(found, source))
+    assert seen > FLIPS / 6
+
+
+def test_a_message_of_a_wrong_checksum_is_left_out(every, tmp_path):
+    path = shutil.copyfile(every['db3'], tmp_path / 'one.db3')
+    change(
+        path,
+        'UPDATE messages SET timestamp = timestamp + 1 WHERE id = (SELECT max(messages.id) FROM '
+        "messages JOIN topics ON topics.id = topic_id WHERE name LIKE '%depth_image_0')",
+    )
+    recording = load_recording(path)
+    assert len(recording.depth) == COUNT - 1
+    assert any('the checksums of 1 messages are wrong' in note for note in recording.notes)
+
+
+def test_a_removed_message_is_reported(every, tmp_path):
+    path = shutil.copyfile(every['db3'], tmp_path / 'one.db3')
+    change(path, 'DELETE FROM messages WHERE id = (SELECT max(id) FROM messages)')
+    assert any('1 messages are missing' in note for note in load_recording(path).notes)
+
+
+def test_an_array_is_read_to_its_checksum(every, tmp_path):
+    # A shape of fewer frames: all that it asks for is there, and the rest has the checksum.
+    path = tmp_path / 'short.npz'
+    with zipfile.ZipFile(every['stored']) as old, zipfile.ZipFile(path, 'w') as new:
+        for name in old.namelist():
+            new.writestr(
+                name, old.read(name).replace(b'(12, ', b'(11, ').replace(b'(12,)', b'(11,)')
+            )
+    with pytest.raises(InputError, match=f'{path}: .*shape'):
+        load_recording(path)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_bag_without_checksums_is_reported(storage, tmp_path):
+    bag = driver_bag(tmp_path / 'bag', depths(2, 43, 56), storage)
+    assert [note for note in load_recording(bag).notes if 'no checksums' in note]
