@@ -14,7 +14,6 @@ from flexx2_sim_ros.messages.decoding import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra import numpy as hnp
 import numpy as np
 import pytest
 
@@ -75,32 +74,6 @@ def test_any_image_is_decoded_or_refused(message, encodings):
         with np.errstate(over='ignore', invalid='ignore'):
             expected = row.astype(np.float32) * np.float32(0.001 if size == 2 else 1.0)
         np.testing.assert_array_equal(image[y], expected)
-
-
-@given(
-    hnp.arrays(np.float32, hnp.array_shapes(min_dims=2, max_dims=2, max_side=9)),
-    st.sampled_from(ENCODINGS),
-    st.sampled_from('<>'),
-    SMALL,
-)
-def test_round_trip(depth, encoding, order, padding):
-    if encoding == '16UC1':
-        millimetres = (np.nan_to_num(np.abs(depth)) % 65536).astype(np.uint16)
-        depth = millimetres.astype(np.float32) * np.float32(0.001)
-        pixels = millimetres.astype(f'{order}u2')
-    else:
-        with np.errstate(invalid='ignore'):
-            pixels = depth.astype(f'{order}{"f4" if encoding == "32FC1" else "f8"}')
-    rows = [row.tobytes() + bytes(range(padding)) for row in pixels]
-    message = SimpleNamespace(
-        height=depth.shape[0],
-        width=depth.shape[1],
-        encoding=encoding,
-        step=len(rows[0]),
-        is_bigendian=order == '>',
-        data=array('B', b''.join(rows)),
-    )
-    np.testing.assert_array_equal(decode_image(message, 'topic', ENCODINGS), depth)
 
 
 NUMBERS = st.floats() | st.sampled_from([0.0, 1.0, 211.0, np.nan])

@@ -114,15 +114,6 @@ def test_wrong_contents_are_named(tmp_path, arrays, parts):
     assert all(part in str(raised.value) for part in parts), str(raised.value)
 
 
-def test_a_file_that_is_not_an_archive_is_refused(tmp_path):
-    single, text = tmp_path / 'single.npy', tmp_path / 'text.npz'
-    np.save(single, CLEAN)
-    text.write_text('clean_depth = 1')
-    for path in (single, text, tmp_path / 'missing.npz', tmp_path):
-        with pytest.raises(InputError, match=f'{path}: .*npz archive'):
-            load_scene(path)
-
-
 ARCHIVES = []
 for compressed in (np.savez, np.savez_compressed):
     buffer = io.BytesIO()
