@@ -46,9 +46,16 @@ def hear_with_times(seen):
     return heard
 
 
-def feed(seen, depth, stamp):
+def feed(seen, stamp):
     """Send clean depth without waiting for the frame."""
-    seen.publish(image=image_message(depth, stamp), info=info_message(seen.source, stamp))
+    seen.publish(image=image_message(boards(), stamp), info=info_message(seen.source, stamp))
+
+
+def clock_of(seen):
+    """Return a function that publishes the simulated time in nanoseconds."""
+    clocks = seen.node.create_publisher(Clock, '/clock', 10)
+    seen.spin_until(clocks.get_subscription_count, 'clock of the node')
+    return lambda now: clocks.publish(Clock(clock=time_message(now)))
 
 
 def test_an_image_arrives_no_earlier_than_its_delay_and_keeps_its_stamp():
@@ -60,7 +67,7 @@ def test_an_image_arrives_no_earlier_than_its_delay_and_keeps_its_stamp():
             assert seen.set(**{'effect.time_offset.delay': delay}).successful
             for _ in range(3):
                 stamps.append(time.time_ns())
-                feed(seen, boards(), stamps[-1])
+                feed(seen, stamps[-1])
                 seen.spin_until(lambda: time.time_ns() > stamps[-1] + 30 * MS)
         seen.spin_until(lambda: len(heard) == len(stamps), 'all images')
         assert [nanoseconds(message) for message, _ in heard] == stamps
@@ -75,18 +82,17 @@ def test_in_simulated_time_an_image_arrives_at_its_stamp_plus_the_delay():
     with stream(
         DEPTH, INFO, use_sim_time=True, **LATE, **{'effect.time_offset.delay': 0.1}
     ) as seen:
-        clocks = seen.node.create_publisher(Clock, '/clock', 10)
+        publish = clock_of(seen)
 
         def set_clock(now):
-            clocks.publish(Clock(clock=time_message(now)))
+            publish(now)
             seen.spin_until(lambda: seen.camera.get_clock().now().nanoseconds == now, 'clock')
             for _ in range(3):  # The timers of the node run.
                 seen.spin_for_a_message()
 
-        seen.spin_until(clocks.get_subscription_count, 'clock of the node')
         for k, stamp in enumerate((5 * SECOND, 5 * SECOND + 50 * MS)):
             set_clock(stamp + 10 * MS)
-            feed(seen, boards(), stamp)
+            feed(seen, stamp)
             seen.spin_until(lambda k=k: seen.camera._statistics.received == k + 1, 'input')
         set_clock(5 * SECOND + 99 * MS)
         assert not seen.messages(DEPTH)
@@ -96,8 +102,8 @@ def test_in_simulated_time_an_image_arrives_at_its_stamp_plus_the_delay():
             seen.spin_until(lambda k=k: len(seen.messages(INFO)) == k + 1, 'camera info')
             assert nanoseconds(seen.messages(DEPTH)[k]) == stamp
         # A simulation that starts again forgets the images that are under way.
-        feed(seen, boards(), 6 * SECOND)
-        feed(seen, boards(), 2 * SECOND)
+        feed(seen, 6 * SECOND)
+        feed(seen, 2 * SECOND)
         seen.spin_until(lambda: seen.camera._statistics.received == 4, 'inputs')
         set_clock(8 * SECOND)
         seen.spin_until(lambda: len(seen.messages(DEPTH)) == 3, 'image')
@@ -109,7 +115,7 @@ def test_stamps_of_another_clock_are_said_and_the_image_still_waits():
         heard = hear_with_times(seen)
         for k in range(2):
             before = time.time_ns()
-            feed(seen, boards(), START + k * SECOND)
+            feed(seen, START + k * SECOND)
             seen.spin_until(lambda k=k: len(heard) == k + 1, 'image')
             assert heard[k][1] - before >= 100 * MS
         seen.spin_until(lambda: seen.logged('time_offset.delay', 'use_sim_time'), 'warning')
@@ -133,27 +139,24 @@ def test_input_that_gives_no_frames_is_an_error_until_it_does(values, step, reas
         stamps = iter(range(START, START + 10_000 * max(step, 1), max(step, 1)))
         report = seen.next_diagnostics()
         while reason not in report.message:
-            feed(seen, boards(), next(stamps) if step else START)
+            feed(seen, next(stamps) if step else START)
             report = seen.next_diagnostics()
         assert report.level == report.ERROR
         assert ('Actual frequency (Hz)', '0.00') in [(v.key, v.value) for v in report.values]
         assert report.message.startswith('no frame is published: ')
         if 'use_sim_time' in values:
-            clocks = seen.node.create_publisher(Clock, '/clock', 10)
-            seen.spin_until(clocks.get_subscription_count, 'clock of the node')
-            clocks.publish(Clock(clock=time_message(START + 20_000 * SECOND)))
+            clock_of(seen)(START + 20_000 * SECOND)
         else:
-            feed(seen, boards(), START + SECOND)
+            feed(seen, START + SECOND)
         while seen.next_diagnostics().message.startswith('no frame is published: '):
             pass
 
 
 def test_a_time_before_zero_is_ignored():
     with stream(DEPTH, use_sim_time=True) as seen:
-        clocks = seen.node.create_publisher(Clock, '/clock', 10)
-        seen.spin_until(clocks.get_subscription_count, 'clock of the node')
-        clocks.publish(Clock(clock=time_message(-SECOND)))
+        publish = clock_of(seen)
+        publish(-SECOND)
         seen.spin_until(lambda: seen.logged('/clock: sec: must be 0 or more, got -1'), 'warning')
-        clocks.publish(Clock(clock=time_message(5 * SECOND)))
+        publish(5 * SECOND)
         seen.spin_until(lambda: seen.camera.get_clock().now().nanoseconds == 5 * SECOND, 'clock')
         assert seen.show(boards(), START)

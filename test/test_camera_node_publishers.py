@@ -1,17 +1,17 @@
 """The camera node, fed by processes that know nothing of this package and its shared memory."""
 
-from pathlib import Path
+from contextlib import closing
 import sys
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from flexx2_sim_ros.nodes.runtime import PROFILE_VARIABLES
 import numpy as np
-from programs import starting
+from programs import ROOT, starting
 import pytest
 from rclpy.qos import qos_profile_sensor_data
 from streams import boards, DEPTH, Image, image_message, SECOND, START, Stream, stream
 
-PUBLISHER = Path(__file__).resolve().parents[1] / 'bench' / 'plain_publisher.py'
+PUBLISHER = ROOT / 'bench' / 'plain_publisher.py'
 _SPACES = iter(f'/plain_{number}' for number in range(100))
 
 pytestmark = pytest.mark.usefixtures('ros')
@@ -54,9 +54,8 @@ class Fed(Stream):
 @pytest.fixture
 def fed():
     """Return a camera node that nobody publishes to."""
-    made = Fed(next(_SPACES))
-    yield made
-    made.close()
+    with closing(Fed(next(_SPACES))) as made:
+        yield made
 
 
 def space(fed):
@@ -111,29 +110,24 @@ def test_publishers_that_come_and_go_are_followed(fed):
 def test_parameters_fix_the_quality(publish):
     namespace = next(_SPACES)
     name = f'qos_overrides.{namespace}/clean/depth_image.subscription'
-    fed = Fed(namespace, **{f'{name}.reliability': 'reliable', f'{name}.depth': 3})
-    try:
+    values = {f'{name}.reliability': 'reliable', f'{name}.depth': 3}
+    with closing(Fed(namespace, **values)) as fed:
         assert fed.get(f'{name}.durability') == 'best_available'
         publish(namespace, '--best-effort')
         fed.spin_until(lambda: fed.logged('qos_overrides', 'no message of it arrives'))
         fed.spin_until(lambda: fed.quality('clean/camera_info')[0] == 'BEST_EFFORT')
         assert fed.quality('clean/depth_image')[0] == 'RELIABLE'
         assert fed.received == 0
-    finally:
-        fed.close()
 
 
 def test_latched_camera_info_sent_before_the_node_starts(publish):
     namespace = next(_SPACES)
     process = publish(namespace, '--latched-info', '--rate', '10', '--count', '100')
     assert process.stdout.readline() == 'ready\n'
-    fed = Fed(namespace)
-    try:
+    with closing(Fed(namespace)) as fed:
         fed.spin_until(lambda: fed.published >= 18, 'frames')
         assert fed.quality('clean/camera_info') == ('RELIABLE', 'TRANSIENT_LOCAL')
         assert fed.quality('clean/depth_image') == ('RELIABLE', 'VOLATILE')
-    finally:
-        fed.close()
 
 
 def feed(seen, value, start, count=12):
