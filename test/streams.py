@@ -104,6 +104,13 @@ class Listener:
         self.spin_until(future.done, 'answer')
         return future.result()
 
+    def parameters_of(self, node, *names):
+        """Return parameters of a node elsewhere, as Python's values."""
+        client = AsyncParameterClient(self.node, node)
+        self.spin_until(client.services_are_ready, node)
+        values = self.wait(client.get_parameters([*names])).values
+        return [parameter_value_to_python(value) for value in values]
+
     def close(self):
         """Leave the graph."""
         self._executor.shutdown()

@@ -2,10 +2,8 @@
 
 from programs import node_words, PATIENCE, started
 import pytest
-from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import CameraInfo, Image
-from streams import boards, FLEXX2, image_message, info_message, Listener
+from streams import boards, FLEXX2, image_message, info_message, listening
 
 PARAMETERS = """
 /robot/left/flexx2_camera:
@@ -32,18 +30,8 @@ def robot(child_env, tmp_path):
         yield process
 
 
-def parameters(user, node, *names):
-    """Return texts that are parameters of a node."""
-    client = user.node.create_client(GetParameters, f'{node}/get_parameters')
-    user.spin_until(client.service_is_ready, node)
-    values = user.wait(client.call_async(GetParameters.Request(names=list(names)))).values
-    assert all(value.type == ParameterType.PARAMETER_STRING for value in values)
-    return [value.string_value for value in values]
-
-
 def test_cameras_share_a_process(robot):
-    user = Listener()
-    try:
+    with listening() as user:
         names = '/robot/left', '/robot/right'
         heard = {name: user.listen(f'{name}/flexx2_camera/depth_image_0', Image) for name in names}
         user.spin_until(
@@ -55,7 +43,8 @@ def test_cameras_share_a_process(robot):
         for name, wanted in zip(
             names, (['Mode_5_60fps', 'one'], ['Mode_9_5fps', 'two']), strict=True
         ):
-            assert parameters(user, f'{name}/flexx2_camera', 'usecase', 'serial') == wanted
+            node = f'{name}/flexx2_camera'
+            assert user.parameters_of(node, 'usecase', 'serial') == wanted
         inputs = {
             name: (
                 user.node.create_publisher(CameraInfo, f'{name}/clean/camera_info', 10),
@@ -89,8 +78,6 @@ def test_cameras_share_a_process(robot):
         )
         by = {entry.name for entry in user.log if 'depth_image: encoding' in entry.msg}
         assert by == {'robot.left.flexx2_camera'}
-    finally:
-        user.close()
     robot.terminate()
     said = robot.communicate(timeout=PATIENCE)[1]
     assert robot.returncode == 1
