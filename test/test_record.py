@@ -9,18 +9,24 @@ from flexx2_sim_ros.recording import load_recording, recording_cameras
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.bag_writer import BagWriter
 from flexx2_sim_ros.recording.sink import BagSink
+from geometry_msgs.msg import TransformStamped
 from mcap.reader import make_reader
 import numpy as np
 from programs import PATIENCE, started, until
 import pytest
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from recorders import finish, flexx2, open_source, rows, SECOND, Source, STEP
+from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 import streams
 from streams import image_message
+import yaml
 
 pytestmark = pytest.mark.usefixtures('ros')
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 @pytest.fixture
@@ -169,17 +175,15 @@ def test_losses_on_the_way_are_counted(listener, tmp_path):
         publisher = source.publishers[topic]
         slow.spin_until(publisher.get_subscription_count, 'subscription')
 
-        def send(count):
-            for _ in range(count):
-                number = len(source.sent[topic])
+        def send(*numbers):
+            for number in numbers:
                 message = image_message(np.ones((2, 2), 'f4'), SECOND + number * STEP)
-                source.sent[topic].append(message)
                 publisher.publish(message)
 
-        send(1)
+        send(0)
         statistics = recorder.topics[topic]
         slow.spin_until(lambda: statistics.messages == 1, 'first message')
-        send(200)  # more than anybody keeps
+        send(*range(1, 201))  # more than anybody keeps
         slow.spin_until(lambda: statistics.messages + statistics.numbers.lost == 201, 'the rest')
         assert statistics.numbers.lost > 0
         assert statistics.refused == 0
@@ -195,8 +199,7 @@ def test_a_camera_of_any_name_is_found_by_an_info_that_was_sent_once(
     listener, child_env, tmp_path
 ):
     bag, space = tmp_path / 'bag', '/latched_info/tof'
-    once = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    infos = listener.node.create_publisher(streams.CameraInfo, f'{space}/camera_info', once)
+    infos = listener.node.create_publisher(streams.CameraInfo, f'{space}/camera_info', LATCHED)
     images = listener.node.create_publisher(streams.Image, f'{space}/image_raw', 10)
     infos.publish(streams.info_message(streams.FLEXX2, SECOND))
     frame = np.full((172, 224), 1.25, 'f4')
@@ -240,6 +243,59 @@ def test_nothing_to_record(child_env, tmp_path):
     assert f'{tmp_path / "bag"}: nothing was recorded' in err
     assert 'Traceback' not in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_frames_are_recorded_and_replayed_with_their_qos(source, child_env, tmp_path):
+    """Assert it of `/tf_static`, `/tf` and `/clock`, which are recorded beside the cameras."""
+    listener, bag = source.listener, tmp_path / 'bag'
+    node = listener.node
+    # tf2_msgs is not among the packages that pip installs; the topic's name and QoS count.
+    static = node.create_publisher(TransformStamped, '/tf_static', LATCHED)
+    clock = node.create_publisher(Clock, '/clock', BEST_EFFORT)
+    moving = node.create_publisher(TransformStamped, '/tf', 10)
+    frame = TransformStamped()
+    frame.child_frame_id = 'optical'
+    static.publish(frame)  # before anybody records
+    with flexx2(child_env, 'record', bag, '--cameras', *source.cameras) as process:
+        source.wait()
+        listener.spin_until(moving.get_subscription_count, '/tf')
+        listener.spin_until(clock.get_subscription_count, '/clock')
+        for _ in range(5):
+            moving.publish(frame)
+            clock.publish(Clock())
+        source.publish(3)
+        source.settle()
+        finish(process, signal.SIGINT)
+    for publisher in (static, clock, moving, *source.publishers.values()):
+        node.destroy_publisher(publisher)
+
+    offers = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    offered = {
+        item['topic_metadata']['name']: item['topic_metadata']['offered_qos_profiles']
+        for item in offers['topics_with_message_count']
+    }
+    assert all(offered.values())
+    assert {item['durability'] for item in offered['/tf_static']} == {'transient_local'}
+    assert {item['reliability'] for item in offered['/tf_static']} == {'reliable'}
+    assert offered['/tf_static'][0]['lifespan'] == {'sec': 9223372036, 'nsec': 854775807}
+    assert {item['reliability'] for item in offered['/clock']} == {'best_effort'}
+    assert {item['durability'] for item in offered['/tf']} == {'volatile'}
+    single = next(file for file in bag.iterdir() if file.suffix != '.yaml')
+    with Reader(bag) as whole, Reader(single) as alone:
+        assert {item.topic: item.ext for item in whole.connections} == {
+            item.topic: item.ext for item in alone.connections
+        }
+    assert Bag(bag).latched == {'/tf_static'}
+
+    with flexx2(child_env, 'replay', bag, '--loop', '--wait', '0') as process:
+        early = listener.listen(source.cameras[0] + '/clean/camera_info', streams.CameraInfo)
+        listener.spin_until(lambda: len(early) > 3, 'the second time round')
+        # Who comes late has it all the same.
+        late = []
+        node.create_subscription(TransformStamped, '/tf_static', late.append, LATCHED)
+        listener.spin_until(lambda: late, 'frames that were sent before')
+        assert late[0] == frame
+        finish(process, signal.SIGINT)
 
 
 @pytest.mark.parametrize(
