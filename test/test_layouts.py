@@ -8,7 +8,7 @@ from flexx2_sim_ros.nodes.tf_frames import camera_transforms
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.robots.robot import load_mounts, load_robot
 import pytest
-from streams import Listener, Parameter
+from streams import listening, Parameter
 import yaml
 
 CAMERAS = ('front_left', 'front_right')
@@ -53,45 +53,24 @@ def foxglove_topics():
 @pytest.fixture(scope='module')
 def there(ros):
     """Start the nodes in a namespace of this test's own; return types by topic without it."""
-    user = Listener()
-    nodes = [
-        RobotCameras(
-            namespace=SPACE,
-            parameter_overrides=[
-                Parameter(name, value=value)
-                for name, value in (
-                    ('motion', 'cmd_vel'),
-                    ('scene', 'corner'),
-                    ('renderer', 'ray'),
-                )
-            ],
-        ),
-        *(Flexx2Camera(namespace=f'{SPACE}/{camera}') for camera in CAMERAS),
-    ]
-    for node in nodes:
-        user.add(node)
-
-    def topics():
-        return {
-            topic.removeprefix(SPACE): kinds
-            for topic, kinds in user.node.get_topic_names_and_types()
-        }
-
-    try:
-        # The last one to be opened of each node.
-        user.spin_until(
-            lambda: (
-                {f'/{camera}/flexx2_camera/depth_noise_0' for camera in CAMERAS}
-                | {'/odom', '/cmd_vel'}
-                <= topics().keys()
-            ),
-            'the graph',
-        )
-        yield topics()
-    finally:
-        user.close()
+    robot = {'motion': 'cmd_vel', 'scene': 'corner', 'renderer': 'ray'}
+    values = [Parameter(name, value=value) for name, value in robot.items()]
+    nodes = [RobotCameras(namespace=SPACE, parameter_overrides=values)]
+    nodes += [Flexx2Camera(namespace=f'{SPACE}/{camera}') for camera in CAMERAS]
+    # The last one to be opened of each node.
+    last = {f'/{camera}/flexx2_camera/depth_noise_0' for camera in CAMERAS} | {'/odom', '/cmd_vel'}
+    with listening() as user:
         for node in nodes:
-            node.destroy_node()
+            user.add(node)
+
+        def topics():
+            found = user.node.get_topic_names_and_types()
+            return {topic.removeprefix(SPACE): kinds for topic, kinds in found}
+
+        user.spin_until(lambda: last <= topics().keys(), 'the graph')
+        yield topics()
+    for node in nodes:
+        node.destroy_node()
 
 
 @pytest.mark.parametrize('topics', [rviz_topics, foxglove_topics])

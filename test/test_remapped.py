@@ -1,5 +1,7 @@
 """Clean images with the names of a simulator, which the camera node takes by remaps."""
 
+from contextlib import closing
+
 from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
 from flexx2_sim_ros.nodes.viewer import Viewer
 from flexx2_sim_ros.recording import load_recording
@@ -27,18 +29,18 @@ pytestmark = pytest.mark.usefixtures('ros')
 class Simulator(Listener):
     """Publishes a wall on topics of its own; a camera node takes them."""
 
-    def __init__(self, topics, source=TOPICS, remap=True):
+    def __init__(self, topics):
         super().__init__()
-        remaps = [word for name in topics if remap for word in ('-r', f'{name}:={source[name]}')]
+        remaps = [word for name in topics for word in ('-r', f'{name}:={TOPICS[name]}')]
         self.camera = Flexx2Camera(namespace=SPACE, cli_args=['--ros-args', *remaps])
         self.add(self.camera)
         self._send = {
-            name: self.node.create_publisher(kind, source[name], 10)
+            name: self.node.create_publisher(kind, TOPICS[name], 10)
             for name, kind in zip(TOPICS, (Image, CameraInfo, Image), strict=True)
             if name in topics
         }
         self._stamp = 0
-        inputs = [one for one in self.camera.subscriptions if one.topic_name in source.values()]
+        inputs = [one for one in self.camera.subscriptions if one.topic_name in TOPICS.values()]
         self.spin_until(
             lambda: (
                 all(publisher.get_subscription_count() for publisher in self._send.values())
@@ -66,11 +68,8 @@ class Simulator(Listener):
 
 @pytest.fixture
 def simulator(request):
-    made = Simulator(getattr(request, 'param', list(TOPICS)))
-    try:
+    with closing(Simulator(getattr(request, 'param', list(TOPICS)))) as made:
         yield made
-    finally:
-        made.close()
 
 
 @pytest.mark.parametrize(
