@@ -1,6 +1,5 @@
 """Cameras whose topics are recorded, and the commands `flexx2 record` and `flexx2 replay`."""
 
-from contextlib import contextmanager
 import itertools
 
 from flexx2_sim_ros.errors import InputError
@@ -10,7 +9,7 @@ import programs
 from programs import flexx2_words, PATIENCE, started
 from rclpy.duration import Duration
 import streams
-from streams import CameraInfo, Image, image_message, info_message, listening
+from streams import CameraInfo, Image, image_message, info_message
 
 SECOND = 1_000_000_000
 
@@ -97,13 +96,6 @@ def rows(text):
     return {
         line.split()[0]: line.split()[1:] for line in text.splitlines() if line.startswith('/')
     }
-
-
-@contextmanager
-def open_source():
-    """Yield cameras that are there and have published nothing yet."""
-    with listening() as listener:
-        yield Source(listener)
 
 
 def whole(bag, count):

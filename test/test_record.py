@@ -16,7 +16,7 @@ from programs import PATIENCE, started, until
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
-from recorders import finish, flexx2, open_source, rows, SECOND, Source, STEP
+from recorders import finish, flexx2, rows, SECOND, Source, STEP
 from rosbags.rosbag2 import Reader
 from rosgraph_msgs.msg import Clock
 import streams
@@ -30,15 +30,15 @@ BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 @pytest.fixture
-def source():
-    with open_source() as found:
+def listener():
+    with streams.listening() as found:
         yield found
 
 
 @pytest.fixture
-def listener():
-    with streams.listening() as found:
-        yield found
+def source(listener):
+    """Return cameras that are there and have published nothing yet."""
+    return Source(listener)
 
 
 @pytest.mark.parametrize(
