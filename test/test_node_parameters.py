@@ -46,7 +46,7 @@ still_streams.stamp = SECOND
         ({'input_depth': 'flat'}, ['input_depth', "'flat'", 'planar, radial']),
         ({'frame_id': 'x' * 256}, ['frame_id: must be at most 255 characters, got 256']),
     ],
-    ids=str,
+    ids=['empty', 'number', 'choice', 'long'],
 )
 def test_bad_values_are_refused(seen, values, parts):
     (name,) = values

@@ -123,11 +123,10 @@ def test_the_robot_node(start):
     ('executable', 'words', 'parts'),
     [
         (CAMERA, ['-p', 'usecase:=Mode_9_31fps'], ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
-        (CAMERA, ['-p', 'usecase'], ['usecase']),
         (GO1, ['-p', 'robot_model:=/nowhere/r.xml'], ['robot', '/nowhere/r.xml', 'must be']),
         (CAMERA, ['--params-file', '/nowhere/parameters.yaml'], ['/nowhere/parameters.yaml']),
     ],
-    ids=['mode', 'no value', 'robot', 'no file'],
+    ids=['mode', 'robot', 'no file'],
 )
 def test_what_is_wrong_at_the_start_is_said_in_one_line(start, executable, words, parts):
     said = finish(start(executable, *words), code=1)
