@@ -30,6 +30,15 @@ def scenes(count):
     return out
 
 
+def arrays_of(library, values, device):
+    """Return NumPy's values as an array of a library, on a device."""
+    if library == 'torch':
+        return pytest.importorskip('torch').from_numpy(values).to(device)
+    if library == 'jax':
+        return pytest.importorskip('jax').device_put(values, wp.device_to_jax(device))
+    return wp.array(values, device=device, copy=False) if library == 'warp' else values
+
+
 def look(device, camera, *images, **how):
     """Return a copy of what a batch of cameras sees of NumPy arrays, put on its device."""
     given = [wp.array(one, dtype=wp.float32, device=device) for one in images]

@@ -1,14 +1,9 @@
-"""Many robots at once: the example of the height grid, and terms for other people's training."""
+"""Many robots at once: what they see of the stairs that they walk on."""
 
-import inspect
-from types import SimpleNamespace
-
-from batches import scenes
-from flexx2_sim_ros.batch import noisy_depth
 from flexx2_sim_ros.batch.height_grid import HeightGrid
 from flexx2_sim_ros.batch.rendering import open_batch_renderer
 from flexx2_sim_ros.batch.walking import walk
-from flexx2_sim_ros.camera import Camera, flexx2, Intrinsics
+from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.robots.model import build_model
 import numpy as np
@@ -72,80 +67,3 @@ def test_flexx2_batch(tmp_path, capsys):
     ):
         assert main([*arguments, *wrong]) == 2
         assert said in capsys.readouterr().err
-
-
-class ManagerTermBase:
-    """What Isaac Lab's class terms inherit from, as documented."""
-
-    def __init__(self, cfg, env):
-        self.cfg, self._env = cfg, env
-
-    def reset(self, env_ids=None):
-        raise AssertionError('not overridden')
-
-
-class StandIn:
-    """What an observation manager does with a class term, as documented."""
-
-    def __init__(self, func, params, base, images):
-        self.num_envs, self.device, self.images = len(images[0]), 'cpu', images
-        self.cfg = SimpleNamespace(func=func, params=params)
-        # Isaac Lab checks both before it makes the term.
-        assert issubclass(func, base)
-        named = list(inspect.signature(func.__call__).parameters.values())[2:]
-        assert {p.name for p in named if p.default is p.empty} <= set(params)
-        assert set(params) <= {p.name for p in named}
-        self.cfg.func = func(cfg=self.cfg, env=self)
-
-    def step(self):
-        self.image = self.images.pop(0)
-        return self.cfg.func(self, **self.cfg.params)
-
-
-@pytest.mark.parametrize('library', ['numpy', 'torch'])
-@pytest.mark.parametrize('base', [object, ManagerTermBase])
-def test_observation_term(base, library):
-    clean = np.full((3, 24, 32), 1.2, np.float32)
-    made = [
-        pytest.importorskip('torch').from_numpy(clean)[..., None]
-        if library == 'torch'
-        else clean[..., None]
-    ] * 4
-    effects = {'temporal_filter': {'share': 0.9}}
-    matrix = [[30.0, 0, 15.5], [0, 30.0, 11.5], [0, 0, 1]]
-    manager = StandIn(
-        noisy_depth(base),
-        {
-            'depth': lambda env: env.image,
-            'camera': {'mode': 'Mode_9_20fps', 'effects': effects, 'seed': 5, 'K': matrix},
-        },
-        base,
-        made,
-    )
-    term = manager.cfg.func
-    term.reset()
-    kind = type(made[0])
-    alone = [Camera('Mode_9_20fps', seed=5 + i, effects=effects) for i in range(3)]
-    kept = []
-    for step, env_ids in enumerate(([], [1], None, [0, 2])):
-        seen = manager.step()
-        kept.append(seen)
-        assert type(seen) is kind
-        assert tuple(seen.shape) == (3, 24, 32, 1)
-        for i, one in enumerate(alone):
-            wanted = one.capture(clean[i], matrix, step * 50_000_000).depth
-            np.testing.assert_allclose(np.asarray(seen)[i, ..., 0], wanted, rtol=0, atol=2e-5)
-        term.reset(env_ids)
-        for i in range(3) if env_ids is None else env_ids:
-            alone[i].reset()
-    assert not np.array_equal(np.asarray(kept[0]), np.asarray(kept[1]))
-
-
-def test_terms_give_zero_where_invalid():
-    clean = scenes(2)
-    term = noisy_depth()(
-        cfg=SimpleNamespace(params={}), env=SimpleNamespace(num_envs=2, device='cpu')
-    )
-    seen = term(None, lambda env: clean)
-    wanted = Camera().capture(clean[0], flexx2().intrinsics.matrix, 0).depth
-    np.testing.assert_allclose(seen[0], np.nan_to_num(wanted), rtol=0, atol=2e-5)

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 from batches import scenes
 from flexx2_sim_ros.batch import noisy_depth
+from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.errors import InputError
 import numpy as np
 import pytest
@@ -46,6 +47,33 @@ def test_the_class_is_found_by_its_name_and_pickles(base):
     assert getattr(import_module(term.__module__), term.__name__) is term
     assert pickle.loads(pickle.dumps(term)) is term  # noqa: S301 (our own)
     assert copy.deepcopy({'func': term})['func'] is term
+
+
+def test_a_manager_gets_the_frames_of_cameras_and_resets_them():
+    effects, matrix = (
+        {'temporal_filter': {'share': 0.9}},
+        [[30.0, 0, 15.5], [0, 30.0, 11.5], [0, 0, 1]],
+    )
+    camera = {'mode': 'Mode_9_20fps', 'effects': effects, 'seed': 5, 'K': matrix}
+    cfg = SimpleNamespace(params={'depth': lambda env: env.image, 'camera': camera})
+    env = environment()
+    term = noisy_depth(Base)(cfg=cfg, env=env)
+    alone = [Camera('Mode_9_20fps', seed=5 + i, effects=effects) for i in range(3)]
+    for step, env_ids in enumerate(([], [1], None, [0, 2])):
+        seen = term(env, **cfg.params)
+        wanted = [one.capture(CLEAN[0], matrix, step * 50_000_000).depth for one in alone]
+        np.testing.assert_allclose(seen, wanted, rtol=0, atol=2e-5)
+        term.reset(env_ids)
+        for i in range(3) if env_ids is None else env_ids:
+            alone[i].reset()
+
+
+def test_invalid_pixels_are_zero():
+    clean = scenes(3)
+    seen = made_of(environment())(None, lambda env: clean)
+    wanted = Camera().capture(clean[0], flexx2().intrinsics.matrix, 0).depth
+    assert np.isnan(wanted).any()
+    np.testing.assert_allclose(seen[0], np.nan_to_num(wanted), rtol=0, atol=2e-5)
 
 
 def counted(step, kind):

@@ -1,6 +1,5 @@
 """When the images of a batch are taken and when they arrive, in steps of an environment loop."""
 
-import copy
 import pickle
 
 from batches import DEVICES, look, scenes, WAYS
@@ -44,7 +43,7 @@ def expected(rate_hz, step_ns, delay_ns, count):
 
 
 @pytest.mark.parametrize('device', DEVICES)
-@pytest.mark.parametrize('step_hz', [50, 60, 30, 24, 200, 7])
+@pytest.mark.parametrize('step_hz', [50, 60, 200, 7])
 def test_images_come_at_the_rate_of_the_mode_and_late(step_hz, device):
     modes = [mode for mode in flexx2().modes for _ in range(4)]
     steps = [0, 1, 2.5, 3] * len(flexx2().modes)
@@ -177,23 +176,20 @@ def test_a_reset_draws_another_delay_and_latency(device, tmp_path):
     assert all(0.02 <= delay <= 0.06 for delay in delays_drawn[0] if delay)
 
 
-@pytest.mark.parametrize('step_s', [0, -0.02, float('nan'), '0.02', True, 11])
-def test_unusable_steps_are_refused(step_s):
-    with pytest.raises(InputError, match='step_s: must be 1e-6 to 10 seconds, got'):
-        BatchCamera(2, device='cpu', step_s=step_s)
+def test_unusable_steps_are_refused():
+    for step_s in (0, -0.02, float('nan'), '0.02', True, 11):
+        with pytest.raises(InputError, match='step_s: must be 1e-6 to 10 seconds, got'):
+            BatchCamera(2, device='cpu', step_s=step_s)
+    for steps in (-1, 0.5, True, '1'):
+        with pytest.raises(InputError, match='steps: must be a whole number from 0, got'):
+            BatchCamera(1, device='cpu')(np.ones((1, 4, 5), np.float32), steps=steps)
 
 
-@pytest.mark.parametrize('step_s', [np.float32(0.02), np.float64(0.02), np.int64(1), 1])
+@pytest.mark.parametrize('step_s', [np.float32(0.02), np.int64(1)])
 def test_steps_are_any_number(step_s):
     cameras = BatchCamera(1, 'Mode_9_5fps', device='cpu', step_s=step_s)
     cameras(np.ones((1, 4, 5), np.float32))
     assert cameras.stamps.numpy().tolist() == [round(float(step_s) * 1000) * MS]
-
-
-@pytest.mark.parametrize('steps', [-1, 0.5, True, '1'])
-def test_unusable_numbers_of_steps_are_refused(steps):
-    with pytest.raises(InputError, match='steps: must be a whole number from 0, got'):
-        BatchCamera(1, device='cpu')(np.ones((1, 4, 5), np.float32), steps=steps)
 
 
 @pytest.mark.parametrize('step_s', [None, 0.02])
@@ -210,15 +206,9 @@ def test_calls_without_a_step_change_nothing(device, step_s):
         np.testing.assert_array_equal(alone.stamps.numpy(), cameras.stamps.numpy())
 
 
-def pickled(cameras):
-    """Return a camera from its pickle."""
-    return pickle.loads(pickle.dumps(cameras))  # noqa: S301 (our own)
-
-
-@pytest.mark.parametrize('copied', [copy.deepcopy, pickled])
 @pytest.mark.parametrize('step_s', [None, 0.02])
 @pytest.mark.parametrize('device', DEVICES)
-def test_copies_go_on_as_the_original_does(device, step_s, copied, tmp_path):
+def test_copies_go_on_as_the_original_does(device, step_s, tmp_path):
     delays = drawn(tmp_path, 'time_offset', {'delay': {'low': 0.02, 'high': 0.06}})
     cameras = BatchCamera(3, device=device, K=MATRIX, step_s=step_s)
     for randomised in (False, True):
@@ -229,7 +219,7 @@ def test_copies_go_on_as_the_original_does(device, step_s, copied, tmp_path):
         film = moving(3, 12)
         for clean in film[:7]:
             look(device, cameras, clean)
-        other = copied(cameras)
+        other = pickle.loads(pickle.dumps(cameras))  # noqa: S301 (our own)
         for clean in film[7:]:
             np.testing.assert_array_equal(look(device, other, clean), look(device, cameras, clean))
             np.testing.assert_array_equal(other.image_stamps.numpy(), cameras.image_stamps.numpy())
