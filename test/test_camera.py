@@ -11,8 +11,8 @@ from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.philox import camera_key, fill_normals, stamp_words, STREAM_AXIAL
 import numpy as np
 import pytest
+from small_scenes import FIELDS, same
 
-FIELDS = ('depth', 'sigma', 'amplitude', 'confidence')
 MEASURED = ('Mode_5_30fps', 'Mode_5_60fps', 'Mode_9_30fps')
 SHAPE = (24, 32)
 REACH = 9  # pixels: five standard deviations of the largest sigma_x
@@ -33,7 +33,7 @@ def scene():
 
 
 @pytest.mark.parametrize('turn', ['yaw', 'pitch'])
-@pytest.mark.parametrize('angle', [0, 45, 75])
+@pytest.mark.parametrize('angle', [0, 75])
 @pytest.mark.parametrize('usecase', MEASURED)
 def test_slanted_planes_get_axial_noise_and_nothing_else(usecase, angle, turn):
     target = board(1.0, angle, turn=turn)
@@ -57,24 +57,21 @@ V, U = np.mgrid[:172, :224]
 @pytest.mark.parametrize(
     ('usecase', 'edge'),
     [
-        *(('Mode_9_30fps', edge) for edge in (0, 20, 45, 90, -45, 'board', 'disc', 'strip')),
+        *(('Mode_9_30fps', edge) for edge in (0, 20, 90, -45, 'disc', 'strip')),
         ('Mode_5_30fps', 'disc'),
-        ('Mode_5_60fps', 'disc'),
     ],
 )
 def test_edge_pixels_show_one_of_the_two_surfaces(usecase, edge):
     front = board(1.0, 30).depth
     angle = math.radians(edge) if isinstance(edge, int) else 0
-    mask = {
-        'board': (abs(U - 110) < 40) & (abs(V - 80) < 30),
-        'strip': abs(U - 100) < 2,
-        'disc': np.hypot(U - 110, V - 80) < 50,
-    }.get(edge, (U - 111.5) * math.cos(angle) + (V - 85) * math.sin(angle) < 0)
+    mask = {'strip': abs(U - 100) < 2, 'disc': np.hypot(U - 110, V - 80) < 50}.get(
+        edge, (U - 111.5) * math.cos(angle) + (V - 85) * math.sin(angle) < 0
+    )
     clean = np.where(mask, front, np.float32(2.1))
     camera = Camera(usecase, seed=9)
     sigmas = [camera.capture(depth, K, 0).sigma for depth in (front, np.full_like(front, 2.1))]
     moved = 0
-    for stamp in range(20):
+    for stamp in range(8):
         frame = camera.capture(clean, K, stamp, np.where(mask, 1.0, 0.2))
         valid = np.isfinite(frame.depth)
         assert valid.mean() > 0.99  # Mode_5: noise beyond 2.4 m
@@ -93,7 +90,7 @@ def test_edge_pixels_show_one_of_the_two_surfaces(usecase, edge):
             frame.sigma[valid], np.where(behind, *sigmas[::-1])[valid], rtol=0.15
         )
         assert ((frame.amplitude * seen**2 > 0.3) ^ behind)[valid].all()
-    assert moved > 20 * 90
+    assert moved > 8 * 90
 
 
 @pytest.mark.parametrize('turned', [False, True])
@@ -131,15 +128,11 @@ def test_noise_is_a_function_of_seed_name_and_stamp_alone():
     batch = camera.capture(scene(), K, stamps)
     assert batch.depth.shape == (5, *SHAPE)
     singles = [camera.capture(scene(), K, int(stamp)) for stamp in reversed(stamps)][::-1]
-    scenes = np.stack([scene() + 0.01 * i for i in range(3)])
-    wide = camera.capture(scenes[:, None], K, stamps)
-    assert wide.depth.shape == (3, 5, *SHAPE)
-    back = Camera('mode_9_30FPS', seed=4, name='left').capture(scenes[::-1, None], K, stamps[::-1])
     for field in FIELDS:
-        values = getattr(batch, field)
-        np.testing.assert_array_equal(values, [getattr(single, field) for single in singles])
-        np.testing.assert_array_equal(getattr(wide, field)[0], values)
-        np.testing.assert_array_equal(getattr(back, field)[::-1, ::-1], getattr(wide, field))
+        wanted = [getattr(single, field) for single in singles]
+        np.testing.assert_array_equal(getattr(batch, field), wanted)
+    again = Camera('mode_9_30FPS', seed=4, name='left')
+    assert same(again.capture(scene(), K, int(stamps[1])), singles[1])
     for other in (Camera('Mode_9_30fps', seed=5, name='left'), Camera(seed=4, name='right')):
         noise = other.capture(scene(), K, 0).depth - scene()
         assert not np.isclose(noise, singles[0].depth - scene(), atol=1e-7).any()
@@ -170,7 +163,7 @@ def test_stamps_in_nanoseconds_and_in_seconds():
     ):
         equal = int(nanoseconds) == round(float(seconds) * 1e9)
         one, other = (camera.capture(scene(), K, stamp) for stamp in (seconds, nanoseconds))
-        assert np.array_equal(one.depth, other.depth, equal_nan=True) == equal
+        assert same(one, other) == equal
 
 
 @pytest.mark.parametrize('usecase', ['Mode_5_30fps', 'Mode_9_30fps'])
@@ -225,16 +218,14 @@ def test_inputs_of_any_number_type_are_read_and_not_changed():
             if isinstance(copy, np.ndarray):
                 copy.flags.writeable = False
             frame = Camera(seed=1).capture(copy, K.tolist(), 0, shade)
-            for field in FIELDS:
-                np.testing.assert_array_equal(getattr(frame, field), getattr(wanted, field))
-                assert getattr(frame, field).dtype == np.float32
+            assert same(frame, wanted)
+            assert {getattr(frame, field).dtype for field in FIELDS} == {np.dtype(np.float32)}
 
 
-@pytest.mark.parametrize('kind', ['u2', 'i4'])
-def test_whole_millimetres_are_refused(kind):
+@pytest.mark.parametrize(('kind', 'nothing'), [('u2', 65535), ('i4', -1)])
+def test_whole_millimetres_are_refused(kind, nothing):
     clean = np.full(SHAPE, 1500, kind)
-    clean[:8] = 0
-    clean[8:12] = np.iinfo('u2').max if kind == 'u2' else -1
+    clean[:8], clean[8:12] = 0, nothing
     with pytest.raises(InputError, match='^clean_depth: must be metres.*millimetres'):
         Camera().capture(clean, K, 0)
 
@@ -245,8 +236,7 @@ def test_masked_pixels_have_no_depth():
     for kind in ('f4', 'u1'):
         clean = np.full(SHAPE, 2, kind)
         frame = Camera(seed=1).capture(np.ma.masked_array(clean, hidden), K, 0)
-        wanted = Camera(seed=1).capture(np.where(hidden, np.nan, clean), K, 0)
-        np.testing.assert_array_equal(frame.depth, wanted.depth)
+        assert same(frame, Camera(seed=1).capture(np.where(hidden, np.nan, clean), K, 0))
 
 
 def test_a_channel_axis_is_refused():
@@ -273,8 +263,6 @@ def matrix_with(row, column, value):
 
 
 GOOD = {'clean_depth': np.ones(SHAPE), 'K': K, 'stamp': 0, 'reflectivity': np.ones(SHAPE)}
-
-
 BAD = {
     'clean_depth': [3.0, np.ones((0, 5)), np.ones(SHAPE, complex), None, np.ones(SHAPE, bool)],
     'reflectivity': [0.5, np.ones((3, 3)), np.ones(SHAPE, complex)],
@@ -291,11 +279,9 @@ BAD['K'] += [matrix_with(*change) for change in (*CHANGES, (0, 0, 1e-60), (1, 2,
     ('field', 'value'), [(field, value) for field, values in BAD.items() for value in values]
 )
 def test_what_cannot_be_used_is_named(field, value):
-    given = {**GOOD, field: value}
-    if field == 'leading':
-        given = {**GOOD, 'clean_depth': value, 'stamp': [1, 2, 3]}
+    given = {'clean_depth': value, 'stamp': [1, 2, 3]} if field == 'leading' else {field: value}
     with pytest.raises(InputError, match=f'^{field}'):
-        Camera().capture(given['clean_depth'], given['K'], given['stamp'], given['reflectivity'])
+        Camera().capture(**{**GOOD, **given})
 
 
 @pytest.mark.parametrize(

@@ -1,26 +1,25 @@
-"""Messages as other simulators send them, through a node started with the documented remaps."""
+"""Messages as other simulators send them, through a node with the documented remaps."""
 
 from dataclasses import dataclass
 import math
 from pathlib import Path
 import re
 import shlex
-import sys
 import time
 
-from flexx2_sim_ros.camera import flexx2
-from made_bags import image, info, write
+from flexx2_sim_ros.camera import flexx2, Intrinsics
+from flexx2_sim_ros.nodes.camera_node import Flexx2Camera
 import numpy as np
-from programs import started
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rosbags.rosbag2 import Reader
+from ros_images import array_of, image_message, info_message, nanoseconds
 from simulators import assert_noise_is_sigma
-from streams import array_of, CameraInfo, Image, listening, nanoseconds
+from streams import CameraInfo, Image, listening
 
 pytestmark = pytest.mark.usefixtures('ros')
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'nodes.md'
-LENS, USECASE, RATE, COUNT = flexx2().intrinsics, 'Mode_5_30fps', 30, 8
+LENS, USECASE, COUNT = flexx2().intrinsics, 'Mode_5_30fps', 8
+PERIOD = 33_333_334  # nanoseconds
 AGAIN_SECONDS = 0.3  # a new best-effort publisher loses its first messages
 
 
@@ -88,27 +87,19 @@ def scene(fx=LENS.fx, cx=LENS.cx):
     return depth
 
 
-def bag(path, simulator):
-    """Write what the simulator publishes from its start on."""
-    pixels, matrix = scene(), LENS.matrix
+def messages_of(simulator, index):
+    """Return one image of a simulator and its camera info."""
+    pixels, lens = scene(), LENS
     if simulator.focal:
+        height, width = pixels.shape
         pixels = scene(simulator.focal)
-        matrix = np.diag([simulator.focal, simulator.focal, 1.0])
-        matrix[:2, 2] = LENS.width / 2, LENS.height / 2
-    if simulator.encoding == '16UC1':
-        pixels = np.rint(1000 * pixels)
+        lens = Intrinsics(width, height, simulator.focal, simulator.focal, width / 2, height / 2)
     pixels = np.where(np.isnan(pixels), simulator.nothing, pixels)
-    pixels = pixels.astype('<u2' if simulator.encoding == '16UC1' else '<f4')
-    entries = []
-    for index in range(COUNT):
-        stamp = index * 1_000_000_000 // RATE
-        given = stamp if simulator.stamped else 0
-        topic, kind, _, message = info(simulator.info, given, pixels.shape, matrix, np.zeros(5))
-        entries.append((topic, kind, stamp, message))
-        entries.append(image(simulator.depth, stamp, pixels, simulator.encoding))
-        for _, _, _, message in entries[-2:]:
-            message.header.frame_id = simulator.frame
-    return write(path, entries)
+    stamp, encoding = index * PERIOD, simulator.encoding
+    return (
+        info_message(lens, stamp if simulator.stamped else 0, simulator.frame),
+        image_message(pixels, stamp, encoding=encoding, frame_id=simulator.frame),
+    )
 
 
 def documented(simulator):
@@ -120,28 +111,27 @@ def documented(simulator):
     return shlex.split(found.replace('\\\n', ' '))
 
 
-def publish_all(listener, path, simulator, heard):
-    """Publish the bag byte by byte; each image again until the node has answered it."""
-    reliability = (
-        ReliabilityPolicy.BEST_EFFORT if simulator.best_effort else ReliabilityPolicy.RELIABLE
+def publish_all(listener, simulator, heard):
+    """Publish all messages; each image again until the node has answered it."""
+    reliable = not simulator.best_effort
+    qos = QoSProfile(
+        depth=simulator.keeps,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
     )
-    qos = QoSProfile(depth=simulator.keeps, reliability=reliability)
-    publishers = {
-        topic: listener.node.create_publisher(kind, topic, qos)
+    publishers = [
+        listener.node.create_publisher(kind, topic, qos)
         for topic, kind in ((simulator.info, CameraInfo), (simulator.depth, Image))
-    }
-    for topic, publisher in publishers.items():
-        listener.spin_until(publisher.get_subscription_count, f'the node at {topic}')
-    with Reader(path) as reader:
-        messages = [(connection.topic, bytes(data)) for connection, _, data in reader.messages()]
+    ]
+    for publisher in publishers:
+        listener.spin_until(publisher.get_subscription_count, publisher.topic_name)
     for index in range(COUNT):
-        due = 0.0
+        messages, due = messages_of(simulator, index), 0.0
 
-        def answered(index=index):
+        def answered(messages=messages, index=index):
             nonlocal due
             if time.monotonic() >= due:
-                for topic, data in messages[2 * index : 2 * index + 2]:
-                    publishers[topic].publish(data)
+                for publisher, message in zip(publishers, messages, strict=True):
+                    publisher.publish(message)
                 due = time.monotonic() + AGAIN_SECONDS
             return len({nanoseconds(message) for message in heard}) > index
 
@@ -149,17 +139,17 @@ def publish_all(listener, path, simulator, heard):
 
 
 @pytest.mark.parametrize('name', SIMULATORS)
-def test_a_simulators_messages_become_frames(name, child_env, tmp_path):
-    simulator = SIMULATORS[name]
-    path = bag(tmp_path / 'bag', simulator)
-    space = f'/as_{name}'
+def test_a_simulators_messages_become_frames(name):
+    simulator, space = SIMULATORS[name], f'/as_{name}'
     words = [*documented(simulator), '-r', f'__ns:={space}', '-p', f'usecase:={USECASE}']
-    command = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera', *words]
-    with listening() as listener, started(command, env=child_env, stdout=None, stderr=None):
+    with listening() as listener:
+        node = Flexx2Camera(cli_args=words)
+        listener.add(node)
         heard = listener.listen(f'{space}/flexx2_camera/depth_image_0', Image)
-        publish_all(listener, path, simulator, heard)
+        publish_all(listener, simulator, heard)
+    node.destroy_node()
     frames = {nanoseconds(message): message for message in heard}
-    assert sorted(frames) == [index * 1_000_000_000 // RATE for index in range(COUNT)]
+    assert sorted(frames) == [index * PERIOD for index in range(COUNT)]
     assert {message.header.frame_id for message in heard} == {simulator.frame}
     noisy = np.stack([array_of(frames[stamp]) for stamp in sorted(frames)])
     # Where camera infos count from the corner, each ray shows what is half a pixel beside it.
