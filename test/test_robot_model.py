@@ -25,18 +25,6 @@ TINY_ROBOT = """
 """
 
 
-@pytest.fixture(scope='module')
-def model():
-    return build_model(intrinsics=K)
-
-
-@pytest.fixture
-def standing(model):
-    data = mujoco.MjData(model)
-    assert stand(model, data) == 'home'
-    return data
-
-
 def written(path, text):
     path.write_text(text)
     return str(path)
@@ -92,28 +80,8 @@ def test_the_robot_has_the_published_figures(name):
     np.testing.assert_allclose(home[7:], [0, 0.9, -1.8] * 4)
 
 
-def test_the_robot_stands_on_its_four_feet(model, standing):
-    for leg in LEGS:
-        foot = standing.geom(f'{leg}_foot')
-        assert foot.xpos[2] - model.geom(f'{leg}_foot').size[0] == pytest.approx(0, abs=1e-6)
-    robot = model.body_rootid[model.geom_bodyid] == model.body('trunk').id
-    assert standing.geom_xpos[robot, 2].min() >= 0.0
-
-
 @pytest.mark.parametrize('name', robot_names())
-def test_the_robot_keeps_standing_when_the_simulation_runs(name):
-    robot = load_robot(name)
-    model = build_model(intrinsics=K, robot=robot)
-    data = mujoco.MjData(model)
-    stand(model, data, robot)
-    mujoco.mj_step(model, data, 500)
-    trunk = data.body(robot.trunk)
-    assert trunk.xpos[2] > 0.22
-    assert trunk.xmat[8] > math.cos(math.radians(5))
-
-
-@pytest.mark.parametrize('name', robot_names())
-def test_a_standing_robot_does_not_see_itself(name):
+def test_a_robot_does_not_see_itself_and_keeps_standing_when_the_simulation_runs(name):
     robot = load_robot(name)
     model = build_model(intrinsics=K, robot=robot)
     data = mujoco.MjData(model)
@@ -124,17 +92,23 @@ def test_a_standing_robot_does_not_see_itself(name):
             depth, geom_id = renderer.render(data, mount.name)
             assert not np.isin(geom_id, own).any()
             assert np.isfinite(depth).all()
+    mujoco.mj_step(model, data, 500)
+    trunk = data.body(robot.trunk)
+    assert trunk.xpos[2] > 0.22
+    assert trunk.xmat[8] > math.cos(math.radians(5))
 
 
-def test_the_cameras_sit_where_the_configuration_says(model, standing):
+def test_the_cameras_sit_where_the_configuration_says():
+    model = build_model(intrinsics=K)
+    standing = mujoco.MjData(model)
+    assert stand(model, standing) == 'home'
     left, right = load_mounts()
     assert (left.name, right.name) == ('front_left', 'front_right')
     assert left.position[1] > 0 > right.position[1]
     for mount in (left, right):
         pose = standing.camera(mount.name)
-        np.testing.assert_allclose(
-            pose.xpos, standing.body('trunk').xpos + mount.position, atol=1e-9
-        )
+        place = standing.body('trunk').xpos + mount.position
+        np.testing.assert_allclose(pose.xpos, place, atol=1e-9)
         axes = pose.xmat.reshape(3, 3) * [1, -1, -1]  # MuJoCo: y up, z backwards
         np.testing.assert_allclose(axes, mount.rotation, atol=1e-9)
         assert mount.rotation[0, 2] > 0.7  # looks ahead
@@ -247,6 +221,7 @@ def test_a_bad_argument_is_named(field, change):
 
 
 GOOD_MOUNT = '{name: a, position: [0, 0, 0], rpy_deg: [0, 0, 0]}'
+LOST_MOUNT = '{name: a, position: [0, 0, .nan], rpy_deg: [0, 0, 0]}'
 
 
 @pytest.mark.parametrize(
@@ -260,12 +235,8 @@ GOOD_MOUNT = '{name: a, position: [0, 0, 0], rpy_deg: [0, 0, 0]}'
         ('{schema: 1, cameras: [{name: a, position: [0, 0, 0]}]}', 'rpy_deg'),
         ('{schema: 1, cameras: [{name: a, position: [0, 0], rpy_deg: [0, 0, 0]}]}', 'cameras.0.'),
         (
-            '{schema: 1, cameras: [{name: a, position: [0, 0, .nan], rpy_deg: [0, 0, 0]}]}',
+            f'{{schema: 1, cameras: [{LOST_MOUNT}]}}',
             'position',
-        ),
-        (
-            '{schema: 1, cameras: [{name: a, position: [0, 0, 0], rpy_deg: [0, 0, x]}]}',
-            'cameras.0.',
         ),
         ('{schema: 1, cameras: [{name: 7, position: [0, 0, 0], rpy_deg: [0, 0, 0]}]}', 'name'),
         (f'{{schema: 1, cameras: [{GOOD_MOUNT}, {GOOD_MOUNT}]}}', 'must be unique'),

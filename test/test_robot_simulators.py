@@ -188,24 +188,33 @@ def test_robots_whose_clocks_have_other_names_have_a_time_each():
         assert right.change(real_time_factor=2.0).successful
 
 
+def teller(seen):
+    """Return a function that tells the time, in tenths of a second."""
+    time = seen.node.create_publisher(Clock, '/clock', 10)
+    seen.spin_until(lambda: time.get_subscription_count() >= 2, '/clock')
+
+    def tell(tenths):
+        message = Clock()
+        message.clock.sec, message.clock.nanosec = divmod(tenths * 10**8, 10**9)
+        time.publish(message)
+        # More than the tick is to be handled: six poses, and what both nodes hear of it.
+        for _ in range(20):
+            seen.spin_for_a_message()
+
+    return tell
+
+
 def test_a_robot_that_uses_sim_time_follows_any_clock():
     with robot_node(use_sim_time=True) as seen:
-        time = seen.node.create_publisher(Clock, '/clock', 10)
-        poses = seen.hear('odom', Odometry)
-        seen.spin_until(lambda: time.get_subscription_count() >= 2, '/clock')
+        poses, tell = seen.hear('odom', Odometry), teller(seen)
 
-        def tell(tenths):
-            message = Clock()
-            message.clock.sec, message.clock.nanosec = divmod(tenths * 10**8, 10**9)
-            time.publish(message)
-            # More than the tick is to be handled: six poses, and what both nodes hear of it.
-            for _ in range(20):
-                seen.spin_for_a_message()
+        def a_pose_comes():
+            tell(next(ticks))
             return poses
 
         # The first ticks may come before somebody listens to the poses.
         ticks = itertools.count(500)
-        seen.spin_until(lambda: tell(next(ticks)), 'the first pose')
+        seen.spin_until(a_pose_comes, 'the first pose')
         for tenths in itertools.islice(ticks, 4):
             tell(tenths)
             seen.spin_until(lambda now=tenths * 10**8: nanoseconds(poses[-1]) == now, 'poses')
@@ -217,17 +226,11 @@ def test_a_robot_that_uses_sim_time_follows_any_clock():
 
 def test_a_clock_that_goes_back_ends_a_command():
     with robot_node(motion='cmd_vel', use_sim_time=True) as seen:
-        time = seen.node.create_publisher(Clock, '/clock', 10)
         drive = seen.to('cmd_vel', Twist)
-        poses = seen.hear('odom', Odometry)
-        seen.spin_until(lambda: time.get_subscription_count() >= 2, '/clock')
+        poses, tell = seen.hear('odom', Odometry), teller(seen)
 
         def speed_at(tenths):
-            message = Clock()
-            message.clock.sec, message.clock.nanosec = divmod(tenths * 10**8, 10**9)
-            time.publish(message)
-            for _ in range(20):
-                seen.spin_for_a_message()
+            tell(tenths)
             return poses[-1].twist.twist.linear.x if poses else 0.0
 
         def walks():

@@ -3,21 +3,18 @@
 import math
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import flexx2
 from flexx2_sim_ros.rendering.rays import SceneGround
 from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.rendering.scenes import load_materials, place_board, reflectivity_table, SCENES
 from flexx2_sim_ros.rendering.visibility import unseen_geoms
-from flexx2_sim_ros.robots.gait import pose, start, step
-from flexx2_sim_ros.robots.kinematics import rotation
 from flexx2_sim_ros.robots.model import build_model, stand
 from flexx2_sim_ros.robots.parts import find_parts
 from flexx2_sim_ros.robots.robot import CameraMount, load_mounts
-from flexx2_sim_ros.robots.trot import Gait
 import mujoco
 import numpy as np
 import pytest
+from walkers import LEGS, Walker
 
 K = flexx2().intrinsics
 CAMERAS = ('front_left', 'front_right')
@@ -31,26 +28,19 @@ def standing(scene, **options):
     return model, data
 
 
-def walked(model, data, command, seconds):
-    """Let the robot walk for some time."""
-    robot = find_parts(model)
-    ground = SceneGround(model, data, robot.geoms)
-    trunk = data.xpos[robot.trunk]
-    state = start(trunk[:2], 0.0, trunk[2], ground, robot.legs)
+def walking(scene, command, seconds):
+    """Return a robot that has walked for some time."""
+    walker = Walker(scene)
     for _ in range(round(seconds * 30)):
-        state = step(state, np.array(command, float), 1 / 30, ground, Gait(), robot.legs)
-    at = pose(state, Gait(), robot.legs)
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, rotation(at.rpy).ravel())
-    robot.place(data, at.position, quaternion)
-    data.qpos[robot.leg_addresses] = at.angles
-    mujoco.mj_forward(model, data)
+        walker.walk(command)
+    mujoco.mj_forward(walker.model, walker.data)
+    return walker
 
 
 @pytest.mark.parametrize('scene', SCENES)
 def test_the_robot_stands_in_every_scene_and_sees_something(scene):
     model, data = standing(scene)
-    feet = [data.geom(f'{leg}_foot').xpos[2] for leg in ('FR', 'FL', 'RR', 'RL')]
+    feet = [data.geom(f'{leg}_foot').xpos[2] for leg in LEGS]
     np.testing.assert_allclose(feet, 0.02, atol=1e-6)
     used = {model.mat(i).name.rsplit('/')[-1] for i in set(model.geom_matid) if i >= 0}
     assert used <= set(load_materials())  # no surface's reflectivity is left to a guess
@@ -66,21 +56,19 @@ def test_the_robot_stands_in_every_scene_and_sees_something(scene):
 
 @pytest.mark.parametrize('scene', SCENES)
 def test_the_backends_agree(scene):
-    model, data = standing(scene)
-    opengl = open_renderer(model, K)
+    walker = walking(scene, (0.4, 0.1, 0.2), 1.3)
+    opengl = open_renderer(walker.model, K)
     if opengl.backend == 'ray':
         pytest.skip(f'no OpenGL: {"; ".join(opengl.reasons)}')
-    ray = open_renderer(model, K, 'ray')
-    for seconds in (0.0, 1.3):
-        if seconds:
-            walked(model, data, (0.4, 0.1, 0.2), seconds)
-        for camera in CAMERAS:
-            (seen, seen_id), (exact, exact_id) = (by.render(data, camera) for by in (opengl, ray))
-            assert np.mean(np.isnan(seen) == np.isnan(exact)) > 0.999
-            assert np.mean(seen_id == exact_id) > 0.995
-            difference = np.abs(seen - exact)
-            assert np.nanmedian(difference) < 1e-4
-            assert np.nanmean(difference < 3e-3) > 0.99
+    ray = open_renderer(walker.model, K, 'ray')
+    for camera in CAMERAS:
+        seen, seen_id = opengl.render(walker.data, camera)
+        exact, exact_id = ray.render(walker.data, camera)
+        assert np.mean(np.isnan(seen) == np.isnan(exact)) > 0.999
+        assert np.mean(seen_id == exact_id) > 0.995
+        difference = np.abs(seen - exact)
+        assert np.nanmedian(difference) < 1e-4
+        assert np.nanmean(difference < 3e-3) > 0.99
     opengl.close()
 
 
@@ -104,11 +92,10 @@ def test_the_robot_stands_and_walks_on_shapes_that_cannot_be_seen(colour, tmp_pa
     )
     model, data = standing(str(path))
     assert data.geom('FR_foot').xpos[2] == pytest.approx(0.12, abs=1e-6)
-    walked(model, data, (0.5, 0.0, 0.0), 1.0)
-    assert data.body('trunk').xpos[0] > 0.3
-    ground = SceneGround(model, data, find_parts(model).geoms)
-    assert ground.heights(np.zeros(2), 1.0) == pytest.approx(0.1)
-    assert ground.free(np.array([1.0, 0, 0.5]), np.array([1.0, 0, 0])) == pytest.approx(1.9)
+    walker = walking(str(path), (0.5, 0.0, 0.0), 1.0)
+    assert walker.pose.position[0] > 0.3
+    assert walker.ground.heights(np.zeros(2), 1.0) == pytest.approx(0.1)
+    assert walker.ground.free(np.array([1.0, 0, 0.5]), np.array([1.0, 0, 0])) == pytest.approx(1.9)
     # The model that is drawn keeps its colours.
     assert model.geom('scene/floor').rgba[3] == ('rgba' not in colour)
     assert model.mat('scene/clear').rgba[3] == 0
@@ -127,8 +114,8 @@ def test_the_board_has_exactly_the_distance_and_angle_asked_for(camera, backend)
     renderer = open_renderer(model, K, backend)
     board = model.geom('scene/board').id
     u = np.arange(K.width)[None].repeat(K.height, axis=0)
-    for distance in (0.3, 1.0, 2.5, 7.0):
-        for angle in (0.0, 15.0, 30.0, 60.0, -45.0):
+    for distance in (0.3, 1.0, 7.0):
+        for angle in (0.0, 30.0, 60.0, -45.0):
             place_board(model, data, camera, distance, angle)
             depth, geom_id = renderer.render(data, camera)
             slope = math.tan(math.radians(angle))
@@ -188,11 +175,8 @@ def test_a_camera_elsewhere_sees_other_parts():
     assert {'FR_calf', 'FL_calf'} <= bodies
 
 
-FLEXX2 = Intrinsics.from_field_of_view(224, 172, 56.0, 44.0)
-
-
 def test_reflectivity_follows_the_material_and_then_the_colour():
-    model = build_model(intrinsics=FLEXX2)
+    model = build_model(intrinsics=K)
     table = reflectivity_table(model)
     assert (table.shape, table.dtype) == ((model.ngeom + 1,), np.float32)
     materials = load_materials()
@@ -204,8 +188,6 @@ def test_reflectivity_follows_the_material_and_then_the_colour():
     ):
         assert table[model.geom(geom).id] == pytest.approx(materials[material])
     assert table[-1] == 0.0
-    used = {model.mat(i).name.rsplit('/')[-1] for i in range(model.nmat)}
-    assert used <= set(materials)  # no built-in surface is left to a guess
 
 
 def test_reflectivity_without_a_listed_material_is_the_luminance():
