@@ -24,7 +24,7 @@ def written(name, usecase='Mode_9_30fps'):
     return TARGETS[name].write(measure_noise(flexx2(), usecase), CELL).text
 
 
-@pytest.mark.parametrize('usecase', flexx2().names)
+@pytest.mark.parametrize('usecase', ['Mode_5_30fps', 'Mode_5_60fps', 'Mode_9_30fps'])
 def test_elevation_mapping_has_the_sigma_of_the_camera(usecase):
     noise = measure_noise(flexx2(), usecase)
     table = yaml.safe_load(written('elevation_mapping', usecase))['sensor_processor']

@@ -63,10 +63,10 @@ def test_the_cameras_intrinsics():
     assert math.degrees(2 * math.atan(86 / intrinsics.fy)) == pytest.approx(44)
 
 
-@pytest.mark.parametrize('name', MODES)
+@pytest.mark.parametrize('name', PAPER)
 def test_sigma_z_is_the_papers_formula(name):
     mode = flexx2().mode(name)
-    a, b, c, d, n, _ = PAPER[MODES[name][2]]
+    a, b, c, d, n, _ = PAPER[name]
     for z in np.linspace(0.1, mode.range_max, 7):
         for theta in np.radians([0, 15, 30, 45, 60, 80]):
             slant = theta**2 / (math.pi / 2 - theta) ** 2
@@ -74,7 +74,7 @@ def test_sigma_z_is_the_papers_formula(name):
             assert float(mode.noise.sigma_z(z, theta)) == pytest.approx(wanted, rel=1e-12)
 
 
-@pytest.mark.parametrize('name', MODES)
+@pytest.mark.parametrize('name', PAPER)
 def test_sigma_z_is_positive_capped_and_grows_with_the_angle(name):
     mode = flexx2().mode(name)
     z = np.linspace(mode.range_min, mode.range_max, 400)[:, None]
@@ -95,10 +95,9 @@ def test_sigma_z_never_goes_below_zero_and_keeps_nan():
     assert np.isnan(falling.sigma_z(1.0, math.nan))
 
 
-@pytest.mark.parametrize('spelling', [str.lower, str.upper, str.swapcase, '  {}\n'.format])
+@pytest.mark.parametrize('spelling', ['mode_9_5fps', 'MODE_9_5FPS', ' Mode_9_5fps\n'])
 def test_names_are_found_whatever_their_case(spelling):
-    for name in MODES:
-        assert flexx2().mode(spelling(name)).name == name
+    assert flexx2().mode(spelling).name == 'Mode_9_5fps'
 
 
 @pytest.mark.parametrize('name', ['', 'Mode_9', 'Mode_9_30', 'MODE 9 30FPS', None, 5, b'x', 'é'])
@@ -150,9 +149,3 @@ def test_a_malformed_configuration_is_named(config, file, old, new, named):
     (config / file).write_text(text.replace(old, new))
     with pytest.raises(InputError, match=named):
         Camera().capture(IMAGE, K, 0)
-
-
-def test_a_missing_file_is_named(config):
-    (config / 'flexx2.yaml').unlink()
-    with pytest.raises(InputError, match=r'flexx2\.yaml'):
-        Camera()

@@ -50,14 +50,10 @@ def reference_philox(counter, key):
 def reference_normals(key, stamp_ns, stream, size):
     """Draw what `fill_normals` must, in float64."""
     blocks = np.arange(-(-size // 4), dtype=np.uint64)
-    words = [
-        np.full_like(blocks, value)
-        for value in (stream, stamp_ns & 0xFFFFFFFF, (stamp_ns >> 32) & 0xFFFFFFFF)
-    ]
-    u = [
-        c.astype(np.float32).astype(np.float64)
-        for c in reference_philox([blocks, *words], (key[0], key[1]))
-    ]
+    stamp = stamp_ns & 0xFFFFFFFF, (stamp_ns >> 32) & 0xFFFFFFFF
+    words = [np.full_like(blocks, value) for value in (stream, *stamp)]
+    drawn = reference_philox([blocks, *words], (key[0], key[1]))
+    u = [c.astype(np.float32).astype(np.float64) for c in drawn]
     out = np.empty((blocks.size, 4))
     for i in (0, 2):
         radius = np.sqrt(-2 * np.log(np.minimum((u[i] + 0.5) * 2.0**-32, 1)))
@@ -82,7 +78,7 @@ def test_known_answers(counter, key, answer):
 
 
 @pytest.mark.parametrize('stamp_ns', [0, -1, 1_700_000_000_123_456_789, 2**63 - 1, -(2**63)])
-@pytest.mark.parametrize('size', [0, 1, 2, 3, 4, 5, 7, 1001, 172 * 224])
+@pytest.mark.parametrize('size', [0, 1, 5, 1001])
 def test_random_numbers_agree_with_the_reference_in_every_pixel(size, stamp_ns):
     for stream in (STREAM_AXIAL, STREAM_COLUMN_EDGES):
         drawn = normals(size, stamp_ns=stamp_ns, stream=stream)

@@ -1,5 +1,6 @@
 """Cameras drawn from what a diagnosis knows: the file, the draws, and those who draw."""
 
+from contextlib import contextmanager
 import json
 from pathlib import Path
 import re
@@ -41,10 +42,29 @@ DRAWN = {
 }
 
 
+@contextmanager
+def changed(folder):
+    """Change the table of a diagnosis."""
+    path = folder / 'diagnosis.json'
+    table = json.loads(path.read_text())
+    yield table
+    path.write_text(json.dumps(table))
+
+
 def write(path, table):
     """Write a file of distributions."""
     path.write_text(yaml.safe_dump({'schema': 1, 'randomisation': table}))
     return path
+
+
+def bias_of(distribution):
+    """Return the table of an offset whose bias is drawn."""
+    return {'effects': {'offset': {'parameters': {'bias': distribution}}}}
+
+
+def correlated(*correlation):
+    """Return the usual table with another correlation."""
+    return {**DRAWN, 'correlations': [list(correlation)]}
 
 
 def test_draws_have_the_distributions_of_the_file(tmp_path):
@@ -74,26 +94,14 @@ def test_draws_have_the_distributions_of_the_file(tmp_path):
     [
         ({'effects': {'radar': {}}}, 'radar: must be an effect'),
         ({'effects': {'offset': {'probability': 2}}}, 'probability: must be a number from 0 to 1'),
-        ({'effects': {'offset': {'parameters': {'bias': {'low': 0}}}}}, 'must have low and high'),
-        (
-            {'effects': {'offset': {'parameters': {'bias': {'low': 0.1, 'high': 0.0}}}}},
-            'low: must be below high',
-        ),
-        (
-            {'effects': {'offset': {'parameters': {'bias': {'low': 0.0, 'high': 99.0}}}}},
-            'offset.bias: must be a number',
-        ),
-        (
-            {'effects': {'offset': {'parameters': {'bias': {**NORMAL, 'sd': 10**400}}}}},
-            'sd: must be a number',
-        ),
+        (bias_of({'low': 0}), 'must have low and high'),
+        (bias_of({'low': 0.1, 'high': 0.0}), 'low: must be below high'),
+        (bias_of({'low': 0.0, 'high': 99.0}), 'offset.bias: must be a number'),
+        (bias_of({**NORMAL, 'sd': 10**400}), 'sd: must be a number'),
         ({'effects': {'offset': {'parameters': {'gain': 1}}}}, 'gain: must be one of'),
-        ({**DRAWN, 'correlations': [['a', 'b', 0.1]]}, 'correlations: must be two parameters'),
-        ({**DRAWN, 'correlations': [[['a'], 'b', 0.1]]}, 'correlations: must be two parameters'),
-        (
-            {**DRAWN, 'correlations': [['offset.bias', 'excess_noise.factor', 1.5]]},
-            'must be a number from -1 to 1',
-        ),
+        (correlated('a', 'b', 0.1), 'correlations: must be two parameters'),
+        (correlated(['a'], 'b', 0.1), 'correlations: must be two parameters'),
+        (correlated('offset.bias', 'excess_noise.factor', 1.5), 'must be a number from -1 to 1'),
         ({**DRAWN, 'correlation': []}, 'must be a table of effects and correlations'),
     ],
 )
@@ -143,12 +151,8 @@ def test_distributions_are_those_of_the_diagnosis(tmp_path):
     assert found.named == ('offset', 'excess_noise')
     assert found.undecided == ('wiggling',)
     one = load_randomisation(tmp_path / 'r.yaml')
-    assert one.probabilities == {
-        'offset': 1.0,
-        'wiggling': 0.5,
-        'excess_noise': 1.0,
-        'temporal_filter': 1.0,
-    }
+    sure = dict.fromkeys(('offset', 'excess_noise', 'temporal_filter'), 1.0)
+    assert one.probabilities == {**sure, 'wiggling': 0.5}
     by_name = {item.name: item for item in one.distributions}
     assert set(by_name) == {'offset.bias', 'excess_noise.factor', 'wiggling.strength'}
     # The jackknife's standard error, with the tails of Student's t for 8 recordings, and 10 % that
@@ -168,19 +172,18 @@ def test_distributions_are_those_of_the_diagnosis(tmp_path):
 
 def test_curves_and_maps_that_are_taken_as_given_are_written(tmp_path):
     folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
-    path = folder / 'diagnosis.json'
     known = {
         'fixed_pattern': {'pattern': [[0.0, 0.01], [0.02, 0.0]]},
         'amplitude_bias': {'curve': {'knots': [1.0, 9.0], 'values': [0.0, 0.01]}},
     }
-    table = json.loads(path.read_text()) | {'settings': {'known': known}}
-    path.write_text(json.dumps(table))
+    with changed(folder) as table:
+        table['settings'] = {'known': known}
     randomise(folder, tmp_path / 'r.yaml')
     (drawn,) = load_randomisation(tmp_path / 'r.yaml').draw(1, 1)
     assert {*parse_effects(known)} <= {*drawn}
     # Neither the map of another file nor anything else is written over.
-    known['fixed_pattern']['pattern'] = [[0.1, 0.0], [0.0, 0.0]]
-    path.write_text(json.dumps(table))
+    with changed(folder) as table:
+        table['settings']['known']['fixed_pattern']['pattern'] = [[0.1, 0.0], [0.0, 0.0]]
     randomise(folder, tmp_path / 'other.yaml')
     assert load_randomisation(tmp_path / 'r.yaml').draw(1, 1)[0] == drawn
     np.savez(tmp_path / 'again_fixed_pattern.npz', depth=np.ones((2, 3, 4)))
@@ -190,10 +193,9 @@ def test_curves_and_maps_that_are_taken_as_given_are_written(tmp_path):
 
 def with_age(folder, age, undecided='wiggling'):
     """Add the age of images to a diagnosis, and what it could not decide."""
-    path = folder / 'diagnosis.json'
-    table = json.loads(path.read_text()) | {'age': age}
-    table['not_decidable'] = [{'name': undecided, 'absorbed': 0.9, 'settled_by': []}]
-    path.write_text(json.dumps(table))
+    with changed(folder) as table:
+        table['age'] = age
+        table['not_decidable'] = [{'name': undecided, 'absorbed': 0.9, 'settled_by': []}]
     return folder
 
 
@@ -215,18 +217,14 @@ def test_cameras_are_as_late_as_the_frames_were(tmp_path):
 def test_a_delay_that_is_taken_as_given_stays_beside_a_latency(decided, tmp_path):
     named = {'time_offset': {'latency': 0.05}}
     folder = diagnosed(tmp_path / 'diagnosis', 8, named if decided else FITTED)
-    path = folder / 'diagnosis.json'
-    table = json.loads(path.read_text())
-    table['settings']['known'] = {'time_offset': {'latency': 0.0, 'delay': 0.04}}
-    for k, row in enumerate(table['recordings']):
-        row['effects_without'] |= {'time_offset': {'latency': 0.05 + 0.001 * k}}
-    table['not_decidable'] = [] if decided else [{'name': 'time_offset', 'absorbed': 0.9}]
-    path.write_text(json.dumps(table))
+    with changed(folder) as table:
+        table['settings']['known'] = {'time_offset': {'latency': 0.0, 'delay': 0.04}}
+        for k, row in enumerate(table['recordings']):
+            row['effects_without'] |= {'time_offset': {'latency': 0.05 + 0.001 * k}}
+        table['not_decidable'] = [] if decided else [{'name': 'time_offset', 'absorbed': 0.9}]
     found = randomise(folder)
-    assert ('time_offset' in found.named, 'time_offset' in found.undecided) == (
-        decided,
-        not decided,
-    )
+    assert ('time_offset' in found.named) == decided
+    assert ('time_offset' in found.undecided) == (not decided)
     late = [time_offset_of(own) for own in found.randomisation.draw(200, 1)]
     assert {one.delay_ns for one in late} == {40_000_000}
     assert np.std([one.latency_ns for one in late]) > 1e6
@@ -299,13 +297,11 @@ def test_numbers_that_a_diagnosis_has_fitted_are_drawn(tmp_path):
     """Assert it of raw frames, whose stamp the form of the catalogue has at the other end."""
     before, name = {'stretch': 0.6, 'stamp_at': 1.0}, 'motion_artefact'
     folder = diagnosed(tmp_path / 'diagnosis', 8, {name: {'stretch': 1.1, 'stamp_at': 0.0}})
-    path = folder / 'diagnosis.json'
-    table = json.loads(path.read_text())
-    table['calibration'] = {'effects': [{'name': name, 'typical': before}]}
-    for k, row in enumerate(table['recordings']):
-        row['effects_without'][name] = {**before, 'stretch': 0.6 + 0.1 * (-1) ** k}
-        row['forms_without'] = {name: {'stretch': 1.1 + 0.02 * (-1) ** k, 'stamp_at': 0.0}}
-    path.write_text(json.dumps(table))
+    with changed(folder) as table:
+        table['calibration'] = {'effects': [{'name': name, 'typical': before}]}
+        for k, row in enumerate(table['recordings']):
+            row['effects_without'][name] = {**before, 'stretch': 0.6 + 0.1 * (-1) ** k}
+            row['forms_without'] = {name: {'stretch': 1.1 + 0.02 * (-1) ** k, 'stamp_at': 0.0}}
     found = randomise(folder, tmp_path / 'r.yaml')
     (one,) = (item for item in found.randomisation.distributions if item.effect == name)
     assert (one.parameter, one.mean) == ('stretch', 1.1)
@@ -317,11 +313,9 @@ def test_numbers_that_a_diagnosis_has_fitted_are_drawn(tmp_path):
 
 def test_the_folder_of_a_calibration_is_named_as_such(tmp_path):
     folder = diagnosed(tmp_path / 'diagnosis', 8, FITTED)
-    path = folder / 'diagnosis.json'
-    table = json.loads(path.read_text())
-    for row in table['recordings']:
-        del row['effects_without']
-    path.write_text(json.dumps(table))
+    with changed(folder) as table:
+        for row in table['recordings']:
+            del row['effects_without']
     with pytest.raises(InputError, match='use the folder of flexx2 gap diagnose'):
         randomise(folder)
 

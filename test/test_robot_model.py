@@ -234,10 +234,7 @@ LOST_MOUNT = '{name: a, position: [0, 0, .nan], rpy_deg: [0, 0, 0]}'
         ('{schema: 1, cameras: [front]}', 'cameras.0.'),
         ('{schema: 1, cameras: [{name: a, position: [0, 0, 0]}]}', 'rpy_deg'),
         ('{schema: 1, cameras: [{name: a, position: [0, 0], rpy_deg: [0, 0, 0]}]}', 'cameras.0.'),
-        (
-            f'{{schema: 1, cameras: [{LOST_MOUNT}]}}',
-            'position',
-        ),
+        (f'{{schema: 1, cameras: [{LOST_MOUNT}]}}', 'position'),
         ('{schema: 1, cameras: [{name: 7, position: [0, 0, 0], rpy_deg: [0, 0, 0]}]}', 'name'),
         (f'{{schema: 1, cameras: [{GOOD_MOUNT}, {GOOD_MOUNT}]}}', 'must be unique'),
     ],

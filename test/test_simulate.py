@@ -40,25 +40,19 @@ def test_simulate_writes_the_librarys_frames(tmp_path, capsys):
     out = simulate(save(tmp_path), tmp_path, *options)
     said = ' '.join(capsys.readouterr().err.split())
     assert '70 frames of 56 x 43, Flexx2, Mode_5_45fps, ' in said
-    assert {'depth', 'clean_depth', 'K', 'stamp', 'usecase'} <= set(out)
-    assert out['depth'].shape == (70, 43, 56)
-    assert out['depth'].dtype == np.float32
-    assert out['stamp'].shape == (70,)
-    assert out['stamp'].dtype == np.float64
+    assert (out['depth'].shape, out['depth'].dtype) == ((70, 43, 56), np.float32)
+    assert (out['stamp'].shape, out['stamp'].dtype) == ((70,), np.float64)
     start = out['stamp'][0]
     assert out['stamp'] - start == pytest.approx(np.arange(70) / 45, abs=2e-9)
-    assert out['usecase'].shape == ()
-    assert str(out['usecase']) == 'Mode_5_45fps'
+    assert out['usecase'] == 'Mode_5_45fps'
     assert int(out['seed']) == 7
     np.testing.assert_array_equal(out['clean_depth'], SCENE)
     np.testing.assert_array_equal(out['K'], K)
     camera = Camera('Mode_5_45fps', seed=7, name='left')
     for index in (0, 1, 29, 30, 69):
-        np.testing.assert_array_equal(
-            out['depth'][index], camera.capture(SCENE, K, out['stamp'][index]).depth
-        )
-        stamp = round(start * 1e9 + index * 1e9 / 45)
-        np.testing.assert_array_equal(out['depth'][index], camera.capture(SCENE, K, stamp).depth)
+        for stamp in (out['stamp'][index], round(start * 1e9 + index * 1e9 / 45)):
+            wanted = camera.capture(SCENE, K, stamp).depth
+            np.testing.assert_array_equal(out['depth'][index], wanted)
 
 
 def test_scenes_differ_in_noise_and_share_the_fixed_pattern(tmp_path):
@@ -76,17 +70,15 @@ def test_scenes_differ_in_noise_and_share_the_fixed_pattern(tmp_path):
             np.testing.assert_array_equal(again['depth'], out['depth'])
     noise = [shown[distance, ()]['depth'][0].ravel() for distance in (1.5, 2.0)]
     assert abs(np.corrcoef(noise)[0, 1]) < 0.15
-    grain = [
-        shown[distance, ('--effects', 'fixed_pattern')]['depth'].mean(axis=0).ravel()
-        for distance in (1.5, 2.0)
-    ]
+    with_grain = [shown[distance, ('--effects', 'fixed_pattern')] for distance in (1.5, 2.0)]
+    grain = [one['depth'].mean(axis=0).ravel() for one in with_grain]
     assert np.corrcoef(grain)[0, 1] > 0.7
+
+
+def test_the_first_stamp_is_given(tmp_path):
     source = save(tmp_path)
-    assert simulate(source, tmp_path, '--frames', '3', '--start', '0')['stamp'] == pytest.approx(
-        np.arange(3) / 30, abs=1e-9
-    )
-    first = simulate(source, tmp_path, '--frames', '3', '--start', '7.5')
-    assert first['stamp'][0] == 7.5
+    out = simulate(source, tmp_path, '--frames', '3', '--start', '7.5')
+    assert out['stamp'] == pytest.approx(7.5 + np.arange(3) / 30, abs=1e-9)
     for start in ('-1', 'nan'):
         assert main(['simulate', source, str(tmp_path / 'x.npz'), '--start', start]) == 2
 
@@ -117,34 +109,20 @@ def test_uptime_of_the_scene_or_as_given(tmp_path):
     assert main(['simulate', source, str(tmp_path / 'x.npz')]) == 2
 
 
-def test_defaults(tmp_path):
-    out = simulate(save(tmp_path), tmp_path)
-    assert len(out['depth']) == 300
-    assert str(out['usecase']) == 'Mode_9_30fps'
-
-
 def test_a_moving_scene_is_simulated_frame_by_frame(tmp_path):
     scenes = np.stack([SCENE + 0.1 * step for step in range(35)])
     stamps = np.cumsum(np.linspace(0.01, 0.05, 35)) + 1000.0
     paint = np.random.default_rng(3).uniform(0, 1, scenes.shape).astype(np.float32)
-    source = save(
-        tmp_path,
-        clean_depth=scenes,
-        stamp=stamps,
-        reflectivity=paint,
-        note=np.array('three steps'),
-    )
+    arrays = {'clean_depth': scenes, 'stamp': stamps, 'reflectivity': paint}
+    source = save(tmp_path, **arrays, note=np.array('three steps'))
     out = simulate(source, tmp_path, '--seed', '2')
-    np.testing.assert_array_equal(out['stamp'], stamps)
-    np.testing.assert_array_equal(out['clean_depth'], scenes)
-    np.testing.assert_array_equal(out['reflectivity'], paint)
-    assert str(out['note']) == 'three steps'
+    for key, given in arrays.items():
+        np.testing.assert_array_equal(out[key], given)
+    assert out['note'] == 'three steps'
     camera = Camera('Mode_9_30fps', seed=2)
     for index in (0, 29, 30, 34):
-        np.testing.assert_array_equal(
-            out['depth'][index], camera.capture(scenes[index], K, stamps[index]).depth
-        )
-
+        wanted = camera.capture(scenes[index], K, stamps[index]).depth
+        np.testing.assert_array_equal(out['depth'][index], wanted)
     fewer = simulate(source, tmp_path, '--frames', '4')
     for key in ('depth', 'clean_depth', 'reflectivity', 'stamp'):
         assert len(fewer[key]) == 4
@@ -154,9 +132,8 @@ def test_a_moving_scene_is_simulated_frame_by_frame(tmp_path):
 def test_stamps_of_a_clock_are_kept_to_the_nanosecond(keys, tmp_path):
     exact = 1_700_000_000_123_456_789 + np.arange(5) * 33_333_333
     stamps = {'stamp': exact / 1e9, 'stamp_ns': exact}
-    source = save(
-        tmp_path, clean_depth=np.stack([SCENE] * 5), **{key: stamps[key] for key in keys}
-    )
+    given = {key: stamps[key] for key in keys}
+    source = save(tmp_path, clean_depth=np.stack([SCENE] * 5), **given)
     out = simulate(source, tmp_path, '--frames', '3', '--seed', '2')
     np.testing.assert_array_equal(out['stamp_ns'], exact[:3])
     recording = load_recording(tmp_path / 'out.npz')
@@ -200,10 +177,8 @@ def test_arrays_with_one_image_a_frame_are_cut_with_the_frames(tmp_path):
 def test_more_frames_than_images_of_one_kind_are_refused(tmp_path, capsys):
     source = save(tmp_path, known=np.ones((5, *SCENE.shape), bool))
     assert main(['simulate', source, str(tmp_path / 'out.npz'), '--frames', '6']) == 2
-    assert (
-        'known: must have an image for each of the 6 frames, got 5; choose fewer frames with '
-        '--frames' in ' '.join(capsys.readouterr().err.split())
-    )
+    said = ' '.join(capsys.readouterr().err.split())
+    assert 'known: must have an image for each of the 6 frames, got 5' in said
     assert not (tmp_path / 'out.npz').exists()
     simulate(source, tmp_path, '--frames', '5')
     recording = load_recording(tmp_path / 'out.npz')
@@ -211,7 +186,9 @@ def test_more_frames_than_images_of_one_kind_are_refused(tmp_path, capsys):
 
 
 def test_the_input_may_be_a_recording(tmp_path):
-    first = simulate(save(tmp_path), tmp_path, '--frames', '5')
+    first = simulate(save(tmp_path), tmp_path)
+    assert first['usecase'] == 'Mode_9_30fps'
+    assert len(first['depth']) == 300
     recording = (tmp_path / 'out.npz').rename(tmp_path / 'recording.npz')
     again = simulate(str(recording), tmp_path, '--usecase', 'Mode_5_30fps')
     assert set(first) == set(again)
@@ -226,7 +203,6 @@ def test_the_input_may_be_a_recording(tmp_path):
     [
         ({}, ['--usecase', 'Mode_9_31fps'], ['usecase', 'Mode_9_31fps', 'Mode_9_30fps']),
         ({}, ['--frames', '0'], ['--frames', 'must be', "got '0'"]),
-        ({}, ['--frames', '-3'], ['--frames', 'must be', "got '-3'"]),
         ({}, ['--seed', str(10**30)], ['--seed', 'must be', str(10**19)]),
         ({'clean_depth': np.stack([SCENE] * 3)}, ['--frames', '4'], ['--frames', '4', '3']),
         ({'stamp': np.empty(0)}, ['--frames', '5'], ['stamp', 'must be a time', 'got none']),
@@ -246,12 +222,7 @@ def test_bad_input(tmp_path, capsys, arrays, options, parts):
 
 
 def test_wrong_arguments():
-    for arguments in (
-        ['simulate'],
-        ['simulate', 'in.npz', 'out.npz', '--frames', 'many'],
-        ['nonsense'],
-        [],
-    ):
+    for arguments in (['simulate'], ['nonsense'], []):
         assert main(arguments) == 2
 
 

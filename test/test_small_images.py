@@ -55,6 +55,14 @@ def fit(folder):
     return out / 'profile.yaml'
 
 
+def diagnosis(folder, profile, *options):
+    """Return the diagnosis of a folder, which is written beside it."""
+    out = folder.with_name('out')
+    words = ['gap', 'diagnose', folder, '--profile', profile, '--out', out, '--jobs', '1']
+    assert main([*map(str, words), *options]) == 0
+    return dict(json.loads((out / 'diagnosis.json').read_text()))
+
+
 BOARDS = [(0.6, 5.0), (0.9, 40.0), (1.3, 10.0), (1.8, 45.0), (2.2, 20.0)]
 WALLS = [(0.7, 10.0), (0.9, 30.0), (1.1, 0.0), (1.4, 40.0), (1.6, 20.0), (1.8, 5.0)]
 MORE_WALLS = [(distance + 0.05, angle) for distance, angle in WALLS]
@@ -64,12 +72,8 @@ def test_a_camera_of_64_pixels_is_measured_and_diagnosed(tmp_path):
     record(tmp_path / 'boards', BOARDS, FRAMES, 0.0)
     record(tmp_path / 'campaign', WALLS + MORE_WALLS, FRAMES, 0.03)
     profile = fit(tmp_path / 'boards')
-    out = tmp_path / 'out'
-    campaign = str(tmp_path / 'campaign')
-    options = ['--profile', str(profile), '--out', str(out), '--jobs', '1']
-    options += leaving('offset', 'intrinsics_error', 'quantisation', 'pose_error')
-    assert main(['gap', 'diagnose', campaign, *options]) == 0
-    table = json.loads((out / 'diagnosis.json').read_text())
+    kept = ('offset', 'intrinsics_error', 'quantisation', 'pose_error')
+    table = diagnosis(tmp_path / 'campaign', profile, *leaving(*kept))
     effects = {row['name']: row['parameters'] for row in table['effects']}
     assert effects['offset']['bias'] == pytest.approx(0.03, rel=0.1)
     # The SDK's whole millimetres may be found, too.
@@ -81,14 +85,10 @@ def test_single_frames_of_64_pixels(tmp_path, capsys):
     record(tmp_path / 'boards', BOARDS, 1, 0.0)
     record(tmp_path / 'campaign', WALLS, 1, 0.03)
     profile = fit(tmp_path / 'boards')
-    out = tmp_path / 'out'
-    campaign = str(tmp_path / 'campaign')
-    options = ['--profile', str(profile), '--out', str(out), '--jobs', '1']
-    options += leaving('offset', 'quantisation', 'pose_error')
     capsys.readouterr()
-    assert main(['gap', 'diagnose', campaign, *options]) == 0
+    options = leaving('offset', 'quantisation', 'pose_error')
+    assert not diagnosis(tmp_path / 'campaign', profile, *options)['effects']
     assert 'Too few depths of the recordings' in ' '.join(capsys.readouterr().err.split())
-    assert not json.loads((out / 'diagnosis.json').read_text())['effects']
 
 
 def test_masked_pixels_are_left_out_of_a_measurement(tmp_path):
@@ -142,15 +142,13 @@ def diagnosed(folder, latency):
         out = str(folder / 'flights' / f'{seed}.npz')
         given = ['--usecase', 'vl53l5cx', '--partial-truth']
         assert main(['convert', str(folder / 'sdk.npz'), out, *given]) == 0
-    words = [str(folder / 'flights'), '--profile', str(profile), '--jobs', '1']
-    words += leaving('time_offset', 'quantisation', 'temporal_filter', 'pose_error')
-    assert main(['gap', 'diagnose', *words, '--out', str(folder / 'out')]) == 0
-    return dict(json.loads((folder / 'out' / 'diagnosis.json').read_text()))
+    kept = ('time_offset', 'quantisation', 'temporal_filter', 'pose_error')
+    return diagnosis(folder / 'flights', profile, *leaving(*kept))
 
 
-@pytest.mark.parametrize('latency', [0.1])
-def test_the_latency_of_a_sensor_of_64_pixels_is_found(tmp_path, latency, capsys):
+def test_the_latency_of_a_sensor_of_64_pixels_is_found(tmp_path, capsys):
     """Assert it where only a few pixels have ground truth, the others are unknown."""
+    latency = 0.1
     table = diagnosed(tmp_path, latency)
     assert all(row['truth']['unknown'] > 0.5 for row in table['recordings'])
     assert [row['name'] for row in table['effects']] == ['time_offset']

@@ -25,9 +25,8 @@ SLOPES = [(0, 0), (0.6, 0), (0, -0.8), (1, 1), (-1.7, 0.5), (0.4, 4)]
 def plane(camera, normal, distance):
     """Return depth and incidence of the plane normal . X = distance; NaN where it is unseen."""
     v, u = np.mgrid[: camera.height, : camera.width].astype(float)
-    rays = np.stack(
-        [(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones_like(u)], axis=-1
-    )
+    x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+    rays = np.stack([x, y, np.ones_like(u)], axis=-1)
     facing = rays @ (normal / np.linalg.norm(normal))
     cosine = np.abs(facing) / np.linalg.norm(rays, axis=-1)
     depth = np.where(facing * distance > 0, distance / facing, np.nan)
@@ -56,6 +55,13 @@ def borders(labels):
     return rows, columns
 
 
+def assert_jumps(surface, labels):
+    """Assert that jumps are where neighbours have different labels, and nowhere else."""
+    rows, columns = borders(labels)
+    np.testing.assert_array_equal(surface.row_jumps, rows)
+    np.testing.assert_array_equal(surface.column_jumps, columns)
+
+
 def thin(labels):
     """Return which pixels lie in a row's or column's run of one or two pixels of one label."""
     padded = np.pad(labels.astype(np.int8), 2, constant_values=-1)
@@ -75,13 +81,9 @@ def thin(labels):
 def test_planes_up_to_80_degrees(camera, seed):
     rng = np.random.default_rng(seed)
     # The angle at a pixel drawn from the whole image, the direction at random.
-    ray = np.array(
-        [
-            (rng.uniform(0, camera.width) - camera.cx) / camera.fx,
-            (rng.uniform(0, camera.height) - camera.cy) / camera.fy,
-            1.0,
-        ]
-    )
+    x = (rng.uniform(0, camera.width) - camera.cx) / camera.fx
+    y = (rng.uniform(0, camera.height) - camera.cy) / camera.fy
+    ray = np.array([x, y, 1.0])
     ray /= np.linalg.norm(ray)
     angle, aside = math.radians(10 * seed + 10), np.cross(ray, rng.normal(size=3))
     normal = math.cos(angle) * ray + math.sin(angle) * aside / np.linalg.norm(aside)
@@ -89,10 +91,7 @@ def test_planes_up_to_80_degrees(camera, seed):
     seen = (truth < math.radians(80)) & (depth < 20)
     assert seen.sum() > 100
     surface = look(np.where(seen, depth, np.nan), camera)
-    for found, wanted in zip(
-        (surface.row_jumps, surface.column_jumps), borders(seen), strict=True
-    ):
-        np.testing.assert_array_equal(found, wanted)
+    assert_jumps(surface, seen)
     assert worst(surface, truth, seen & ~thin(seen)) < 1
 
 
@@ -103,9 +102,7 @@ def test_planes_in_whole_millimetres(slopes, distance):
     depth, truth = tilted(slopes, distance)
     seen = (truth < math.radians(80)) & (depth > 0.5) & (depth < 7)
     surface = look(np.where(seen, np.rint(depth * 1000) / 1000, np.nan))
-    rows, columns = borders(seen)
-    np.testing.assert_array_equal(surface.row_jumps, rows)
-    np.testing.assert_array_equal(surface.column_jumps, columns)
+    assert_jumps(surface, seen)
     inside = seen & ~thin(seen)
     for mode in flexx2().modes:
         ratio = mode.noise.sigma_z(depth[inside], surface.incidence[inside]) / mode.noise.sigma_z(
@@ -123,7 +120,6 @@ SHAPES = {
     'other': U - V < 33,
     'slanted': 3 * U + V < 400,
     'disc': np.hypot(U - 110.3, V - 80.2) < 50.4,
-    'board': (np.abs(U - 110) < 40) & (np.abs(V - 80) < 30),
 }
 
 
@@ -175,16 +171,9 @@ def test_thin_strips(width, depths):
         depth, where = (depth.T, where.T) if turned else (depth, where)
         height, columns = depth.shape
         surface = look(depth, Intrinsics(columns, height, 210.0, 210.0, columns / 2, height / 2))
-        for found, wanted in zip(
-            (surface.row_jumps, surface.column_jumps), borders(where), strict=True
-        ):
-            np.testing.assert_array_equal(found, wanted)
-        off_axis = np.arctan(
-            np.hypot(
-                *np.mgrid[:height, :columns] - np.array([height / 2, columns / 2])[:, None, None]
-            )
-            / 210
-        )
+        assert_jumps(surface, where)
+        v, u = np.mgrid[:height, :columns]
+        off_axis = np.arctan(np.hypot(v - height / 2, u - columns / 2) / 210)
         assert worst(surface, off_axis, np.isfinite(depth)) < 1
 
 
@@ -196,10 +185,7 @@ def test_creases_are_not_taken_for_jumps(one, two, fold):
     valid = np.isfinite(first) & np.isfinite(second) & (first < 7) & (second < 7)
     depth = np.where(valid, fold(first, second), np.nan)
     surface = look(depth)
-    for found, wanted in zip(
-        (surface.row_jumps, surface.column_jumps), borders(valid), strict=True
-    ):
-        np.testing.assert_array_equal(found, wanted)
+    assert_jumps(surface, valid)
     on_first = depth == first
     truth = np.where(on_first, first_truth, second_truth)
     assert worst(surface, truth, valid & ~thin(np.where(valid, on_first, 2))) < 12
@@ -264,6 +250,6 @@ def test_a_z_buffer_is_refused(buffer, near, far, said):
 @pytest.mark.parametrize('camera', CAMERAS)
 def test_a_range_becomes_depth(camera):
     v, u = np.mgrid[: camera.height, : camera.width]
-    point = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(u.shape)])
-    ranges = np.linalg.norm(1.5 * point, axis=0)
+    x, y = (u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy
+    ranges = 1.5 * np.sqrt(x**2 + y**2 + 1)
     np.testing.assert_allclose(ranges / ray_length(camera.matrix, u.shape), 1.5, rtol=1e-6)
