@@ -174,6 +174,10 @@ def test_a_reset_draws_another_delay_and_latency(device, tmp_path):
             assert close.mean() > 1 - 1e-3
     assert all(own != other for own, other in zip(*delays_drawn, strict=True))
     assert all(0.02 <= delay <= 0.06 for delay in delays_drawn[0] if delay)
+    cameras.set_effects(())
+    assert cameras.drawn is None
+    with pytest.raises(InputError, match='intrinsics_error: cannot be drawn again'):
+        cameras.randomise(drawn(tmp_path, 'intrinsics_error', {}))
 
 
 def test_unusable_steps_are_refused():

@@ -6,7 +6,7 @@ from flexx2_sim_ros.camera import Camera
 import numpy as np
 import pytest
 from simulators import assert_noise_is_sigma, assert_same_depth, exact_room
-from small_room import draw, FAR, USECASE
+from small_room import FAR, USECASE
 
 pytest.importorskip('torch')
 pytest.importorskip('genesis')
@@ -45,9 +45,3 @@ def test_the_noise_is_sigma_of_the_base_model(image):
     clean, lens = example.depth(image), example.SQUARE
     noisy = Camera(USECASE, seed=3).capture(clean, lens.matrix, stamp=0.0).depth
     assert_noise_is_sigma(clean[None], noisy[None], lens, USECASE)
-
-
-def test_the_picture_is_drawn(image, tmp_path):
-    clean = example.depth(image)
-    draw(tmp_path / 'depth.png', 'depth', image, clean, clean)
-    assert (tmp_path / 'depth.png').stat().st_size > 10_000

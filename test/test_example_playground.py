@@ -7,7 +7,7 @@ from flexx2_sim_ros.camera import ray_length
 import numpy as np
 import pytest
 from simulators import assert_noise_is_sigma, assert_same_depth
-from small_room import draw, USECASE
+from small_room import USECASE
 
 pytest.importorskip('mujoco_playground')
 jax = importlib.import_module('jax')
@@ -64,9 +64,3 @@ def test_the_noise_is_sigma_of_the_base_model(clean):
     seen = BatchCamera(COUNT, USECASE, K=LENS.matrix, seed=3)(clean)
     assert isinstance(seen, jax.Array)
     assert_noise_is_sigma(np.asarray(clean), np.asarray(seen), LENS, USECASE)
-
-
-def test_the_picture_is_drawn(clean, tmp_path):
-    first = np.where(clean[0] > 0, clean[0], np.nan)
-    draw(tmp_path / 'depth.png', 'depth', first, first, first)
-    assert (tmp_path / 'depth.png').stat().st_size > 10_000

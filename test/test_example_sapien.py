@@ -8,7 +8,7 @@ from flexx2_sim_ros.camera import Camera, depth_from_z_buffer
 import numpy as np
 import pytest
 from simulators import assert_noise_is_sigma, assert_same_depth, exact_room
-from small_room import draw, FAR, LENS, NEAR, USECASE
+from small_room import FAR, LENS, NEAR, USECASE
 
 pytest.importorskip('sapien')
 CHROMIUM = Path('/usr/lib/chromium/vk_swiftshader_icd.json')  # Vulkan on the CPU
@@ -56,9 +56,3 @@ def test_the_noise_is_sigma_of_the_base_model(position):
     clean = example.depth(position)
     noisy = Camera(USECASE, seed=3).capture(clean, LENS.matrix, stamp=0.0).depth
     assert_noise_is_sigma(clean[None], noisy[None], LENS, USECASE)
-
-
-def test_the_picture_is_drawn(position, tmp_path):
-    clean = example.depth(position)
-    draw(tmp_path / 'depth.png', 'z', position[..., 2], clean, clean)
-    assert (tmp_path / 'depth.png').stat().st_size > 10_000

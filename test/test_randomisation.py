@@ -8,7 +8,6 @@ import shlex
 
 from boards import K
 from campaigns import write_diagnosis
-from flexx2_sim_ros.batch import BatchCamera
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import (
@@ -318,35 +317,3 @@ def test_the_folder_of_a_calibration_is_named_as_such(tmp_path):
             del row['effects_without']
     with pytest.raises(InputError, match='use the folder of flexx2 gap diagnose'):
         randomise(folder)
-
-
-def test_each_environment_draws_a_camera_at_reset(tmp_path):
-    one = load_randomisation(write(tmp_path / 'r.yaml', DRAWN))
-    cameras = BatchCamera(6, 'Mode_9_30fps', seed=5, K=K, device='cpu')
-    cameras.randomise(one, seed=2, pool=50)
-    assert cameras.drawn is not None
-
-    def look():
-        stamps = cameras.stamps.numpy().copy()
-        seen = cameras(np.broadcast_to(CLEAN, (6, 48, 64)).copy()).copy()
-        chosen = cameras.drawn.drawn.numpy().copy()
-        for i, k in enumerate(chosen):
-            camera = Camera('Mode_9_30fps', effects=cameras.drawn.cameras[k], seed=5 + i, name='')
-            alone = camera.capture(CLEAN, K, stamps[i] * 1e-9).depth
-            np.testing.assert_allclose(seen[i], alone, atol=1e-5)
-        return chosen, seen
-
-    first, _ = look()
-    assert len(set(first)) > 1
-    mask = np.arange(6) < 3
-    cameras.reset(mask)
-    second, _ = look()
-    np.testing.assert_array_equal(second[3:], first[3:])
-    assert (second[:3] != first[:3]).any()
-    cameras.set_effects(())
-    assert cameras.drawn is None
-    wrong = load_randomisation(
-        write(tmp_path / 'lens.yaml', {'effects': {'intrinsics_error': {}}})
-    )
-    with pytest.raises(InputError, match='intrinsics_error: cannot be drawn again'):
-        cameras.randomise(wrong)

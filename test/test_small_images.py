@@ -7,7 +7,6 @@ import re
 from bench.wall_campaigns import wall
 from campaigns import leaving
 from flexx2_sim_ros.camera import Intrinsics
-from flexx2_sim_ros.characterize.measurement import measure
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import load_effects, load_randomisation
 from flexx2_sim_ros.effects.time_offset import TimeOffset
@@ -89,25 +88,6 @@ def test_single_frames_of_64_pixels(tmp_path, capsys):
     options = leaving('offset', 'quantisation', 'pose_error')
     assert not diagnosis(tmp_path / 'campaign', profile, *options)['effects']
     assert 'Too few depths of the recordings' in ' '.join(capsys.readouterr().err.split())
-
-
-def test_masked_pixels_are_left_out_of_a_measurement(tmp_path):
-    matrix, side = np.array([[60.0, 0, 29.5], [0, 60.0, 29.5], [0, 0, 1]]), 60
-    rng = np.random.default_rng(0)
-    depth = wall(1.0, 10, matrix, (side, side)) + 0.003 * rng.standard_normal((12, side, side))
-    known = np.ones((side, side), bool)
-    known[:, 40:] = False
-    depth[:, :, 40:] += 0.004 * (rng.random((side, 20)) > 0.5)
-    np.savez(tmp_path / 'in.npz', depth=depth.astype(np.float32), K=matrix, stamp=np.arange(12.0))
-    Image.fromarray(known).save(tmp_path / 'mask.png')
-    out = tmp_path / 'out.npz'
-    mask = ['--mask', str(tmp_path / 'mask.png')]
-    assert main(['convert', str(tmp_path / 'in.npz'), str(out), *mask]) == 0
-    np.testing.assert_array_equal(load_recording(out).extra['known'], known)
-    found = measure(out)
-    assert found.window[2] <= 40
-    assert found.pixels.count <= known.sum()
-    assert measure(tmp_path / 'in.npz').pixels.count > known.sum()
 
 
 def write_flight(path, latency, seed, frames=100):
