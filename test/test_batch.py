@@ -2,7 +2,6 @@
 
 import doctest
 import math
-from pathlib import Path
 import re
 import sys
 
@@ -23,6 +22,7 @@ from flexx2_sim_ros.batch.effect_tables import BATCHED
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.errors import InputError
 import numpy as np
+from programs import ROOT
 import pytest
 import warp as wp
 
@@ -45,11 +45,11 @@ def test_batch_and_camera_agree_in_every_pixel_and_mode(device, many, monkeypatc
     for step in range(3):
         seen = look(device, camera, clean)
         for i, mode in enumerate(flexx2().modes):
-            alone = (
-                Camera(mode.name, seed=7 + i, name='left')
-                .capture(clean[i], MATRIX, step * round(1e9 / mode.rate_hz))
-                .depth
+            one, stamp = (
+                Camera(mode.name, seed=7 + i, name='left'),
+                step * round(1e9 / mode.rate_hz),
             )
+            alone = one.capture(clean[i], MATRIX, stamp).depth
             other = ~np.isclose(seen[i], alone, rtol=0, atol=2e-5, equal_nan=True)
             assert other.mean() <= (1e-4 if device == 'cuda' else 0.0), mode.name
             assert np.isfinite(alone).mean() > 0.1
@@ -270,20 +270,19 @@ def test_kernels_compile_for_cuda(module, tmp_path):
 
 
 def test_the_examples_run():
-    page = (Path(__file__).resolve().parents[1] / 'docs' / 'batch.md').read_text(encoding='utf-8')
+    page = (ROOT / 'docs' / 'batch.md').read_text(encoding='utf-8')
     many, line, threads, late = re.findall(r'```python\n(.*?)```', page, re.DOTALL)
     done = {}
-    exec(compile(many, 'docs/batch.md', 'exec'), done)  # noqa: S102
+    exec(many, done)  # noqa: S102
     assert np.isfinite(done['seen']).all()
     assert done['cameras'].usecases[:2] == ('Mode_9_20fps', 'Mode_5_30fps')
-    exec(compile(line, 'docs/batch.md', 'exec'), done)  # noqa: S102
+    exec(line, done)  # noqa: S102
     assert done['seen'].shape == done['clean'].shape
     assert done['state']['progress'] == 0.3
-    exec(compile(threads, 'docs/batch.md', 'exec'), done)  # noqa: S102
-    np.testing.assert_array_equal(
-        done['frames'], BatchCamera(64, seed=1, device='cpu')(done['clean'])
-    )
-    exec(compile(late, 'docs/batch.md', 'exec'), done)  # noqa: S102
+    exec(threads, done)  # noqa: S102
+    wanted = BatchCamera(64, seed=1, device='cpu')(done['clean'])
+    np.testing.assert_array_equal(done['frames'], wanted)
+    exec(late, done)  # noqa: S102
     assert (done['age'] // 1_000_000).tolist() == [40, 40, 60]
     for one, count in ((BatchCamera, 3), (DepthNoise, 3)):
         tried = doctest.testmod(sys.modules[one.__module__])

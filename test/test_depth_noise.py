@@ -7,7 +7,7 @@ import json
 import pickle
 from types import SimpleNamespace
 
-from batches import scenes
+from batches import arrays_of, scenes
 from flexx2_sim_ros.batch import BatchCamera, depth_noise, noisy_depth
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import save_randomisation
@@ -107,14 +107,12 @@ def test_a_checkpoint_goes_on():
     noise.set_progress(0.7)
     state = json.loads(json.dumps(noise.state_dict()))
     wanted = [np.array(noise(CLEAN)) for _ in range(2)]
-    for load_first in (True, False):
+    for used_before in (False, True):
         other = depth_noise(**options)
-        if load_first:
-            other.load_state_dict(state)
-        else:
+        if used_before:
             other(CLEAN)
             other.reset()
-            other.load_state_dict(state)
+        other.load_state_dict(state)
         assert other.camera is None or other.state_dict() == state
         np.testing.assert_array_equal([other(CLEAN) for _ in range(2)], wanted)
         np.testing.assert_array_equal(copy.deepcopy(other)(CLEAN), other(CLEAN))
@@ -170,11 +168,7 @@ def test_images_are_processed_as_your_program_does(library):
     plain = depth_noise(invalid_value='nan', **options)
     made, wanted = parse_chain(stages), None
     clean = scenes(6)[:, 60:84, 80:112]
-    given = clean[:, None]
-    if library == 'torch':
-        given = pytest.importorskip('torch').from_numpy(given)
-    elif library == 'jax':
-        given = pytest.importorskip('jax').numpy.asarray(given)
+    given = arrays_of(library, clean[:, None], 'cpu')
     for step in range(1, 6):
         found = noise(given)
         assert type(found) is type(given)
@@ -315,9 +309,7 @@ def test_terms_share_their_noise_only_by_name():
 
 @pytest.mark.parametrize('library', ['numpy', 'torch'])
 def test_images_have_their_channel_where_the_simulator_has_it(library):
-    clean = scenes(3)[:, 60:84, 80:112]
-    if library == 'torch':
-        clean = pytest.importorskip('torch').from_numpy(clean)
+    clean = arrays_of(library, scenes(3)[:, 60:84, 80:112], 'cpu')
     shapes = [(3, 24, 32), (3, 24, 32, 1), (3, 1, 24, 32)]
     images = []
     for shape in shapes:

@@ -102,7 +102,8 @@ def bad_tables():
     yield {'wiggling': {'curve': {**good, 'period': 0.9}}}, r'wiggling\.curve\.period: must be'
     yield {'saturation': {'curve': {'knots': [1], 'values': [1.1]}}}, r'saturation\..* 0 to 1, go'
     yield {'along_ray': {'curve': good}}, r'along_ray\.curve: must be one of'
-    for value in (np.zeros(3), np.zeros((2, 2), int), np.full((2, 2), 0.3)):
+    maps = np.zeros(3), np.zeros((2, 2), int), np.full((2, 2), 0.3), np.full((2, 2), np.nan)
+    for value in maps:
         yield {'fixed_pattern': {'pattern': value}}, r'fixed_pattern\.pattern: must be'
 
 

@@ -36,14 +36,8 @@ def test_the_table_of_parameters(printed):
         assert rows[start][1] == kind.stage.name.lower()
         items = [item for item in kind.parameters() if item.name != 'strength']
         for offset, item in enumerate(items):
-            wanted = [
-                item.name,
-                f'{item.default:g}',
-                f'{item.low:g}',
-                'to',
-                f'{item.high:g}',
-                *item.unit.split(),
-            ]
+            numbers = f'{item.default:g} {item.low:g} to {item.high:g}'
+            wanted = f'{item.name} {numbers} {item.unit}'.split()
             assert rows[start + offset][-len(wanted) :] == wanted
 
 
@@ -78,10 +72,8 @@ def test_show_writes_a_picture(name, printed, tmp_path, monkeypatch):
 def simulate(folder, *options, **arrays):
     """Run flexx2 simulate on a small scene and read what it wrote."""
     np.savez(folder / 'in.npz', clean_depth=np.full((43, 56), 1.5), K=K, **arrays)
-    assert (
-        main(['simulate', f'{folder}/in.npz', f'{folder}/out.npz', '--frames', '70', *options])
-        == 0
-    )
+    files = [f'{folder}/in.npz', f'{folder}/out.npz']
+    assert main(['simulate', *files, '--frames', '70', *options]) == 0
     with np.load(folder / 'out.npz', allow_pickle=False) as archive:
         return {key: archive[key] for key in archive.files}
 

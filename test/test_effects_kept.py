@@ -11,20 +11,12 @@ from signatures import QUIET
 from small_scenes import capture, same, scenes, SHADES, SMALL
 
 PERIOD = 33_333_333
-
-
 KEEPS = {name: {'strength': 2.0} for name, kind in registry().items() if kind.keeps}
 
 
 def test_a_reset_forgets_the_chosen_environments_only():
-    assert set(KEEPS) >= {
-        'fixed_pattern',
-        'temporal_filter',
-        'warm_up_drift',
-        'motion_artefact',
-        'time_offset',
-        'multipath',
-    }
+    keepers = {'fixed_pattern', 'temporal_filter', 'warm_up_drift', 'motion_artefact'}
+    assert set(KEEPS) >= keepers | {'time_offset', 'multipath'}
     clean = np.stack([scenes(4), scenes(4) + 0.3])
     stamps = np.array([0, 1, 2, 3]) * 20 * PERIOD
 
@@ -64,10 +56,6 @@ def test_effects_restart_after_an_earlier_stamp_or_another_batch_size():
     for count in (1, 2):
         many = camera.capture(np.stack([scenes(3)] * count), SMALL, stamps, SHADES)
         np.testing.assert_array_equal(many.depth[-1], first.depth)
-    # The same stamp again is the same moment.
-    last = camera.capture(scenes(3)[2], SMALL, stamps[2], SHADES)
-    camera.capture(scenes(3)[2], SMALL, stamps[2], SHADES)
-    assert np.isfinite(last.depth).any()
 
 
 def test_effects_can_be_changed_between_two_frames():

@@ -63,18 +63,10 @@ def compiled(path, *names, **space):
     return space
 
 
-SPACE = compiled(
-    'managers/manager_base.py',
-    'ManagerTermBase',
-    '_populate_term_defaults',
-    ABC=abc.ABC,
-    Any=Any,
-    Callable=Callable,
-    ManagerTermBaseCfg=TermCfg,
-    Sequence=Sequence,
-    copy=copy,
-    inspect=inspect,
-)
+IMPORTED = {'ABC': abc.ABC, 'Any': Any, 'Callable': Callable, 'Sequence': Sequence}
+IMPORTED |= {'ManagerTermBaseCfg': TermCfg, 'copy': copy, 'inspect': inspect}
+NAMES = 'ManagerTermBase', '_populate_term_defaults'
+SPACE = compiled('managers/manager_base.py', *NAMES, **IMPORTED)
 TERM = noisy_depth(SPACE['ManagerTermBase'])
 
 
@@ -83,15 +75,13 @@ def image_of(env):
     return env.image
 
 
-def params(**more):
-    """Return the parameters of a term."""
-    return {'depth': image_of, **more}
+PARAMS = {'depth': image_of, 'camera': CAMERA}
 
 
-@pytest.mark.parametrize('given', [params(camera=CAMERA), params()], ids=['camera', 'no camera'])
+@pytest.mark.parametrize('given', [PARAMS, {'depth': image_of}], ids=['camera', 'no camera'])
 def test_the_term_is_made_called_and_reset(given):
-    cfg, env = TermCfg(func=TERM, params=given), SimpleNamespace(num_envs=2, device='cpu')
-    env.image = CLEAN
+    env = SimpleNamespace(num_envs=2, device='cpu', image=CLEAN)
+    cfg = TermCfg(func=TERM, params=dict(given))
     if '_populate_term_defaults' in SPACE:  # of Isaac Lab 3, before it makes the term
         SPACE['_populate_term_defaults'](TERM, cfg.params)
     term = TERM(cfg=cfg, env=env)
@@ -106,18 +96,11 @@ def test_the_term_is_made_called_and_reset(given):
 
 def test_a_configuration_survives_its_round_trip():
     """Train scripts write it as text for Hydra and read it: a class becomes its module's name."""
-    space = compiled(
-        'utils/dict.py',
-        'class_to_dict',
-        'update_class_from_dict',
-        **runpy.run_path(str(ROOT / 'utils/string.py')),
-        Enum=enum.Enum,
-        Iterable=Iterable,
-        Mapping=Mapping,
-        Sized=Sized,
-        torch=SimpleNamespace(Tensor=np.ndarray),
-    )
-    cfg = SimpleNamespace(front=TermCfg(func=TERM, params=params(camera=CAMERA)))
+    imported = {'Enum': enum.Enum, 'Iterable': Iterable, 'Mapping': Mapping, 'Sized': Sized}
+    imported |= runpy.run_path(str(ROOT / 'utils/string.py'))
+    imported['torch'] = SimpleNamespace(Tensor=np.ndarray)
+    space = compiled('utils/dict.py', 'class_to_dict', 'update_class_from_dict', **imported)
+    cfg = SimpleNamespace(front=TermCfg(func=TERM, params=dict(PARAMS)))
     text = json.dumps(space['class_to_dict'](cfg))
     space['update_class_from_dict'](cfg, json.loads(text))
     env = SimpleNamespace(num_envs=2, device='cpu', image=CLEAN)
@@ -127,10 +110,15 @@ def test_a_configuration_survives_its_round_trip():
     assert term(env, **cfg.front.params).shape == CLEAN.shape
 
 
-def test_managers_make_the_term_as_we_expect():
+def test_managers_make_and_reset_the_term_as_we_expect():
     (made,) = calls('managers/manager_base.py', 'term_cfg.func')
     assert not made.args
-    inspect.signature(TERM).bind(**{keyword.arg: None for keyword in made.keywords})
+    inspect.signature(TERM).bind(**{word.arg: None for word in made.keywords})
+    resets = calls('managers/observation_manager.py', 'term_cfg.func.reset')
+    assert resets
+    for call in resets:
+        assert not call.args
+        inspect.signature(TERM.reset).bind(None, **{word.arg: None for word in call.keywords})
 
 
 def test_managers_call_the_term_as_we_expect():
@@ -141,19 +129,11 @@ def test_managers_call_the_term_as_we_expect():
     for call in plain:
         assert [ast.unparse(one) for one in call.args] == ['self._env']
         assert [ast.unparse(one.value) for one in call.keywords] == ['term_cfg.params']
-        signature.bind(None, None, **params(camera=CAMERA))
+        signature.bind(None, None, **PARAMS)
     # Other calls ask for `inspect` or, of terms that have it, for `out`.
     others = {word.arg for call in made if call not in plain for word in call.keywords}
     assert others - {None} <= {'inspect', 'out'}
     assert 'out' not in signature.parameters
-
-
-def test_managers_reset_the_term_as_we_expect():
-    made = calls('managers/observation_manager.py', 'term_cfg.func.reset')
-    assert made
-    for call in made:
-        assert not call.args
-        inspect.signature(TERM.reset).bind(None, **{word.arg: None for word in call.keywords})
 
 
 def test_cameras_give_what_the_documentation_says():

@@ -18,11 +18,8 @@ FLEXX2 = Intrinsics.from_field_of_view(224, 172, 56.0, 44.0)
 # Unequal focal lengths and an odd height, so that no mix-up goes unseen.
 ODD = Intrinsics(200, 151, 300.0, 260.0, 99.5, 75.0)
 AHEAD = CameraMount('eye', (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-ROBOT = """
-<mujoco>
-  <worldbody><body name="trunk"><geom size="0.05" pos="-1 0 0"/></body></worldbody>
-</mujoco>
-"""
+TRUNK = '<body name="trunk"><geom size="0.05" pos="-1 0 0"/></body>'
+ROBOT = f'<mujoco><worldbody>{TRUNK}</worldbody></mujoco>'
 
 
 @pytest.fixture(scope='session')
@@ -50,13 +47,8 @@ def see(tmp_path, backend):
         (tmp_path / 'scene.xml').write_text(
             f'<mujoco><asset>{assets}</asset><worldbody>{geoms}</worldbody></mujoco>'
         )
-        model = build_model(
-            str(tmp_path / 'robot.xml'),
-            str(tmp_path / 'scene.xml'),
-            intrinsics=ODD,
-            mounts=[mount],
-            **planes,
-        )
+        robot, scene = str(tmp_path / 'robot.xml'), str(tmp_path / 'scene.xml')
+        model = build_model(robot, scene, intrinsics=ODD, mounts=[mount], **planes)
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
         renderer = open_renderer(model, ODD, backend)
@@ -81,8 +73,7 @@ def test_a_tilted_wall_has_its_known_depth_at_every_pixel(see, rpy):
     # Half a pixel of error in the principal point would show as 1 to 4 mm here.
     mount = CameraMount('eye', (0.1, -0.2, 0.3), rpy)
     _, depth, _ = see('<geom type="box" size="0.1 60 60" pos="2.1 0 0" euler="0 25 40"/>', mount)
-    turn = np.zeros(9)
-    quat = np.zeros(4)
+    turn, quat = np.zeros(9), np.zeros(4)
     mujoco.mju_euler2Quat(quat, np.radians([0, 25, 40]), 'xyz')
     mujoco.mju_quat2Mat(turn, quat)
     normal = turn.reshape(3, 3)[:, 0]
@@ -112,13 +103,9 @@ def test_pixels_are_where_the_intrinsics_say_and_nothing_is_mirrored(see):
 
 def test_no_return_and_the_far_plane_are_nan(see):
     # Depth is along the axis: the wall's corners are farther than the far plane, but not in depth.
-    _, depth, geom_id = see(
-        """
-        <geom type="box" size="0.1 0.5 9" pos="5.09 0 0"/>
-        <geom type="box" size="0.1 9 9" pos="5.2 0 0"/>
-        """,
-        far=5.0,
-    )
+    narrow = '<geom type="box" size="0.1 0.5 9" pos="5.09 0 0"/>'
+    behind = '<geom type="box" size="0.1 9 9" pos="5.2 0 0"/>'
+    _, depth, geom_id = see(narrow + behind, far=5.0)
     middle = np.abs(rays()[..., 0]) < 0.5 / 5
     assert not np.isnan(depth[middle]).any()
     assert np.isnan(depth[~middle]).all()

@@ -177,7 +177,6 @@ def test_names_of_the_scene_cannot_clash_with_the_robots(tmp_path):
 
 BAD_MODELS = {
     'missing file': (None, 'path of an MJCF file'),
-    'not XML': ('robot', 'XML'),
     'empty': ('', 'XML'),
     'schema': ('<mujoco><worldbody><geo size="1"/></worldbody></mujoco>', 'geo'),
     'compiler': ('<mujoco><worldbody><geom size="-1"/></worldbody></mujoco>', 'size'),
