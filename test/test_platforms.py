@@ -29,12 +29,8 @@ def resolved(*requirements, platforms=()):
     pip = (sys.executable, '-m', 'pip', 'install', '--dry-run', '--quiet', '--ignore-installed')
     options = ('--only-binary=:all:', '--python-version', PYTHON, '--target', 'nowhere')
     for_platforms = [word for one in platforms for word in ('--platform', one)]
-    done = subprocess.run(
-        [*pip, *options, *for_platforms, '--retries', '0', *requirements],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [*pip, *options, *for_platforms, '--retries', '0', *requirements]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     return done.stderr if done.returncode else ''
 
 
@@ -85,16 +81,12 @@ def rosdistro(path):
 
 @pytest.mark.parametrize(('distribution', 'ubuntu'), [('jazzy', 'noble'), ('lyrical', 'resolute')])
 def test_rosdep_knows_all_keys_without_pip(distribution, ubuntu):
-    keys = {
-        str(one.text)
-        for one in ElementTree.parse(ROOT / 'package.xml').findall('*')
-        if one.tag.endswith('depend')
-    }
+    entries = ElementTree.parse(ROOT / 'package.xml').findall('*')
+    keys = {str(one.text) for one in entries if one.tag.endswith('depend')}
+    repositories = rosdistro(f'{distribution}/distribution.yaml')['repositories']
     released = {
         name
-        for repository, one in rosdistro(f'{distribution}/distribution.yaml')[
-            'repositories'
-        ].items()
+        for repository, one in repositories.items()
         for name in (one.get('release') or {}).get('packages', [repository])
         if one.get('release')
     }

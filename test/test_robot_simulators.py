@@ -64,11 +64,8 @@ def test_another_simulator_moves_the_robot():
         assert nanoseconds(images[-1]) == later + 17_000_000
         np.testing.assert_allclose(data.xpos[trunk], [0.4, 0.1, 0.3], atol=1e-9)
         # What is another simulator's to say is not said here.
-        assert not [
-            publisher
-            for publisher in seen.robot.publishers
-            if publisher.topic_name.endswith(('/clock', '/odom', '/joint_states'))
-        ]
+        names = [publisher.topic_name for publisher in seen.robot.publishers]
+        assert not [one for one in names if one.endswith(('/clock', '/odom', '/joint_states'))]
         answer = seen.reset()
         assert not answer.success
         assert 'reset it there' in answer.message
@@ -108,13 +105,9 @@ def test_invalid_messages_of_another_simulator_are_reported_and_ignored():
             states.publish(joints(stamp, (0.2, 0.1, 0.3), some))
         seen.spin_until(lambda: seen.logged('no message named so far: FL_calf_joint, FL_hip'))
         states.publish(joints(3, (0.1, 0.2), ('FR_hip_joint', 'FR_0')))
-        seen.spin_until(
-            lambda: seen.logged(
-                "joint_states: name: must have every joint once, got 'FR_hip_joint' and 'FR_0'"
-            )
-        )
-        bad = odometry(10**9, (0.1, math.nan, 0.3))
-        poses.publish(bad)
+        twice = "joint_states: name: must have every joint once, got 'FR_hip_joint' and 'FR_0'"
+        seen.spin_until(lambda: seen.logged(twice))
+        poses.publish(odometry(10**9, (0.1, math.nan, 0.3)))
         seen.spin_until(lambda: seen.logged('odom: pose.pose.position', 'finite'))
         poses.publish(odometry(2 * 10**9, (0.1, 0.0, 0.3)))
         poses.publish(odometry(3 * 10**9, (0.1, 0.0, 0.3)))
