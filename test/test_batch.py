@@ -185,6 +185,7 @@ def test_unusable_depth_is_refused(depth, said):
         ({'seed': True}, 'seed: must be .*, got True'),
         ({'seed': 2**63 - 1}, 'must be a whole number of 64 bits'),
         ({'K': np.eye(2)}, 'K: must have shape'),
+        ({'K': 'wide'}, 'K: must be a 3 x 3 matrix of numbers'),
         ({'device': 'cuda:77'}, "device: must be one of cpu.*, got 'cuda:77'"),
         ({'invalid_value': 'inf'}, "invalid_value: must be nan or zero, got 'inf'"),
     ],

@@ -56,6 +56,10 @@ def test_effects_restart_after_an_earlier_stamp_or_another_batch_size():
     for count in (1, 2):
         many = camera.capture(np.stack([scenes(3)] * count), SMALL, stamps, SHADES)
         np.testing.assert_array_equal(many.depth[-1], first.depth)
+    # The same stamp again is the same moment.
+    camera.capture(scenes(3)[2], SMALL, stamps[2], SHADES)
+    again = camera.capture(scenes(3)[2], SMALL, stamps[2], SHADES)
+    assert np.isfinite(again.depth).any()
 
 
 def test_effects_can_be_changed_between_two_frames():

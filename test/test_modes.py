@@ -149,3 +149,9 @@ def test_a_malformed_configuration_is_named(config, file, old, new, named):
     (config / file).write_text(text.replace(old, new))
     with pytest.raises(InputError, match=named):
         Camera().capture(IMAGE, K, 0)
+
+
+def test_a_missing_file_is_named(config):
+    (config / 'flexx2.yaml').unlink()
+    with pytest.raises(InputError, match=r'flexx2\.yaml'):
+        Camera()
