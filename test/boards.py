@@ -5,10 +5,13 @@ import math
 
 from flexx2_sim_ros.characterize.edge_jitter import edge_sigma
 from flexx2_sim_ros.characterize.tiles import gaussian_kl
+from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 
-__all__ = ['Board', 'K', 'board', 'edge_sigma', 'mean_kl']
+__all__ = ['Board', 'K', 'board', 'edge_sigma', 'mean_kl', 'recording_of']
 
+# Where boards are recorded: metres, degrees.
+PLACES = ((0.7, 0), (0.7, 40), (1.0, 20), (1.5, 0), (1.5, 50), (2.0, 30), (2.5, 0), (2.5, 45))
 K = np.array([[210.6, 0.0, 111.5], [0.0, 212.9, 85.5], [0.0, 0.0, 1.0]])
 
 
@@ -59,6 +62,26 @@ def board(
         np.where(on_board, incidence, np.nan),
         matrix,
     )
+
+
+def recording_of(distance=1.0, angle=15.0, frames=12, size=(60, 80), distort=None, seed=None):
+    """
+    Make the arrays of a recording of a board that fills the image, with the noise of a mode.
+
+    `distort`: changes the (frames, H, W) standard normal numbers that the noise is made of
+    """
+    target = board(distance, angle, size=size)
+    sigma = flexx2().mode('Mode_9_30fps').noise.sigma_z(target.depth, target.incidence)
+    generator = np.random.default_rng(round(1000 * distance + angle) if seed is None else seed)
+    noise = generator.standard_normal((frames, *size))
+    if distort is not None:
+        noise = distort(noise)
+    return {
+        'depth': (target.depth + sigma * noise).astype(np.float32),
+        'K': target.K,
+        'stamp': np.arange(frames) / 30,
+        'usecase': 'Mode_9_30fps',
+    }
 
 
 def mean_kl(samples, clean, sigma):
