@@ -5,13 +5,12 @@ import json
 import os
 from pathlib import Path
 import subprocess
-import sys
 
 from flexx2_sim_ros.cli import commands
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import load_scene
 import numpy as np
-from programs import run_python
+from programs import run_flexx2, run_python
 import pytest
 
 K = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
@@ -85,24 +84,15 @@ def refused(words, capsys):
     said = capsys.readouterr().err
     assert said.strip().startswith('flexx2: error: ')  # A progress bar ends its line first.
     assert said.strip().count('\n') == 0, said
+    assert len(said) < 400  # Long names and values are not repeated.
     assert sorted(Path().rglob('*')) == before
     return said
 
 
 def test_every_number_is_checked():
     """Assert that the options below are found at all."""
-    options = numeric_options()
-    assert {
-        '--frames',
-        '--seed',
-        '--jobs',
-        '--seconds',
-        '--rate',
-        '--port',
-        '--box',
-        '--pose-prior',
-        '--num-envs',
-    } <= {option for _, option, _ in options}
+    known = {'--frames', '--seed', '--jobs', '--seconds', '--rate', '--port', '--box'}
+    assert known | {'--pose-prior', '--num-envs'} <= {option for _, option, _ in numeric_options()}
 
 
 @pytest.mark.parametrize(('name', 'option', 'count'), numeric_options())
@@ -111,9 +101,7 @@ def test_numbers(folder, capsys, name, option, count):
         words = [*name.split(), *NEEDS.get(name, []), *[f'{option}={value}'] * (count == 1)]
         if count > 1:
             words += [option, *[value] * count]
-        said = refused(words, capsys)
-        assert option in said
-        assert len(said) < 300
+        assert option in refused(words, capsys)
 
 
 @pytest.mark.parametrize(
@@ -125,17 +113,14 @@ def test_numbers(folder, capsys, name, option, count):
         (['convert', 'campaign/a.npz', '{}'], ''),
         (['effects', 'show', 'offset', '--out', '{}'], 'png'),
         (['batch', '--num-envs', '1', '--out', '{}'], 'png'),
-        (['record', '{}'], ''),
     ],
 )
 def test_files_to_write(folder, capsys, words, what):
     ending = f'.{what}' if what else ''
-    for target in ('missing/a', 'file/a', 'loop', 'loop/a', 'n' * 256, '/proc/self/a'):
+    for target in ('missing/a', 'file/a', 'loop', 'loop/a', 'n' * 4000, '/proc/self/a'):
         if target == 'loop' and ending:
             Path(f'loop{ending}').unlink(missing_ok=True)
             Path(f'loop{ending}').symlink_to(f'loop{ending}')
-        if words[0] == 'record' and target == 'missing/a':
-            continue  # It makes folders.
         refused([word.format(target + ending) for word in words], capsys)
 
 
@@ -147,6 +132,7 @@ def test_files_to_write(folder, capsys, words, what):
         ['characterize', 'fit', 'campaign', '--out', '{}'],
         ['effects', '--write-presets', '{}'],
         ['demo', '--out', '{}'],
+        ['record', '{}'],
         ['gap', 'benchmark', '--quick', '--out', '{}'],
     ],
 )
@@ -163,13 +149,13 @@ def test_the_output_is_the_input(folder, capsys, command, target):
     assert Path('in.npz').read_bytes() == before
 
 
+TRUTH = ['gap', 'truth', 'campaign', '--out', 'out', '--jobs', '1']
+
+
 @pytest.mark.parametrize(
     ('words', 'sentence'),
     [
-        (
-            ['gap', 'nosuch'],
-            'COMMAND: must be one of start, diagnose, plan, target, check, cost, next, ',
-        ),
+        (['gap', 'nosuch'], 'COMMAND: must be one of start, diagnose, plan, target, check'),
         (['export', 'nosuch'], "isaac_lab, mujoco_playground, all, got 'nosuch' (see flexx2 exp"),
         (['simulate', 'in.npz', 'out.mcap'], 'OUT.npz: must end in .npz, got out.mcap'),
         (['simulate', 'dir', 'out.npz'], 'dir: must be an .npz archive, got a folder'),
@@ -180,32 +166,17 @@ def test_the_output_is_the_input(folder, capsys, command, target):
             ['simulate', 'in.npz', 'out.npz', '--effects', 'typical#3'],
             'typical: randomisation: must be in a file of flexx2 gap randomise, got no such file',
         ),
-        (
-            ['convert', 'campaign/a.npz', 'out.npz', '--camera', 'x'],
-            "--camera: must be left out where neither A nor B is a bag, got 'x'",
-        ),
+        (['convert', 'campaign/a.npz', 'out.npz', '--camera', 'x'], '--camera: must be left out'),
         (['convert', '/dev/null', 'out'], '.bag file), got something else'),
         (['convert', 'file', 'out'], 'or the folder of a bag, got a file without an ending'),
         (
             ['gap', 'diagnose', 'campaign/a.npz', '--out', 'out'],
             'campaign/a.npz: must be a folder with recordings (.npz or bags), got a file',
         ),
-        (
-            ['gap', 'truth', 'campaign', '--board', 'list.yaml', '--out', 'out'],
-            'list.yaml: target: must be a table that is not empty, got None',
-        ),
-        (
-            ['gap', 'truth', 'campaign', '--scan', '', '--out', 'out'],
-            "--scan: must not be empty, got ''",
-        ),
-        (
-            ['gap', 'truth', 'campaign', '--scene', 'empty.xml', '--out', 'out', '--jobs', '1'],
-            '--scene: empty.xml: must have visible geoms, got none',
-        ),
-        (
-            ['gap', 'truth', 'campaign', '--scene', 'cut.xml', '--out', 'out', '--jobs', '1'],
-            '--scene: cut.xml does not compile: XML parse error',
-        ),
+        ([*TRUTH, '--board', 'list.yaml'], 'list.yaml: target: must be a table that is not empty'),
+        ([*TRUTH, '--scan', ''], "--scan: must not be empty, got ''"),
+        ([*TRUTH, '--scene', 'empty.xml'], 'empty.xml: must have visible geoms, got none'),
+        ([*TRUTH, '--scene', 'cut.xml'], 'cut.xml does not compile: XML parse error'),
     ],
 )
 def test_what_was_given_is_named(folder, capsys, words, sentence):
@@ -214,10 +185,6 @@ def test_what_was_given_is_named(folder, capsys, words, sentence):
     Path('empty.xml').write_text('<mujoco/>')
     Path('cut.xml').write_text('<mujoco')
     assert sentence in refused(words, capsys)
-
-
-def test_a_long_name_is_not_repeated(folder, capsys):
-    assert len(refused(['simulate', 'in.npz', 'n' * 4000], capsys)) < 250
 
 
 def test_a_scene_in_millimetres_is_noticed(folder, capsys):
@@ -290,48 +257,9 @@ def test_a_file_that_cannot_grow(folder):
     assert not list(Path().rglob('.flexx2-*'))
 
 
-@pytest.fixture
-def full(folder):
-    """Return a file system of 64 KB with 20 KB left."""
-    if os.geteuid():
-        pytest.skip('only root may mount a small file system')
-    path = folder / 'full'
-    path.mkdir()
-    if subprocess.run(
-        ['mount', '-t', 'tmpfs', '-o', 'size=64k', 'tmpfs', str(path)], capture_output=True
-    ).returncode:
-        pytest.skip('a small file system cannot be mounted here')
-    (path / 'filler').write_bytes(bytes(44 << 10))
-    yield path
-    subprocess.run(['umount', '-l', str(path)], check=True)
-
-
-@pytest.mark.parametrize(
-    'words',
-    [
-        ['simulate', 'in.npz', 'full/a.npz', '--frames', '9'],
-        ['convert', 'campaign/a.npz', 'full/a.mcap'],
-        ['gap', 'benchmark', '--quick', '--jobs', '1', '--out', 'full/c'],
-    ],
-    ids=str,
-)
-def test_a_full_disk(full, capsys, words):
-    assert main(words) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert said[-1].endswith(': no space left on the device')
-    assert 'Traceback' not in ''.join(said)
-    assert not list(full.glob('a*'))
-    assert not list(full.rglob('.flexx2-*'))
-
-
-COMMAND = [sys.executable, '-m', 'flexx2_sim_ros.cli.main']
-
-
 def test_output_that_cannot_be_written():
     with Path('/dev/full').open('wb') as full:
-        done = subprocess.run(
-            [*COMMAND, 'modes'], stdout=full, stderr=subprocess.PIPE, text=True, check=False
-        )
+        done = run_flexx2('modes', capture_output=False, stdout=full, stderr=subprocess.PIPE)
     assert done.returncode == 2
     assert done.stderr == (
         'flexx2: error: standard output: cannot be written: no space left on device\n'

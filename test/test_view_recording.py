@@ -1,5 +1,6 @@
-"""`flexx2 view` of recordings, and its ports, addresses and help before any page is open."""
+"""`flexx2 view` of recordings, and its ports and addresses before any page is open."""
 
+from contextlib import contextmanager
 import json
 import signal
 import socket
@@ -93,22 +94,31 @@ def test_notes_say_what_depth_cannot_be_compared_with(tmp_path, more, references
     assert recorded.frame(0, 'simulated').clean is None
 
 
-@pytest.fixture
-def bag(tmp_path):
-    """Serve a bag of two cameras; yield the address of its frames."""
+@contextmanager
+def served(path, planes=None):
+    """Serve recordings; yield the page's origin."""
+    recordings, headline = open_files(path, None, [], '')
+    access = Access('127.0.0.1')
+    server = PlaybackServer(bind('127.0.0.1', 0), access, recordings, headline, planes)
+    server.start()
+    try:
+        yield f'http://127.0.0.1:{server.port}'
+    finally:
+        server.stop()
+
+
+@pytest.fixture(scope='module')
+def bag(tmp_path_factory):
+    """Serve a bag of two cameras; return the address of its frames, and the bag."""
     entries = [
         entry
         for seed, name in enumerate(('left', 'right'))
         for entry in camera_entries(name, depths(5, 8, 9, seed), depths(5, 8, 9, seed + 2))
     ]
-    path = write(tmp_path / 'bag', sorted(entries, key=lambda entry: entry[2]))
-    recordings, headline = open_files(path, None, [], '')
-    server = PlaybackServer(bind('127.0.0.1', 0), Access('127.0.0.1'), recordings, headline)
-    server.start()
-    try:
-        yield f'http://127.0.0.1:{server.port}/frame', path
-    finally:
-        server.stop()
+    folder = tmp_path_factory.mktemp('bag')
+    path = write(folder / 'bag', sorted(entries, key=lambda entry: entry[2]))
+    with served(path) as origin:
+        yield f'{origin}/frame', path
 
 
 def get(url, **query):
@@ -119,18 +129,13 @@ def get(url, **query):
         return error.code, error.read()
 
 
-@pytest.fixture
-def planes(tmp_path):
-    """Serve a recording to draw on; yield the page's origin and the file of planes."""
-    save_walk(tmp_path / 'walk.npz')
-    path = tmp_path / 'planes.yaml'
-    recordings, _ = open_files(tmp_path / 'walk.npz', None, [], '')
-    server = PlaybackServer(bind('127.0.0.1', 0), Access('127.0.0.1'), recordings, '', path)
-    server.start()
-    try:
-        yield f'http://127.0.0.1:{server.port}', path
-    finally:
-        server.stop()
+@pytest.fixture(scope='module')
+def planes(tmp_path_factory):
+    """Serve a recording to draw on; return the page's origin and the file of planes."""
+    folder = tmp_path_factory.mktemp('planes')
+    save_walk(folder / 'walk.npz')
+    with served(folder / 'walk.npz', folder / 'planes.yaml') as origin:
+        yield origin, folder / 'planes.yaml'
 
 
 def outline(corners, plane='left', recording=0):
@@ -157,9 +162,7 @@ TRIANGLE = [[1, 2], [30, 2], [30, 40]]
         (outline(TRIANGLE), {'Host': 'elsewhere.example'}, 403, 'Host'),
         (outline(TRIANGLE[:2]), {}, 400, 'outline: must be a list of 3 to 100 corners'),
         (outline([[1, 2]] * 101), {}, 400, 'outline: must be a list of 3 to 100 corners'),
-        (outline([[1, 2]] * 1000), {}, 400, 'outline: must be a list of 3 to 100 corners'),
         (outline([[1, 'x']] * 3), {}, 400, 'message: must be JSON as the page sends it'),
-        (outline([1, 2, 3]), {}, 400, 'message: must be JSON as the page sends it'),
         (outline(TRIANGLE, recording=1), {}, 400, 'must be the outline of a plane'),
         (outline(TRIANGLE, plane=''), {}, 400, 'name: must be a text of 1 to 60 letters'),
         (b'{"drawn": "a"}', {}, 400, 'must be the outline of a plane'),
@@ -195,13 +198,11 @@ def test_each_camera_of_a_bag_is_served(bag):
 @pytest.mark.parametrize(
     'query',
     [
-        {},
         {'recording': 0, 'camera': 0},
         {'recording': 1, 'camera': 0, 'number': 0},
         {'recording': 0, 'camera': 2, 'number': 0},
         {'recording': 0, 'camera': 0, 'number': 5},
         {'recording': 0, 'camera': 0, 'number': -1},
-        {'recording': 0, 'camera': 0, 'number': '1e1'},
         {'recording': 0, 'camera': 0, 'number': '٣'},
         {'recording': 0, 'camera': 0, 'number': 5000 * '1'},
         {'recording': 0, 'camera': 0, 'number': 0, 'reference': '../x'},
@@ -211,27 +212,26 @@ def test_wrong_requests_are_refused(bag, query):
     code, body = get(bag[0], **query)
     assert code == 400
     assert body.count(b'\n') == 1
-    assert get(bag[0], recording=0, camera=0, number=0)[0] == 200
 
 
 def test_a_file_that_breaks_while_it_is_shown_is_reported(bag):
-    url, path = bag
+    _, path = bag
     (file,) = path.glob('*.mcap')
     content = file.read_bytes()
-    file.write_bytes(b'')
-    code, body = get(url, recording=0, camera=0, number=3)
-    assert code == 500
-    assert str(path) in body.decode()
-    assert b'\n' not in body
-    file.write_bytes(content)
-    assert get(url, recording=0, camera=0, number=3)[0] == 200
+    with served(path) as origin:
+        file.write_bytes(b'')
+        code, body = get(f'{origin}/frame', recording=0, camera=0, number=3)
+        assert code == 500
+        assert str(path) in body.decode()
+        assert b'\n' not in body
+        file.write_bytes(content)
+        assert get(f'{origin}/frame', recording=0, camera=0, number=3)[0] == 200
 
 
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
         (['{}/none.npz'], 'none.npz: must be an .npz archive, got no file'),
-        (['{}/broken.npz'], 'broken.npz: '),
         (['{}/none'], 'none: must be'),
         (['{}/walk.npz', '{}/walk.npz'], 'PATH: must be a diagnosis if there is a CAMPAIGN'),
         (['{}/diagnosis'], 'CAMPAIGN: must be the folder of the recordings'),
@@ -239,6 +239,10 @@ def test_a_file_that_breaks_while_it_is_shown_is_reported(bag):
         (['{}/walk.npz', '--demo'], '--demo: must be left out with PATH'),
         (['{}/broken'], 'one.npz: '),
         (['{}/walk.npz', '--profile', 'no_camera'], 'profile: must be one of'),
+        (['--scene', 'lab'], '--scene: must be left out without --demo, got'),
+        (['--port', '70000'], '--port: must be a whole number from 0 to 65535'),
+        (['--host', '203.0.113.1'], "--host: must be an address of this machine, got '203.0.113"),
+        (['--host', 'no.such.host.invalid'], "got 'no.such.host.invalid'"),
     ],
 )
 def test_what_cannot_be_shown_ends_with_one_sentence(
@@ -246,10 +250,8 @@ def test_what_cannot_be_shown_ends_with_one_sentence(
 ):
     # Or a page that is served by mistake would be served for ever.
     monkeypatch.setattr(signal, 'pause', lambda: pytest.fail('it is shown'))
-    whole = (tmp_path / 'walk.npz').read_bytes()
-    (tmp_path / 'broken.npz').write_bytes(whole[: len(whole) // 2])
     (tmp_path / 'broken').mkdir()
-    (tmp_path / 'broken' / 'one.npz').write_bytes(whole[:2000])
+    (tmp_path / 'broken' / 'one.npz').write_bytes((tmp_path / 'walk.npz').read_bytes()[:2000])
     save_diagnosis(tmp_path / 'diagnosis')
     save_diagnosis(tmp_path / 'odd', verdict='gap', effects=[{}])
     paths = [word.format(tmp_path) for word in words]
@@ -282,26 +284,3 @@ def test_a_port_in_use_is_reported_before_anything_starts(capsys, tmp_path, monk
         'on 127.0.0.1\n'
     )
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ('options', 'said'),
-    [
-        (['--port', '70000'], '--port: must be a whole number from 0 to 65535'),
-        (['--scene', 'lab'], '--scene: must be left out without --demo, got'),
-        (['--port', '-1'], '--port: must be a whole number from 0 to 65535'),
-        (
-            ['--host', '203.0.113.1', '--port', '0'],
-            "--host: must be an address of this machine, got '203.0.113.1'",
-        ),
-        (
-            ['--host', 'no.such.host.invalid'],
-            "--host: must be an address of this machine, got 'no.such.host.invalid'",
-        ),
-    ],
-)
-def test_an_invalid_address_is_reported(capsys, options, said):
-    assert main(['view', '--no-browser', *options]) == 2
-    error = capsys.readouterr().err
-    assert said in error
-    assert error.count('\n') == 1
