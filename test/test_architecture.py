@@ -5,6 +5,7 @@ from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 import re
+from xml.etree import ElementTree
 
 NAME = 'flexx2_sim_ros'
 ROOT = Path(__file__).resolve().parents[1]
@@ -91,6 +92,31 @@ def test_nothing_that_is_installed_imports_what_is_not():
         if node.module.split('.')[0] in ('study', 'bench')
     }
     assert not users
+
+
+def loaded(statements):
+    """Iterate over the modules that statements import when they run: outside functions."""
+    for one in statements:
+        if isinstance(one, ast.Import):
+            yield from (alias.name for alias in one.names)
+        elif isinstance(one, ast.ImportFrom):
+            yield one.module
+        elif isinstance(one, ast.If | ast.Try):
+            yield from loaded(ast.iter_child_nodes(one))
+
+
+def test_only_nodes_load_ros():
+    """Assert it of all modules; commands that need ROS load it when they run."""
+    package = ElementTree.parse(ROOT / 'package.xml').iter('exec_depend')
+    ros = {one.text for one in package if not one.text.startswith('python3-')}
+    assert {'rclpy', 'sensor_msgs'} <= ros
+    users = {
+        module
+        for module, path in MODULES.items()
+        for name in loaded(ast.parse(path.read_text()).body)
+        if name.split('.')[0] in ros
+    }
+    assert {room(module) for module in users} == {'nodes'}
 
 
 def test_the_drawing_shows_every_room():

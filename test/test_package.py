@@ -1,6 +1,7 @@
 """The package as a user gets it: from ``colcon build`` and from ``pip install``."""
 
 import ast
+from functools import cache
 import importlib.metadata
 import importlib.util
 import os
@@ -62,15 +63,17 @@ EXTRAS = {
 }
 
 
+def environment(**changes):
+    """Return the environment of a shell in which neither ROS nor this checkout was sourced."""
+    of_ros = 'PYTHONPATH', 'AMENT_PREFIX_PATH', 'COLCON_PREFIX_PATH'
+    kept = {key: value for key, value in os.environ.items() if key not in of_ros}
+    return kept | {key: str(value) for key, value in changes.items()}
+
+
 def run(*command, cwd, **changes):
-    """Return what a command, which has to succeed, prints away from this checkout."""
-    env = {
-        key: value
-        for key, value in os.environ.items()
-        if key not in ('PYTHONPATH', 'AMENT_PREFIX_PATH', 'COLCON_PREFIX_PATH')
-    }
-    env |= {key: str(value) for key, value in changes.items()}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd, env=env)
+    """Return what a command, which has to succeed, prints in a folder."""
+    usual = {'capture_output': True, 'text': True, 'check': False}
+    done = subprocess.run(command, cwd=cwd, env=environment(**changes), **usual)
     assert done.returncode == 0, f'{command}\n{done.stdout}\n{done.stderr}'
     return done.stdout
 
@@ -81,20 +84,17 @@ def site_packages(prefix):
 
 
 def files_under(folder):
-    """Return the files under a folder, relative to it."""
-    return {path.relative_to(folder) for path in folder.rglob('*') if path.is_file()}
+    """Return the files under a folder, relative to it, but for what Python compiled."""
+    files = {path.relative_to(folder) for path in folder.rglob('*') if path.is_file()}
+    return {path for path in files if '__pycache__' not in path.parts}
 
 
-def package_files():
-    """Return the package's Python files."""
-    return sorted((ROOT / NAME).rglob('*.py'))
-
-
+@cache
 def ros_packages():
     """Return the ROS packages that the package and its launch files import anywhere."""
     known = {NAME, *LIBRARIES, *EXTRAS, *sys.stdlib_module_names}
     found = set()
-    for path in (*package_files(), *(ROOT / 'launch').glob('*.py')):
+    for path in (*(ROOT / NAME).rglob('*.py'), *(ROOT / 'launch').glob('*.py')):
         for node in ast.walk(ast.parse(path.read_text())):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ''] if isinstance(node, ast.ImportFrom) else []
@@ -109,16 +109,8 @@ def source(tmp_path_factory):
     copy.mkdir()
     for folder in (NAME, 'config', 'launch', 'resource'):
         shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns('__pycache__'))
-    for file in (
-        'CHANGELOG.rst',
-        'LICENSE',
-        'MANIFEST.in',
-        'README.md',
-        'package.xml',
-        'pyproject.toml',
-        'setup.cfg',
-        'setup.py',
-    ):
+    files = 'CHANGELOG.rst', 'LICENSE', 'MANIFEST.in', 'README.md', 'package.xml'
+    for file in (*files, 'pyproject.toml', 'setup.cfg', 'setup.py'):
         shutil.copy(ROOT / file, copy)
     return copy
 
@@ -127,10 +119,14 @@ def source(tmp_path_factory):
 def workspace(source, tmp_path_factory):
     """Build the package with colcon; return the workspace."""
     work = tmp_path_factory.mktemp('workspace')
-    run(
-        sys.executable, '-m', 'colcon', 'build', '--base-paths', source, cwd=work, COLCON_HOME=work
-    )
+    build = '-m', 'colcon', 'build', '--base-paths', source
+    run(sys.executable, *build, cwd=work, COLCON_HOME=work)
     return work
+
+
+def in_workspace(workspace, script):
+    """Return what a shell prints in which the workspace was sourced."""
+    return run('bash', '-c', f'. install/setup.bash && {script}', cwd=workspace)
 
 
 def test_colcon_puts_files_where_ros_looks(workspace):
@@ -140,38 +136,31 @@ def test_colcon_puts_files_where_ros_looks(workspace):
     assert (prefix / 'share/ament_index/resource_index/packages' / NAME).is_file()
     assert (share / 'package.xml').is_file()
     for folder in ('config', 'launch'):
-        assert files_under(share / folder) == {
-            path for path in files_under(ROOT / folder) if '__pycache__' not in path.parts
-        }
+        assert files_under(share / folder) == files_under(ROOT / folder)
     assert files_under(site_packages(prefix) / PAGE) == files_under(ROOT / PAGE)
 
 
-def test_colcon_install_runs_in_a_sourced_shell(workspace):
-    script = f'. install/setup.bash && "$AMENT_PREFIX_PATH/lib/{NAME}/flexx2" modes'
-    printed = run('bash', '-c', script, cwd=workspace)
+def test_colcon_install_runs_and_its_camera_is_compiled(workspace):
+    flexx2 = f'"$AMENT_PREFIX_PATH/lib/{NAME}/flexx2"'
+    printed = in_workspace(workspace, f'{flexx2} modes && {flexx2} compile --no-effects')
     assert len(MODES) == 9
     assert set(re.findall(r'Mode_\w+', printed)) == MODES
-
-
-def test_colcon_build_compiles_the_camera(workspace):
-    script = f'. install/setup.bash && "$AMENT_PREFIX_PATH/lib/{NAME}/flexx2" compile --no-effects'
-    assert run('bash', '-c', script, cwd=workspace) == 'everything was compiled before\n'
+    assert printed.endswith('everything was compiled before\n')
 
 
 def test_launch_files_find_the_executables(workspace):
-    for name in sorted(EXECUTABLES):
-        program = f"from {NAME}.paths import executable; print(executable('{name}'))"
-        script = f'. install/setup.bash && "{sys.executable}" -c "{program}"'
-        found = run('bash', '-c', script, cwd=workspace).strip()
-        assert Path(found) == workspace / 'install' / NAME / 'lib' / NAME / name
+    names = sorted(EXECUTABLES)
+    program = f'from {NAME}.paths import executable; print(*map(executable, {names}))'
+    found = in_workspace(workspace, f'"{sys.executable}" -c "{program}"').split()
+    folder = workspace / 'install' / NAME / 'lib' / NAME
+    assert found == [str(folder / name) for name in names]
     # Without an install beside it: those of this Python, or of a workspace that was sourced.
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('AMENT_PREFIX_PATH', str(workspace / 'install' / NAME))
-        of_workspace = workspace / 'install' / NAME / 'lib' / NAME / 'flexx2'
         of_python = Path(sys.executable).parent / 'flexx2'
-        assert executable('flexx2') == (of_python if of_python.is_file() else of_workspace)
+        assert executable('flexx2') == (of_python if of_python.is_file() else folder / 'flexx2')
         patch.setattr(sys, 'executable', str(workspace / 'python'))
-        assert executable('flexx2') == of_workspace
+        assert executable('flexx2') == folder / 'flexx2'
     with pytest.raises(InputError, match='flexx3: must be an installed executable'):
         executable('flexx3')
 
@@ -191,24 +180,19 @@ def test_a_release_holds_all_files(distributions):
     sdist, wheel = distributions
     run(sys.executable, '-m', 'twine', 'check', '--strict', *distributions, cwd=sdist.parent)
     data = Path(wheel.name.removesuffix('-py3-none-any.whl') + '.data', 'data', 'share', NAME)
-    code = {path for path in files_under(ROOT / NAME) if '__pycache__' not in path.parts}
-    assert {
-        Path('py.typed'),
-        *(Path('view/page') / page for page in files_under(ROOT / PAGE)),
-    } <= code
+    code = {Path(NAME, path) for path in files_under(ROOT / NAME)}
+    assert {Path(NAME, 'py.typed'), PAGE / 'view.js'} <= code
     shared = {
         Path(folder, path)
         for folder in ('config', 'launch')
         for path in files_under(ROOT / folder)
-        if '__pycache__' not in path.parts
     }
     with zipfile.ZipFile(wheel) as archive:
         inside = {Path(name) for name in archive.namelist()}
-    assert {Path(NAME, path) for path in code} <= inside
-    assert {data / path for path in shared} <= inside
+    assert code | {data / path for path in shared} <= inside
     with tarfile.open(sdist) as packed:
         inside = {Path(*Path(name).parts[1:]) for name in packed.getnames()}
-    assert {Path(NAME, path) for path in code} | shared <= inside
+    assert code | shared <= inside
     assert {Path('package.xml'), Path('CHANGELOG.rst'), Path('README.md')} <= inside
 
 
@@ -221,39 +205,18 @@ def test_the_wheel_runs_in_a_clean_environment(distributions, tmp_path):
     # What it depends on comes from the environment of the tests; an editable install of the
     # package there is not seen, since its own .pth file is not read.
     (site_packages(clean) / 'dependencies.pth').write_text(sysconfig.get_path('purelib'))
-    where = run(python, '-c', f'import {NAME}; print({NAME}.__file__)', cwd=tmp_path)
-    assert Path(where.strip()).is_relative_to(clean)
+    program = f'from {NAME} import paths; print(paths.__file__, paths.config_dir())'
+    module, config = run(python, '-c', program, cwd=tmp_path).split()
+    assert Path(module).is_relative_to(clean)
+    assert Path(config) == clean / 'share' / NAME / 'config'
     assert {Path(name) for name in EXECUTABLES} <= files_under(clean / 'bin')
-    program = f'from {NAME}.paths import config_dir; print(config_dir())'
-    used = run(python, '-c', program, cwd=tmp_path).strip()
-    assert Path(used) == clean / 'share' / NAME / 'config'
     flexx2 = clean / 'bin' / 'flexx2'
     version = ElementTree.parse(ROOT / 'package.xml').findtext('version')
     assert run(flexx2, '--version', cwd=tmp_path).split()[-1] == version
     assert set(re.findall(r'Mode_\w+', run(flexx2, 'modes', cwd=tmp_path))) == MODES
-    assert 'flying_pixels' in run(flexx2, 'effects', cwd=tmp_path)
     help_of_gap = run(flexx2, 'gap', '--help', cwd=tmp_path)
     assert 'diagnose' in help_of_gap
     assert 'benchmark' not in help_of_gap  # needs the blind camera, which is in a checkout
-
-
-def test_library_imports_no_ros(tmp_path):
-    modules = ['.'.join(path.relative_to(ROOT).with_suffix('').parts) for path in package_files()]
-    apart = [f'{NAME}.nodes.', f'{NAME}.cli.']
-    if importlib.util.find_spec('warp') is None:
-        apart += [f'{NAME}.{needs_it}' for needs_it in ('batch.', 'walking.', 'gap.walk')]
-    library = [
-        name.removesuffix('.__init__') for name in modules if not name.startswith(tuple(apart))
-    ]
-    assert f'{NAME}.camera' in library
-    loaded = run(
-        sys.executable,
-        '-c',
-        f'import sys, {", ".join(library)}, {NAME}.cli.main; print(*sys.modules)',
-        cwd=tmp_path,
-        PYTHONPATH=ROOT,
-    )
-    assert not ros_packages() & {name.split('.')[0] for name in loaded.split()}
 
 
 @pytest.mark.skipif(importlib.util.find_spec('warp') is None, reason='needs warp-lang')
@@ -314,9 +277,7 @@ def test_optional_libraries_are_imported_only_where_needed(tmp_path, module, com
     if missing:
         assert done.returncode in (1, 2)
         line = done.stderr.strip().splitlines()[-1]
-        assert re.search(
-            f'error: {missing} is not installed, and this needs it: pip install "{missing}>=', line
-        )
+        assert f'error: {missing} is not installed, and this needs it: pip install "' in line
         assert 'Traceback' not in done.stderr
     else:
         assert done.returncode == 0, done.stderr
@@ -324,76 +285,10 @@ def test_optional_libraries_are_imported_only_where_needed(tmp_path, module, com
 
 def test_the_camera_node_needs_neither_mujoco_nor_rosbags():
     pytest.importorskip('rclpy')
-    program = without(
-        ('mujoco', 'rosbags'), 'nodes.flexx2_camera', '--ros-args -r __ns:=/needs_little'
-    )
+    words = '--ros-args -r __ns:=/needs_little'
+    program = without(('mujoco', 'rosbags'), 'nodes.flexx2_camera', words)
     line = first_line([sys.executable, '-c', program])
     assert 'waiting for /needs_little/clean/depth_image' in line
-
-
-@pytest.mark.skipif(
-    not Path(sys.executable).with_name('flexx2').is_file(),
-    reason='the package is not installed with pip',
-)
-def test_make_shell_finds_the_commands():
-    # -o: an environment that is there is not made again.
-    done = subprocess.run(
-        ['make', '-s', '-o', '.venv/.complete', 'shell', f'BIN={Path(sys.executable).parent}'],
-        input=''.join(f'command -v {name}\n' for name in sorted(EXECUTABLES)),
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, 'SHELL': '/bin/sh'},
-    )
-    found = [Path(line) for line in done.stdout.splitlines() if line.startswith('/')]
-    assert {path.name for path in found} == EXECUTABLES
-    assert {path.parent for path in found} == {Path(sys.executable).parent}
-
-
-def make_demo_on_aarch64(tmp_path, **env):
-    """Run the rule with commands that only say what they are asked for."""
-    programs = {
-        'python3': 'test "$2" != "import rclpy" || test -e "$PYTHONPATH/rclpy.py"',
-        'pip': 'echo "pip $*"',
-        'flexx2': 'echo "flexx2 $* with $PYTHONPATH"',
-    }
-    for name, program in programs.items():
-        (tmp_path / name).write_text(f'#!/bin/sh\n{program}\n')
-        (tmp_path / name).chmod(0o755)
-    names = {'MACHINE': 'aarch64', 'JAZZY': tmp_path / 'jazzy', 'BIN': tmp_path}
-    names |= {'PYTHON': tmp_path / 'python3', 'STAMP': tmp_path / 'complete'}
-    kept = {k: v for k, v in os.environ.items() if k not in ('PYTHONPATH', 'AMENT_PREFIX_PATH')}
-    return subprocess.run(
-        ['make', '-s', 'demo', *(f'{name}={value}' for name, value in names.items())],
-        cwd=ROOT,
-        env={**kept, **env},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def test_a_computer_without_wheels_of_ros_uses_the_ros_that_it_has(tmp_path):
-    done = make_demo_on_aarch64(tmp_path)
-    assert done.returncode == 2
-    assert 'There are no wheels of ROS 2 for aarch64: install ROS 2 Jazzy in' in done.stderr
-    assert 'pip' not in done.stdout
-    for folder in (tmp_path / 'jazzy', tmp_path / 'mine'):
-        folder.mkdir()
-        (folder / 'rclpy.py').touch()
-    ros = f'export PYTHONPATH={tmp_path}/jazzy AMENT_PREFIX_PATH={tmp_path}/jazzy:/more\n'
-    (tmp_path / 'jazzy' / 'setup.bash').write_text(ros)
-    mine = {'AMENT_PREFIX_PATH': f'{tmp_path}/mine', 'PYTHONPATH': f'{tmp_path}/mine'}
-    for folder, env in (('jazzy', {}), ('mine', mine)):
-        done = make_demo_on_aarch64(tmp_path, **env)
-        assert done.returncode == 0, done.stderr
-        assert (
-            f'no wheels of ROS 2 for aarch64: uses the one in {tmp_path}/{folder}.' in done.stdout
-        )
-        assert f'flexx2 demo with {tmp_path}/{folder}' in done.stdout
-        assert '[ros' not in done.stdout
-        (tmp_path / 'complete').unlink()
 
 
 def test_every_import_is_a_declared_dependency():
