@@ -86,9 +86,33 @@ class Browser:
             assert time.monotonic() < deadline, script
         return value
 
-    def key(self, kind, code, key):
+    def key(self, kind, code, key, **more):
         """Press (keyDown) or release (keyUp) a key."""
-        self.call('Input.dispatchKeyEvent', type=kind, code=code, key=key)
+        self.call('Input.dispatchKeyEvent', type=kind, code=code, key=key, **more)
+
+    def press(self, code, key='', **more):
+        """Press a key and release it."""
+        for kind in ('keyDown', 'keyUp'):
+            self.key(kind, code, key or code, **more)
+
+    def enter(self, element, value, event='input'):
+        """Give a control, by its script, a value, as a user does."""
+        self.evaluate(
+            f'(() => {{ const control = {element}; control.value = {json.dumps(value)};'
+            f'control.dispatchEvent(new Event("{event}")); }})()'
+        )
+
+    def box(self, element):
+        """Return an element's left, top, width and height, pixels."""
+        return self.evaluate(
+            f'(() => {{ const box = {element}.getBoundingClientRect();'
+            'return [box.left, box.top, box.width, box.height]; })()'
+        )
+
+    def resize(self, width=1280, height=800):
+        """Change the size of the window, pixels."""
+        size = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': False}
+        self.call('Emulation.setDeviceMetricsOverride', **size)
 
     def said(self, method):
         """Return what the browser has reported under a name."""

@@ -53,13 +53,7 @@ def scene(ros, tmp_path_factory):
             tmp_path_factory.mktemp('view'), '--demo', '--scene', 'board', '--renderer', 'ray'
         )
         try:
-            page.call(
-                'Emulation.setDeviceMetricsOverride',
-                width=1280,
-                height=800,
-                deviceScaleFactor=1,
-                mobile=False,
-            )
+            page.resize()
             page.call('Network.enable')
             page.open(view.url)
             page.until(f'document.querySelectorAll(".camera").length === {len(CAMERAS)}')
@@ -71,8 +65,7 @@ def scene(ros, tmp_path_factory):
             yield Scene(view, page, user)
         finally:
             user.close()
-            if view.process.poll() is None:
-                view.process.kill()
+            view.process.kill()
 
 
 def part(camera, name):
@@ -111,10 +104,7 @@ def index_of(colours, table):
 
 
 def move_slider(page, name, value):
-    page.evaluate(
-        f'(() => {{ const slider = document.getElementById("{name}");'
-        f'slider.value = {value}; slider.dispatchEvent(new Event("input")); }})()'
-    )
+    page.enter(f'document.getElementById("{name}")', value)
 
 
 def test_images_have_the_colours_of_what_is_seen(scene):
@@ -158,19 +148,12 @@ def test_pointing_at_a_pixel_reads_it_and_dragging_turns_the_cloud(scene):
     def mouse(kind, x, y, **more):
         page.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, **more)
 
-    def box(name):
-        left, top, width, height = page.evaluate(
-            f'(() => {{ const box = {part("front_left", name)}.getBoundingClientRect();'
-            'return [box.left, box.top, box.width, box.height]; })()'
-        )
-        return left, top, width, height
-
-    left, top, width, height = box('clean')
+    left, top, width, height = page.box(part('front_left', 'clean'))
     mouse('mouseMoved', left + 112.5 / 224 * width, top + 86.5 / 172 * height)
     read = f'{part("front_left", "clean")}.parentElement.querySelector(".read").textContent'
     # A busy machine may miss the clean depth of a frame.
     page.until(f'{read} === "(112, 86) 1.000 m"')
-    left, top, width, height = box('cloud')
+    left, top, width, height = page.box(part('front_left', 'cloud'))
     before = pixels(page, 'front_left', 'cloud')
     mouse('mousePressed', left + 100, top + 100, button='left', buttons=1, clickCount=1)
     mouse('mouseMoved', left + 180, top + 120, button='left', buttons=1)
@@ -182,16 +165,8 @@ def test_pointing_at_a_pixel_reads_it_and_dragging_turns_the_cloud(scene):
 
 def test_choosing_a_mode_sets_it_on_the_node(scene):
     page = scene.page
-
-    def choose(usecase):
-        page.evaluate(
-            f'(() => {{ const select = {part("front_left", "choice")};'
-            f'select.value = "{usecase}"; select.dispatchEvent(new Event("change"));'
-            '})()'
-        )
-
     answer = "document.querySelector('[data-camera=front_left] .answer')"
-    choose('Mode_5_60fps')
+    page.enter(part('front_left', 'choice'), 'Mode_5_60fps', 'change')
     page.until(f'{answer}.textContent === "Mode_5_60fps is set"')
     assert scene.usecase('front_left') == 'Mode_5_60fps'
     assert scene.usecase('front_right') == 'Mode_9_30fps'
@@ -219,9 +194,7 @@ def test_sliders_set_effects_on_the_node(scene):
     page, client = scene.page, scene.clients['front_left']
     slider = "document.querySelector('[data-camera=front_left] [data-effect=offset]')"
     page.until(f'{slider} !== null')
-    page.evaluate(
-        f'(() => {{ {slider}.value = 1.5; {slider}.dispatchEvent(new Event("change")); }})()'
-    )
+    page.enter(slider, 1.5, 'change')
     on = f'{part("front_left", "effects-on")}.textContent'
     page.until(f'{on} === "on: offset"')
     asked = ['effect.offset.strength']
@@ -250,10 +223,9 @@ def test_the_wipe_shows_clean_depth_to_the_left_of_its_line(scene):
 
 def test_the_page_fits_a_phone(scene):
     page = scene.page
-    size = {'deviceScaleFactor': 1, 'mobile': False}
-    page.call('Emulation.setDeviceMetricsOverride', width=390, height=844, **size)
+    page.resize(390, 844)
     widest = page.evaluate('document.documentElement.scrollWidth')
-    page.call('Emulation.setDeviceMetricsOverride', width=1280, height=800, **size)
+    page.resize()
     assert widest <= 390
 
 
@@ -264,49 +236,48 @@ def test_keys_drive_while_they_are_held(scene):
     user.spin_until(lambda: poses, 'odometry')
     start = poses[0].pose.pose.position.x
 
-    def hold(code, name, said, least, until=lambda: True):
+    def drive(code, name):
         heard.clear()
         page.key('keyDown', code, name)
+        user.spin_until(lambda: heard and heard[-1] != Twist(), 'a command')
+
+    def stops():
+        user.spin_until(lambda: heard[-1] == Twist(), 'the stop')
+
+    def hold(code, name, said, least, until=lambda: True):
+        drive(code, name)
         user.spin_until(lambda: len(heard) >= 5 and until(), 'commands')
         page.key('keyUp', code, name)
-        user.spin_until(lambda: heard[-1] == Twist(), 'the stop')
-        # One stop, at the end, and nothing after it.
-        assert all(said(message) * np.sign(least) >= abs(least) for message in heard[:-1])
+        stops()
+        # On a busy machine a heartbeat comes late, and the robot stops for a moment.
+        driven = [message for message in heard if message != Twist()]
+        assert all(said(message) * np.sign(least) >= abs(least) for message in driven)
+
+    def moved_back():
+        return poses[-1].pose.pose.position.x < start - 0.02
 
     hold('KeyW', 'w', lambda message: message.linear.x, 0.4)
     # There is room behind it; before it is the board.
-    hold(
-        'ArrowDown',
-        'ArrowDown',
-        lambda message: message.linear.x,
-        -0.4,
-        lambda: poses[-1].pose.pose.position.x < start - 0.02,
-    )
+    hold('ArrowDown', 'ArrowDown', lambda message: message.linear.x, -0.4, moved_back)
     hold('KeyA', 'a', lambda message: message.angular.z, 0.7)
     hold('KeyE', 'e', lambda message: message.linear.y, -0.2)
     # Another window takes the keyboard: the key is never seen to go up.
-    heard.clear()
-    page.key('keyDown', 'KeyW', 'w')
-    user.spin_until(lambda: heard, 'a command')
+    drive('KeyW', 'w')
     page.evaluate('window.dispatchEvent(new Event("blur"))')
-    user.spin_until(lambda: heard[-1] == Twist(), 'the stop')
+    stops()
     # The space bar stops whoever drives, and the key that repeats does not drive again.
     page.key('keyUp', 'KeyW', 'w')
-    heard.clear()
-    page.key('keyDown', 'KeyW', 'w')
-    user.spin_until(lambda: heard, 'a command')
+    drive('KeyW', 'w')
     page.key('keyDown', 'Space', ' ')
-    user.spin_until(lambda: heard[-1] == Twist(), 'the stop')
-    page.call('Input.dispatchKeyEvent', type='keyDown', code='KeyW', key='w', autoRepeat=True)
+    stops()
+    page.key('keyDown', 'KeyW', 'w', autoRepeat=True)
     assert not page.evaluate('document.querySelectorAll(".pad .held").length')
     page.key('keyUp', 'Space', ' ')
     # The page is gone in the middle of it: the server stops the robot.
-    heard.clear()
     page.key('keyUp', 'KeyW', 'w')
-    page.key('keyDown', 'KeyW', 'w')
-    user.spin_until(lambda: heard, 'a command')
+    drive('KeyW', 'w')
     page.open('about:blank')
-    user.spin_until(lambda: heard[-1] == Twist(), 'the stop')
+    stops()
     # And nobody takes frames any longer that nobody looks at: only the camera node is left.
     user.spin_until(lambda: [scene.listening(camera) for camera in CAMERAS] == [1, 1], 'rest')
     page.open(scene.view.url)
@@ -315,25 +286,23 @@ def test_keys_drive_while_they_are_held(scene):
 
 def test_the_page_requests_nothing_from_elsewhere_and_has_no_errors(scene):
     page = scene.page
+    elsewhere = 'http://127.0.0.1:9/x'
     blocked = page.evaluate(
         'new Promise((done) => { document.addEventListener("securitypolicyviolation",'
-        ' (event) => done(event.effectiveDirective)); fetch("http://127.0.0.1:9/x")'
+        f' (event) => done(event.effectiveDirective)); fetch("{elsewhere}")'
         '.catch(() => {}); })'
     )
     assert blocked == 'connect-src'
     asked = {request['request']['url'] for request in page.said('Network.requestWillBeSent')}
     asked |= {request['url'] for request in page.said('Network.webSocketCreated')}
     live = scene.view.url.replace('http', 'ws')
-    elsewhere = {url for url in asked if not url.startswith((scene.view.url, live))}
-    assert elsewhere <= {'about:blank', 'http://127.0.0.1:9/x'}
+    own = scene.view.url, live, 'about:blank', elsewhere
+    assert [url for url in asked if not url.startswith(own)] == []
     assert f'{live}live' in asked
     assert page.said('Runtime.exceptionThrown') == []
     said = [entry['entry'] for entry in page.said('Log.entryAdded')]
-    assert [
-        entry['text']
-        for entry in said
-        if entry['level'] == 'error' and '127.0.0.1:9' not in entry['text']
-    ] == []
+    errors = [entry['text'] for entry in said if entry['level'] == 'error']
+    assert [text for text in errors if elsewhere not in text] == []
 
 
 def test_ctrl_c_ends_everything(scene):

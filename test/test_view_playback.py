@@ -1,7 +1,6 @@
 """The page on recordings: a real process, a real browser."""
 
 from contextlib import contextmanager
-from pathlib import Path
 import re
 
 from browser import chromium
@@ -16,7 +15,14 @@ NUMBER = "document.querySelector('[data-part=number]').textContent"
 
 
 @pytest.fixture(scope='module')
-def page(tmp_path_factory):
+def browser(tmp_path_factory):
+    with chromium(tmp_path_factory.mktemp('browser')) as browser:
+        browser.resize()
+        yield browser
+
+
+@pytest.fixture(scope='module')
+def page(browser, tmp_path_factory):
     """Open a folder with two recordings, and a bag whose second camera starts two frames later."""
     folder = tmp_path_factory.mktemp('view')
     (folder / 'campaign').mkdir()
@@ -28,34 +34,29 @@ def page(tmp_path_factory):
         for entry in camera_entries(name, depths(6, 8, 9), depths(6, 8, 9), start)
     ]
     write(folder / 'campaign' / 'c', sorted(entries, key=lambda entry: entry[2]))
-    with shown(folder, tmp_path_factory.mktemp('browser'), folder / 'campaign') as browser:
+    with shown(browser, folder, folder / 'campaign'):
         yield browser
 
 
 @contextmanager
-def shown(folder, browsers, *paths):
+def shown(browser, folder, *paths):
     """Open the page of paths; neither the page nor the server may complain."""
-    with chromium(browsers) as browser:
-        view = View(folder, *map(str, paths))
-        try:
-            size = {'width': 1280, 'height': 800, 'deviceScaleFactor': 1, 'mobile': False}
-            browser.call('Emulation.setDeviceMetricsOverride', **size)
-            browser.open(view.url)
-            browser.until(f'{NUMBER} === "1 / {COUNT}"')
-            yield browser
-            assert browser.said('Runtime.exceptionThrown') == []
-            assert browser.said('Log.entryAdded') == []
-            assert view.end() == 130
-            assert view.errors == ''
-        finally:
-            if view.process.poll() is None:
-                view.process.kill()
+    view = View(folder, *map(str, paths))
+    try:
+        browser.open(view.url)
+        browser.until(f'{NUMBER} === "1 / {COUNT}"')
+        yield
+        assert browser.said('Runtime.exceptionThrown') == []
+        assert browser.said('Log.entryAdded') == []
+        assert view.end() == 130
+        assert view.errors == ''
+    finally:
+        view.process.kill()
 
 
 def press(page, code, key=''):
     page.evaluate('document.activeElement.blur()')
-    page.key('keyDown', code, key or code)
-    page.key('keyUp', code, key or code)
+    page.press(code, key)
 
 
 def test_keys_move_and_play_a_recording(page):
@@ -85,13 +86,7 @@ def test_every_control_is_reached_with_tab_and_shows_it(page):
     page.evaluate('document.activeElement.blur(); window.scrollTo(0, 0)')
     reached = []
     for _ in range(13):
-        page.call(
-            'Input.dispatchKeyEvent',
-            type='keyDown',
-            code='Tab',
-            key='Tab',
-            windowsVirtualKeyCode=9,
-        )
+        page.key('keyDown', 'Tab', 'Tab', windowsVirtualKeyCode=9)
         name, style = page.evaluate(
             '(() => { const on = document.activeElement;'
             'return [on.id || on.dataset.part || "", getComputedStyle(on).outlineStyle]; })()'
@@ -111,10 +106,8 @@ def test_depth_is_compared_with_what_is_chosen(page):
     assert names == ['clean', 'simulated']
 
     def choose(name):
-        page.evaluate(
-            f'(() => {{ {choice}.value = "{name}"; {choice}.dispatchEvent(new Event("change"));'
-            f'document.querySelector("[data-part=difference-numbers]").textContent = ""; }})()'
-        )
+        page.enter(choice, name, 'change')
+        page.evaluate('document.querySelector("[data-part=difference-numbers]").textContent = ""')
         page.until(offset)
         return numbers(page, 'difference')[0]
 
@@ -131,19 +124,40 @@ def numbers(page, kind):
     return [float(one.replace('−', '-')) for one in re.findall(r'([+−]?[\d.]+)(?=,| mm)', text)]
 
 
+def test_cameras_of_a_bag_are_shown_at_the_same_time(page):
+    recording = 'document.getElementById("recording")'
+    page.enter(recording, 2, 'change')
+    numbers = '[...document.querySelectorAll("[data-part=number]")].map((one) => one.textContent)'
+    page.until(f'{numbers}.join() === "1 / 6,1 / 6"')
+    for _ in range(4):
+        press(page, 'ArrowRight')
+    page.until(f'{numbers}.join() === "5 / 6,3 / 6"')
+    page.enter(recording, 0, 'change')
+    page.until(f'{NUMBER} === "1 / {COUNT}"')
+
+
+def test_the_page_of_recordings_fits_a_phone(page):
+    page.resize(390, 844)
+    widest, bottom = page.evaluate(
+        '[document.documentElement.scrollWidth,'
+        ' document.getElementById("play").getBoundingClientRect().bottom]'
+    )
+    page.resize()
+    assert widest <= 390
+    assert bottom <= 844
+
+
 def colours(page, part):
     """Return the (H, W, 3) colours of an image."""
     data = page.evaluate(f"[...document.querySelector('[data-part={part}]').surface.image.data]")
     return np.array(data, np.uint8).reshape(*SIZE, 4)[..., :3]
 
 
-def test_a_recording_is_played_beside_both_simulations(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('paired')
-    (folder / 'campaign').mkdir()
-    save_walk(folder / 'campaign' / 'a.npz')
-    diagnosis = save_diagnosis(folder / 'diagnosis')
-    paths = diagnosis, folder / 'campaign'
-    with shown(folder, tmp_path_factory.mktemp('browser'), *paths) as page:
+def test_a_recording_is_played_beside_both_simulations(browser, tmp_path):
+    (tmp_path / 'campaign').mkdir()
+    save_walk(tmp_path / 'campaign' / 'a.npz')
+    diagnosis, page = save_diagnosis(tmp_path / 'diagnosis'), browser
+    with shown(page, tmp_path, diagnosis, tmp_path / 'campaign'):
         page.until('document.querySelector(".paired") !== null')
         images = page.evaluate(
             "[...document.querySelectorAll('figure')].filter((one) => one.offsetWidth)"
@@ -165,28 +179,17 @@ def test_a_recording_is_played_beside_both_simulations(tmp_path_factory):
         recorded = colours(page, 'simulated')
         assert (colours(page, 'without') != recorded).any(axis=2).mean() > 0.02
         page.evaluate("document.getElementById('mark').focus()")
-        page.call('Input.dispatchKeyEvent', type='keyDown', code='Space', key=' ', text=' ')
-        page.key('keyUp', 'Space', ' ')
+        page.press('Space', ' ', text=' ')
         page.evaluate("document.getElementById('wipe').focus()")
-        for kind in ('keyDown', 'keyUp'):
-            page.call(
-                'Input.dispatchKeyEvent',
-                type=kind,
-                code='End',
-                key='End',
-                windowsVirtualKeyCode=35,
-            )
+        page.press('End', windowsVirtualKeyCode=35)
         page.evaluate('new Promise(requestAnimationFrame)')
         assert not (colours(page, 'gap') == (0, 158, 115)).all(axis=2).any()
         assert page.evaluate("document.getElementById('play').dataset.action") == 'play'
         for kind in ('without', 'clean'):
             np.testing.assert_array_equal(colours(page, kind), recorded)
         # The line can uncover a simulation, too: here in the whole width of both other images.
-        uncovered = "document.querySelector('[data-part=uncovered]')"
-        page.evaluate(
-            f'{uncovered}.value = "without"; {uncovered}.dispatchEvent(new Event("change"));'
-            'new Promise(requestAnimationFrame)'
-        )
+        page.enter("document.querySelector('[data-part=uncovered]')", 'without', 'change')
+        page.evaluate('new Promise(requestAnimationFrame)')
         simulated = colours(page, 'without')
         assert (simulated != recorded).any(axis=2).mean() > 0.02
         for kind in ('simulated', 'clean'):
@@ -207,20 +210,15 @@ recordings:
 """
 
 
-def test_outlines_are_drawn_with_pointer_and_keys(tmp_path_factory):
-    folder = tmp_path_factory.mktemp('drawn')
-    save_walk(folder / 'a.npz')
-    planes = folder / 'planes.yaml'
+def test_outlines_are_drawn_with_pointer_and_keys(browser, tmp_path):
+    save_walk(tmp_path / 'a.npz')
+    planes, page = tmp_path / 'planes.yaml', browser
     planes.write_text(PLANES)
-    paths = folder / 'a.npz', Path('--planes'), planes
-    with shown(folder, tmp_path_factory.mktemp('browser'), *paths) as page:
+    with shown(page, tmp_path, tmp_path / 'a.npz', '--planes', planes):
         state = "document.querySelector('[data-part=region-state]').textContent"
         canvas = "document.querySelector('[data-part=outline]')"
         page.evaluate(f'{canvas}.scrollIntoView()')
-        left, top, width, height = page.evaluate(
-            f'(() => {{ const box = {canvas}.getBoundingClientRect();'
-            'return [box.left, box.top, box.width, box.height]; })()'
-        )
+        left, top, width, height = page.box(canvas)
         for count, (u, v) in enumerate([(6, 5), (40, 5), (40, 30)], 1):
             place = {
                 'x': left + (u + 0.5) * width / SIZE[1],
@@ -233,8 +231,7 @@ def test_outlines_are_drawn_with_pointer_and_keys(tmp_path_factory):
             page.until(f'{state}.startsWith("{count} corner")')
         page.evaluate(f'{canvas}.focus()')
         for code in ('ArrowLeft', 'ArrowLeft', 'ArrowDown', 'Enter', 'Enter', 'Backspace', 'KeyS'):
-            page.key('keyDown', code, code)
-            page.key('keyUp', code, code)
+            page.press(code)
         page.until(f'{state} === "4 corners: saved as left"')
         # The keys were not those of the player.
         assert page.evaluate(NUMBER) == f'1 / {COUNT}'
@@ -245,37 +242,7 @@ def test_outlines_are_drawn_with_pointer_and_keys(tmp_path_factory):
         )
         name = "document.querySelector('[data-part=plane]')"
         for value, said in (('', '0 corners'), ('left', '4 corners: saved')):
-            page.evaluate(f'{name}.value = "{value}"; {name}.dispatchEvent(new Event("input"))')
+            page.enter(name, value)
             assert page.evaluate(state) == said
         page.evaluate(f'{name}.value = ""; document.querySelector("[data-part=save]").click()')
         assert page.evaluate(state) == '4 corners: give the plane a name'
-
-
-def choose_recording(page, at):
-    page.evaluate(
-        f'(() => {{ const choice = document.getElementById("recording"); choice.value = {at};'
-        'choice.dispatchEvent(new Event("change")); })()'
-    )
-
-
-def test_cameras_of_a_bag_are_shown_at_the_same_time(page):
-    choose_recording(page, 2)
-    numbers = '[...document.querySelectorAll("[data-part=number]")].map((one) => one.textContent)'
-    page.until(f'{numbers}.join() === "1 / 6,1 / 6"')
-    for _ in range(4):
-        press(page, 'ArrowRight')
-    page.until(f'{numbers}.join() === "5 / 6,3 / 6"')
-    choose_recording(page, 0)
-    page.until(f'{NUMBER} === "1 / {COUNT}"')
-
-
-def test_the_page_of_recordings_fits_a_phone(page):
-    size = {'deviceScaleFactor': 1, 'mobile': False}
-    page.call('Emulation.setDeviceMetricsOverride', width=390, height=844, **size)
-    widest, bottom = page.evaluate(
-        '[document.documentElement.scrollWidth,'
-        ' document.getElementById("play").getBoundingClientRect().bottom]'
-    )
-    page.call('Emulation.setDeviceMetricsOverride', width=1280, height=800, **size)
-    assert widest <= 390
-    assert bottom <= 844

@@ -3,15 +3,12 @@
 import asyncio
 from contextlib import suppress
 import json
-import os
-import signal
-import subprocess
 import threading
 
 from flexx2_sim_ros.view.driving import Driving, HEARTBEAT_TIMEOUT_SECONDS, STOP
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
-from programs import node_words
+from programs import node_words, started
 import pytest
 from streams import Listener
 from tornado.websocket import WebSocketClosedError
@@ -115,39 +112,20 @@ def user(ros):
 
 
 def test_kill_9_of_the_viewer_leaves_the_robot_to_its_own_hold(user, tmp_path):
-    words = [
-        '-r',
-        '__ns:=/view_killed',
-        '-p',
-        'motion:=cmd_vel',
-        '-p',
-        'scene:=board',
-        '-p',
-        'renderer:=ray',
-    ]
-    with (tmp_path / 'go1.log').open('wb') as log:
-        go1 = subprocess.Popen(
-            node_words('go1_cameras', *words),
-            env=os.environ,
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-        )
-    view = View(tmp_path, '--cmd-vel', '/view_killed/cmd_vel')
-    try:
+    ros = ['-r', '__ns:=/view_killed', '-p', 'motion:=cmd_vel', '-p', 'scene:=board']
+    go1 = node_words('go1_cameras', *ros, '-p', 'renderer:=ray')
+    with (tmp_path / 'go1.log').open('wb') as log, started(go1, stdout=log, stderr=log):
+        view = View(tmp_path, '--cmd-vel', '/view_killed/cmd_vel')
         seen = user.listen('/view_killed/odom', Odometry)
         heard = user.listen('/view_killed/cmd_vel', Twist)
         page = Page(view.url)
-        user.spin_until(lambda: seen and seen[-1].twist.twist.angular.z > 0.2, 'turning')
-        view.process.send_signal(signal.SIGKILL)
+        try:
+            user.spin_until(lambda: seen and seen[-1].twist.twist.angular.z > 0.2, 'turning')
+        finally:
+            view.process.kill()
         view.process.wait(PATIENCE)
         page.fall_silent()
         said = len(heard)
         user.spin_until(lambda: seen[-1].twist.twist.angular.z == 0.0, 'rest')
         # Nobody has told it to: it stands because it has heard nothing for half a second.
         assert Twist() not in heard[said - 1 :]
-    finally:
-        for process in (view.process, go1):
-            if process.poll() is None:
-                process.kill()
-                process.wait(PATIENCE)

@@ -13,6 +13,9 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener, Parameter
 
+WIDE = FLEXX2.from_field_of_view(80, 60, 100.0, 80.0)
+CLEAN = np.full((60, 80), 1.5, np.float32)
+
 
 @dataclass
 class Watched:
@@ -34,11 +37,8 @@ class Watched:
     def show(self, stamp, clean):
         """Publish a frame, return what the viewer makes of it."""
         if clean:
-            wide = FLEXX2.from_field_of_view(80, 60, 100.0, 80.0)
-            self.send['clean/camera_info'].publish(info_message(wide, stamp))
-            self.send['clean/depth_image'].publish(
-                image_message(np.full((60, 80), 1.5, np.float32), stamp)
-            )
+            self.send['clean/camera_info'].publish(info_message(WIDE, stamp))
+            self.send['clean/depth_image'].publish(image_message(CLEAN, stamp))
         self.send['flexx2_camera/camera_info'].publish(info_message(FLEXX2, stamp))
         image = np.full((172, 224), 1.25, np.float32)
         image[:86] = np.nan
@@ -109,7 +109,7 @@ def test_a_late_image_is_shown_with_the_clean_depth_of_its_stamp(watched):
     watched.show_until(lambda shot: True, 1)
     waiting = watched.viewer._cameras['view_parts/left']._clean
     for stamp in range(1000, 1060):  # Two seconds of frames.
-        message = image_message(np.full((60, 80), 1.5, np.float32), stamp)
+        message = image_message(CLEAN, stamp)
 
         def arrived(stamp=stamp, message=message):
             watched.send['clean/depth_image'].publish(message)
@@ -124,22 +124,16 @@ def test_a_camera_info_that_was_sent_once_is_known(watched):
     user.node.destroy_publisher(watched.send['clean/camera_info'])
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     watched.send['clean/camera_info'] = user.node.create_publisher(CameraInfo, topic, latched)
-    wide = FLEXX2.from_field_of_view(80, 60, 100.0, 80.0)
-    watched.send['clean/camera_info'].publish(info_message(wide, 0))
-    user.spin_until(
-        lambda: (
-            [
-                one.qos_profile.durability
-                for one in watched.viewer.get_publishers_info_by_topic(topic)
-            ]
-            == [DurabilityPolicy.TRANSIENT_LOCAL]
-        ),
-        'the publisher',
-    )
+    watched.send['clean/camera_info'].publish(info_message(WIDE, 0))
+
+    def publishers():
+        found = watched.viewer.get_publishers_info_by_topic(topic)
+        return [one.qos_profile.durability for one in found]
+
+    user.spin_until(lambda: publishers() == [DurabilityPolicy.TRANSIENT_LOCAL], 'the publisher')
     watched.watch()
-    clean = np.full((60, 80), 1.5, np.float32)
     for stamp in range(1, 200):
-        watched.send['clean/depth_image'].publish(image_message(clean, stamp))
+        watched.send['clean/depth_image'].publish(image_message(CLEAN, stamp))
         shot = watched.show(stamp, clean=False)
         if shot.clean is not None:
             break

@@ -117,10 +117,10 @@ class Source:
 
 
 @contextmanager
-def serve_source():
-    """Serve the page with a source."""
+def serve_source(access=None):
+    """Serve the page with a source; to those whom `access` admits, or to this machine."""
     source = Source()
-    server = Server(bind('127.0.0.1', 0), Access('127.0.0.1'), source)
+    server = Server(bind('127.0.0.1', 0), access or Access('127.0.0.1'), source)
     server.start()
     try:
         yield server, source
