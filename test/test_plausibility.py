@@ -14,36 +14,26 @@ def found(values, encoding='32FC1'):
 
 
 @pytest.mark.parametrize(
-    ('values', 'encoding', 'kind', 'parts'),
+    ('values', 'encoding', 'kind', 'part'),
     [
-        (
-            [1200.0, 1500.0, 1800.0],
-            '32FC1',
-            'millimetres',
-            ['values of about 1500', 'looks like millimetres', '32FC1 must be metres (REP 118)'],
-        ),
-        ([1500.0, np.nan, 0.0], '64FC1', 'millimetres', ['64FC1 must be metres']),
-        ([1500.0], '32FC1', 'millimetres', ['millimetres', 'far plane']),
-        (
-            [0.001, 0.002, 0.003],
-            '16UC1',
-            'metres',
-            ['values of about 2', 'looks like metres', '16UC1 must be millimetres'],
-        ),
-        ([0.0015, 0.0016], '32FC1', 'kilometres', ['divided by 1000']),
-        ([0.0], '32FC1', 'zero', ['every pixel is 0']),
-        ([-1.5, -1.4, np.nan], '32FC1', 'negative', ['must be positive']),
-        ([8.5, 12.0, 9.0], '32FC1', 'too far', ['8.5 to 12 m', 'too far']),
-        ([8.5, 12.0], '16UC1', 'too far', ['8.5 to 12 m']),
-        ([0.02, 0.05], '32FC1', 'too near', ['0.02 to 0.05 m', 'too near']),
-        ([0.05, 9.0, 0.06, 9.1], '32FC1', 'too near or too far', ['0.05 to 9.1 m']),
+        ([1200.0, 1500.0, 1800.0], '32FC1', 'millimetres', 'values of about 1500'),
+        ([1500.0, np.nan, 0.0], '64FC1', 'millimetres', '64FC1 must be metres'),
+        ([1500.0], '32FC1', 'millimetres', 'far plane'),
+        ([0.001, 0.002, 0.003], '16UC1', 'metres', '16UC1 must be millimetres'),
+        ([0.0015, 0.0016], '32FC1', 'kilometres', 'divided by 1000'),
+        ([0.0], '32FC1', 'zero', 'every pixel is 0'),
+        ([-1.5, -1.4, np.nan], '32FC1', 'negative', 'must be positive'),
+        ([8.5, 12.0, 9.0], '32FC1', 'too far', '8.5 to 12 m'),
+        ([8.5, 12.0], '16UC1', 'too far', '8.5 to 12 m'),
+        ([0.02, 0.05], '32FC1', 'too near', '0.02 to 0.05 m'),
+        ([0.05, 9.0, 0.06, 9.1], '32FC1', 'too near or too far', '0.05 to 9.1 m'),
     ],
 )
-def test_implausible_input_is_reported(values, encoding, kind, parts):
+def test_implausible_input_is_reported(values, encoding, kind, part):
     finding = found(values, encoding)
     assert finding.wrong
     assert finding.kind == kind
-    assert all(part in finding.text for part in parts), finding.text
+    assert part in finding.text
 
 
 def test_wrong_byte_order():

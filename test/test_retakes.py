@@ -43,11 +43,12 @@ def test_frames_do_not_depend_on_effects_simulated_before(moving, lit):
     )
     before = clean.copy(), albedo.copy()
     for table in tables:
-        frames = shared.depth(table)
-        assert np.array_equal(frames, alone.depth(table), equal_nan=True), table
         if table:
-            wanted = Camera(seed=3, name='gap', effects=table).capture(clean, K, STAMPS, albedo)
-            assert np.array_equal(frames, wanted.depth, equal_nan=True), table
+            camera = Camera(seed=3, name='gap', effects=table)
+            wanted = camera.capture(clean, K, STAMPS, albedo).depth
+        else:  # A camera without effects has compiled loops, which round otherwise.
+            wanted = alone.depth(table)
+        assert np.array_equal(shared.depth(table), wanted, equal_nan=True), table
     assert all(
         np.array_equal(one, other, equal_nan=True)
         for one, other in zip((clean, albedo), before, strict=True)
