@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
-from streams import Listener, Parameter
+from streams import listening, Parameter
 from views import PATIENCE, View
 
 CAMERAS = ('front_left', 'front_right')
@@ -47,25 +47,19 @@ class Scene:
 @pytest.fixture(scope='module')
 def scene(ros, tmp_path_factory):
     """Start the demo before the board and open the page."""
-    with chromium(tmp_path_factory.mktemp('browser')) as page:
-        user = Listener()
-        view = View(
-            tmp_path_factory.mktemp('view'), '--demo', '--scene', 'board', '--renderer', 'ray'
-        )
-        try:
-            page.resize()
-            page.call('Network.enable')
-            page.open(view.url)
-            page.until(f'document.querySelectorAll(".camera").length === {len(CAMERAS)}')
-            for camera in CAMERAS:
-                page.until(f'{part(camera, "hz")}.textContent.endsWith(" Hz")')
-                page.until(f'{part(camera, "clean")}.width === 224')
-            # Or every frame would come here as well.
-            page.call('Network.disable')
-            yield Scene(view, page, user)
-        finally:
-            user.close()
-            view.process.kill()
+    browser, folder = tmp_path_factory.mktemp('browser'), tmp_path_factory.mktemp('view')
+    words = '--demo', '--scene', 'board', '--renderer', 'ray'
+    with chromium(browser) as page, View(folder, *words) as view, listening() as user:
+        page.resize()
+        page.call('Network.enable')
+        page.open(view.url)
+        page.until(f'document.querySelectorAll(".camera").length === {len(CAMERAS)}')
+        for camera in CAMERAS:
+            page.until(f'{part(camera, "hz")}.textContent.endsWith(" Hz")')
+            page.until(f'{part(camera, "clean")}.width === 224')
+        # Or every frame would come here as well.
+        page.call('Network.disable')
+        yield Scene(view, page, user)
 
 
 def part(camera, name):

@@ -1,4 +1,4 @@
-"""The page on recordings: a real process, a real browser."""
+"""The page on recordings, in a real browser."""
 
 from contextlib import contextmanager
 import re
@@ -9,7 +9,7 @@ from flexx2_sim_ros.truth.plane_file import PlaneHint, read_planes
 from made_bags import camera_entries, depths, SECOND, write
 import numpy as np
 import pytest
-from views import COUNT, EFFECTS, save_diagnosis, save_walk, SIZE, View
+from views import COUNT, EFFECTS, save_diagnosis, save_walk, serve_files, SIZE, View
 
 NUMBER = "document.querySelector('[data-part=number]').textContent"
 
@@ -34,24 +34,18 @@ def page(browser, tmp_path_factory):
         for entry in camera_entries(name, depths(6, 8, 9), depths(6, 8, 9), start)
     ]
     write(folder / 'campaign' / 'c', sorted(entries, key=lambda entry: entry[2]))
-    with shown(browser, folder, folder / 'campaign'):
+    with serve_files(folder / 'campaign') as url, shown(browser, url):
         yield browser
 
 
 @contextmanager
-def shown(browser, folder, *paths):
-    """Open the page of paths; neither the page nor the server may complain."""
-    view = View(folder, *map(str, paths))
-    try:
-        browser.open(view.url)
-        browser.until(f'{NUMBER} === "1 / {COUNT}"')
-        yield
-        assert browser.said('Runtime.exceptionThrown') == []
-        assert browser.said('Log.entryAdded') == []
-        assert view.end() == 130
-        assert view.errors == ''
-    finally:
-        view.process.kill()
+def shown(browser, url):
+    """Open a page, which may not complain."""
+    browser.open(url)
+    browser.until(f'{NUMBER} === "1 / {COUNT}"')
+    yield
+    assert browser.said('Runtime.exceptionThrown') == []
+    assert browser.said('Log.entryAdded') == []
 
 
 def press(page, code, key=''):
@@ -157,7 +151,7 @@ def test_a_recording_is_played_beside_both_simulations(browser, tmp_path):
     (tmp_path / 'campaign').mkdir()
     save_walk(tmp_path / 'campaign' / 'a.npz')
     diagnosis, page = save_diagnosis(tmp_path / 'diagnosis'), browser
-    with shown(page, tmp_path, diagnosis, tmp_path / 'campaign'):
+    with serve_files(diagnosis, tmp_path / 'campaign') as url, shown(page, url):
         page.until('document.querySelector(".paired") !== null')
         images = page.evaluate(
             "[...document.querySelectorAll('figure')].filter((one) => one.offsetWidth)"
@@ -214,7 +208,8 @@ def test_outlines_are_drawn_with_pointer_and_keys(browser, tmp_path):
     save_walk(tmp_path / 'a.npz')
     planes, page = tmp_path / 'planes.yaml', browser
     planes.write_text(PLANES)
-    with shown(page, tmp_path, tmp_path / 'a.npz', '--planes', planes):
+    words = str(tmp_path / 'a.npz'), '--planes', str(planes)
+    with View(tmp_path, *words) as view, shown(page, view.url):
         state = "document.querySelector('[data-part=region-state]').textContent"
         canvas = "document.querySelector('[data-part=outline]')"
         page.evaluate(f'{canvas}.scrollIntoView()')
@@ -246,3 +241,5 @@ def test_outlines_are_drawn_with_pointer_and_keys(browser, tmp_path):
             assert page.evaluate(state) == said
         page.evaluate(f'{name}.value = ""; document.querySelector("[data-part=save]").click()')
         assert page.evaluate(state) == '4 corners: give the plane a name'
+        assert view.end() == 130
+        assert view.errors == ''

@@ -1,12 +1,9 @@
 """`flexx2 view` of recordings, and its ports and addresses before any page is open."""
 
-from contextlib import contextmanager
 import json
 import signal
 import socket
-from urllib.error import HTTPError
 from urllib.parse import urlencode
-from urllib.request import Request, urlopen
 
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
@@ -14,15 +11,12 @@ from flexx2_sim_ros.cli.view_files import open_files
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.recording import load_recording, open_recording
-from flexx2_sim_ros.view.access import Access
 from flexx2_sim_ros.view.packing import UNIT
-from flexx2_sim_ros.view.playback import PlaybackServer
 from flexx2_sim_ros.view.recorded import FrameReader, RecordedCamera
-from flexx2_sim_ros.view.web import bind
 from made_bags import camera_entries, depths, write
 import numpy as np
 import pytest
-from views import EFFECTS, K, save_diagnosis, save_walk, SIZE, USECASE
+from views import answer_of, EFFECTS, K, save_diagnosis, save_walk, serve_files, SIZE, USECASE
 
 
 def packed_parts(body):
@@ -94,19 +88,6 @@ def test_notes_say_what_depth_cannot_be_compared_with(tmp_path, more, references
     assert recorded.frame(0, 'simulated').clean is None
 
 
-@contextmanager
-def served(path, planes=None):
-    """Serve recordings; yield the page's origin."""
-    recordings, headline = open_files(path, None, [], '')
-    access = Access('127.0.0.1')
-    server = PlaybackServer(bind('127.0.0.1', 0), access, recordings, headline, planes)
-    server.start()
-    try:
-        yield f'http://127.0.0.1:{server.port}'
-    finally:
-        server.stop()
-
-
 @pytest.fixture(scope='module')
 def bag(tmp_path_factory):
     """Serve a bag of two cameras; return the address of its frames, and the bag."""
@@ -117,16 +98,12 @@ def bag(tmp_path_factory):
     ]
     folder = tmp_path_factory.mktemp('bag')
     path = write(folder / 'bag', sorted(entries, key=lambda entry: entry[2]))
-    with served(path) as origin:
+    with serve_files(path) as origin:
         yield f'{origin}/frame', path
 
 
 def get(url, **query):
-    try:
-        with urlopen(f'{url}?{urlencode(query)}') as answer:
-            return answer.status, answer.read()
-    except HTTPError as error:
-        return error.code, error.read()
+    return answer_of(f'{url}?{urlencode(query)}')
 
 
 @pytest.fixture(scope='module')
@@ -134,7 +111,7 @@ def planes(tmp_path_factory):
     """Serve a recording to draw on; return the page's origin and the file of planes."""
     folder = tmp_path_factory.mktemp('planes')
     save_walk(folder / 'walk.npz')
-    with served(folder / 'walk.npz', folder / 'planes.yaml') as origin:
+    with serve_files(folder / 'walk.npz', planes=folder / 'planes.yaml') as origin:
         yield origin, folder / 'planes.yaml'
 
 
@@ -143,12 +120,8 @@ def outline(corners, plane='left', recording=0):
 
 
 def post(origin, body, **headers):
-    request = Request(f'{origin}/outline', body, {'Origin': origin} | headers)
-    try:
-        with urlopen(request) as answer:
-            return answer.status, answer.read().decode()
-    except HTTPError as error:
-        return error.code, error.read().decode()
+    code, said = answer_of(f'{origin}/outline', body, **{'Origin': origin} | headers)
+    return code, said.decode()
 
 
 TRIANGLE = [[1, 2], [30, 2], [30, 40]]
@@ -218,7 +191,7 @@ def test_a_file_that_breaks_while_it_is_shown_is_reported(bag):
     _, path = bag
     (file,) = path.glob('*.mcap')
     content = file.read_bytes()
-    with served(path) as origin:
+    with serve_files(path) as origin:
         file.write_bytes(b'')
         code, body = get(f'{origin}/frame', recording=0, camera=0, number=3)
         assert code == 500

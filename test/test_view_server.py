@@ -1,14 +1,16 @@
-"""The page on live cameras without ROS: what browsers get, what they may send."""
+"""The page on live cameras without ROS: what browsers get and send, and what stops a robot."""
 
 import asyncio
 from contextlib import contextmanager, suppress
 import json
 import socket
+import threading
 
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.view import server as server_module
 from flexx2_sim_ros.view import web
 from flexx2_sim_ros.view.access import Access
+from flexx2_sim_ros.view.driving import Driving, HEARTBEAT_TIMEOUT_SECONDS, STOP
 from flexx2_sim_ros.view.packing import ViewedFrame
 from flexx2_sim_ros.view.server import Server
 from flexx2_sim_ros.view.web import bind
@@ -16,8 +18,10 @@ import numpy as np
 import pytest
 from tornado.httpclient import HTTPClientError
 from tornado.websocket import WebSocketClosedError
-from views import connect_to, run, serve_source, Source
+from views import connect_to, PATIENCE, run, serve_source, Source
 
+FORWARD, BACK = (0.5, 0.0, 0.0), (-0.5, 0.0, 0.0)
+HEARTBEAT = 0.1  # seconds, of the page
 CAMERA = Intrinsics(4, 3, 3.0, 3.0, 1.5, 1.0)
 
 
@@ -210,3 +214,67 @@ def test_a_page_learns_whether_the_robot_obeys(served):
         assert json.loads(await client.read_message()) == {'obeyed': True}
 
     run(work())
+
+
+class Robot:
+    """Takes velocities; says when one has come."""
+
+    def __init__(self):
+        self.heard = []
+        self._came = threading.Condition()
+        self.driving = Driving(self.hear)
+
+    def hear(self, velocity):
+        with self._came:
+            self.heard.append(velocity)
+            self._came.notify()
+
+    def wait_for(self, count):
+        with self._came:
+            assert self._came.wait_for(lambda: len(self.heard) >= count, PATIENCE)
+
+
+@pytest.fixture
+def robot():
+    made = Robot()
+    yield made
+    made.driving.close()
+
+
+def test_a_page_that_misses_its_heartbeat_is_stopped(robot):
+    for count in (2, 4):
+        assert robot.driving.drive('page', FORWARD)
+        robot.wait_for(count)
+    assert robot.heard == [FORWARD, STOP, FORWARD, STOP]
+    assert HEARTBEAT_TIMEOUT_SECONDS >= 3 * HEARTBEAT
+
+
+def test_any_page_stops_the_robot_until_the_driver_lets_go(robot):
+    drive = robot.driving.drive
+    assert drive('driver', FORWARD)
+    assert drive('other', STOP)
+    # The keys are still held.
+    assert not drive('driver', FORWARD)
+    assert drive('driver', STOP)
+    assert drive('driver', BACK)
+    assert robot.heard == [FORWARD, STOP, STOP, BACK]
+
+
+def test_the_page_that_drives_last_replaces_the_one_before(robot):
+    drive = robot.driving.drive
+    assert drive('first', FORWARD)
+    assert drive('second', BACK)
+    assert not drive('first', FORWARD)
+    robot.driving.leave('first')
+    assert drive('second', BACK)
+    robot.driving.leave('second')
+    assert robot.heard == [FORWARD, BACK, BACK, STOP]
+    # Pages that are gone are forgotten.
+    assert not robot.driving._ignored
+
+
+def test_the_end_of_the_viewer_stops_the_robot(robot):
+    robot.driving.drive('page', FORWARD)
+    robot.driving.close()
+    assert not robot.driving.drive('page', FORWARD)
+    assert robot.heard == [FORWARD, STOP]

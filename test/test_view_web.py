@@ -1,8 +1,5 @@
 """Who may open the page, from this machine or another; and what the page computes."""
 
-from urllib.error import HTTPError
-from urllib.request import Request, urlopen
-
 from browser import chromium
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.physics.geometry import pixel_rays
@@ -12,7 +9,7 @@ import numpy as np
 from programs import until
 import pytest
 from tornado.httpclient import HTTPClientError
-from views import connect, connect_to, run, save_walk, serve_source, View
+from views import answer_of, connect, connect_to, run, save_walk, serve_source, View
 
 LIVE = 'document.getElementById("connection").textContent === "live"'
 
@@ -123,11 +120,7 @@ def test_the_address_with_the_token_opens_the_page(guarded, browser):
 
 
 def code_of(url, **headers):
-    try:
-        with urlopen(Request(url, headers=headers)) as answer:
-            return int(answer.status)
-    except HTTPError as error:
-        return error.code
+    return answer_of(url, **headers)[0]
 
 
 def test_nothing_is_served_without_the_token(guarded):
@@ -163,11 +156,11 @@ def test_nothing_is_served_without_the_token(guarded):
 def test_the_printed_address_has_the_token(ros, tmp_path, monkeypatch, words, warning):
     monkeypatch.chdir(tmp_path)
     save_walk('walk.npz')
-    view = View(tmp_path, '--host', '0.0.0.0', *words)
-    assert ('?token=' in view.url) == ('--no-token' not in words)
-    assert code_of(view.url) == 200
-    until(lambda: view.errors, 'the warning')
-    assert view.end() == 130
+    with View(tmp_path, '--host', '0.0.0.0', *words) as view:
+        assert ('?token=' in view.url) == ('--no-token' not in words)
+        assert code_of(view.url) == 200
+        until(lambda: view.errors, 'the warning')
+        assert view.end() == 130
     assert view.errors == f'warning: --host 0.0.0.0: everybody who {warning}\n'
 
 

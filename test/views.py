@@ -7,11 +7,15 @@ from pathlib import Path
 import select
 import signal
 import subprocess
+from urllib.error import HTTPError
 from urllib.parse import urlsplit
+from urllib.request import Request, urlopen
 
 from campaigns import write_diagnosis
 from flexx2_sim_ros.camera import Camera
+from flexx2_sim_ros.cli.view_files import open_files
 from flexx2_sim_ros.view.access import Access
+from flexx2_sim_ros.view.playback import PlaybackServer
 from flexx2_sim_ros.view.server import Server
 from flexx2_sim_ros.view.web import bind
 import numpy as np
@@ -56,6 +60,14 @@ class View:
             raise
         self.url = line.split()[0]
 
+    def __enter__(self):
+        """Use it."""
+        return self
+
+    def __exit__(self, *_):
+        """Kill it, if it still runs."""
+        self.process.kill()
+
     @property
     def errors(self):
         """Return what it has written to stderr."""
@@ -65,6 +77,15 @@ class View:
         """Press Ctrl-C; return the exit code."""
         self.process.send_signal(signal.SIGINT)
         return self.process.wait(PATIENCE)
+
+
+def answer_of(url, body=None, **headers):
+    """Return the code and the body of an HTTP answer."""
+    try:
+        with urlopen(Request(url, body, headers)) as answer:
+            return answer.status, answer.read()
+    except HTTPError as error:
+        return error.code, error.read()
 
 
 def connect(url, **headers):
@@ -124,6 +145,19 @@ def serve_source(access=None):
     server.start()
     try:
         yield server, source
+    finally:
+        server.stop()
+
+
+@contextmanager
+def serve_files(path, campaign=None, planes=None):
+    """Serve the page of recordings, as `flexx2 view` does; yield its address."""
+    recordings, headline = open_files(path, campaign, [], '')
+    access = Access('127.0.0.1')
+    server = PlaybackServer(bind('127.0.0.1', 0), access, recordings, headline, planes)
+    server.start()
+    try:
+        yield f'http://127.0.0.1:{server.port}'
     finally:
         server.stop()
 
