@@ -1,11 +1,13 @@
 """Files and folders that appear whole or not at all."""
 
 import os
+from pathlib import Path
+import sqlite3
 import subprocess
 import sys
 
-from flexx2_sim_ros.atomic import whole, whole_files, write_text
-from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.atomic import named, whole, whole_files, write_text
+from flexx2_sim_ros.errors import InputError, MachineError
 from programs import started
 import pytest
 
@@ -47,6 +49,18 @@ def test_files_of_one_write_appear_together(tmp_path):
     with pytest.raises(InputError, match='d: cannot be written: must be a file, got a folder'):
         write()
     assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'b', 'd']
+
+
+def test_a_full_device_is_named():
+    full, of_bag = Path('/dev/full'), Path('a.db3')
+    refused = 'no space left on the device$'
+    with pytest.raises(MachineError, match=f'^/dev/full: {refused}'), named(full):
+        full.write_text('text')
+    database = sqlite3.connect(':memory:')
+    database.execute('PRAGMA max_page_count = 1')
+    with pytest.raises(MachineError, match=f'^a.db3: {refused}'), named(of_bag):
+        database.execute('CREATE TABLE topics (name)')
+    database.close()
 
 
 LEAVE = """
