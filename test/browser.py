@@ -84,6 +84,7 @@ class Browser:
         deadline = time.monotonic() + _PATIENCE
         while not (value := self.evaluate(script)):
             assert time.monotonic() < deadline, script
+            time.sleep(0.02)  # Asking without a pause would keep the page busy.
         return value
 
     def key(self, kind, code, key, **more):
