@@ -46,20 +46,13 @@ LIBRARIES = {
 }
 # Extras of pip's, with no key in rosdep: import name, name on the Python package index.
 EXTRAS = {
-    'av': 'av',
+    **{name: name for name in ('av', 'distributed', 'embreex', 'h5py')},
+    **{name: name for name in ('pyarrow', 'pyoctomap', 'trimesh')},
     'cv2': 'opencv-python-headless',
-    'distributed': 'distributed',
-    'embreex': 'embreex',
-    'h5py': 'h5py',
     'mujoco_menagerie': 'mujoco-menagerie',
-    'pyarrow': 'pyarrow',
-    'pyoctomap': 'pyoctomap',
-    'trimesh': 'trimesh',
     'warp': 'warp-lang',
-    # rosbags brings its decompressors.
-    'backports': 'rosbags',
-    'compression': 'rosbags',
-    'lz4': 'rosbags',
+    # It brings its decompressors.
+    **dict.fromkeys(('backports', 'compression', 'lz4'), 'rosbags'),
 }
 
 
