@@ -2,6 +2,7 @@
 
 import re
 
+from campaigns import change
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
@@ -24,15 +25,18 @@ from printed_board import (
     WIDTH,
 )
 import pytest
+from scans import refused, truth
 import yaml
 
 FRAMES, BIAS = 8, 0.008
+A3 = target_of('A3').to_yaml()
 LENS = np.array([-0.2, 0.05, 0.001, -0.001, 0.01])
 
 
 def record(path, boards, rng, **changes):
     """Write a recording of a camera with an offset: of one board, or of one a frame."""
-    lens = changes.pop('distortion', None)
+    path.parent.mkdir(exist_ok=True)
+    lens = changes.get('distortion')
     seen = [board.look(rng, lens=lens) for board in boards]
     light = np.stack([image for image, _ in seen])
     depth = np.stack([image for _, image in seen])
@@ -40,16 +44,15 @@ def record(path, boards, rng, **changes):
         light, depth = (np.repeat(image, FRAMES, axis=0) for image in (light, depth))
     stamp = 1000 + np.arange(len(depth)) / 5
     camera = Camera('Mode_9_5fps', effects={'offset': {'bias': BIAS}}, seed=3)
-    arrays = {
-        'depth': camera.capture(depth, K, stamp).depth,
-        'K': K,
-        'stamp': stamp,
-        'usecase': 'Mode_9_5fps',
-        'amplitude': gray_of(light, 0.02, rng),
-        **({} if lens is None else {'distortion': lens}),
+    np.savez(
+        path,
+        depth=camera.capture(depth, K, stamp).depth,
+        K=K,
+        stamp=stamp,
+        usecase='Mode_9_5fps',
+        amplitude=gray_of(light, 0.02, rng),
         **changes,
-    }
-    np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
+    )
     return boards[0]
 
 
@@ -58,18 +61,18 @@ def rng():
     return np.random.default_rng(7)
 
 
-@pytest.fixture
-def board_yaml(tmp_path):
-    path = tmp_path / 'target.yaml'
-    path.write_text(target_of('A3').to_yaml())
-    return path
+def described(folder, board):
+    """Return a board as --board has it: text of several lines is in a file."""
+    if '\n' not in board:
+        return '--board', board
+    path = folder / 'board.yaml'
+    path.write_text(board)
+    return '--board', path
 
 
-def truth(tmp_path, board, *options):
-    out = tmp_path / 'campaign'
-    command = ['gap', 'truth', str(tmp_path / 'in'), '--board', str(board), '--out', str(out)]
-    assert main([*command, '--jobs', '1', *options]) == 0
-    return dict(yaml.safe_load((out / 'truth.yaml').read_text()))
+def make(folder, board, *options):
+    """Make ground truth for recordings in `in`; return a row for each."""
+    return truth(folder / 'out', folder / 'in', *described(folder, board), *options)['recordings']
 
 
 def place_in_camera(row):
@@ -78,17 +81,22 @@ def place_in_camera(row):
     return -pose.R.T @ pose.t
 
 
-def test_the_offset_of_depth_does_not_move_the_board(tmp_path, board_yaml, rng):
-    (tmp_path / 'in').mkdir()
+@pytest.fixture(scope='module')
+def standing(tmp_path_factory):
+    """Return a folder with recordings of three boards and their ground truth, and the boards."""
+    folder, rng = tmp_path_factory.mktemp('standing'), np.random.default_rng(7)
     boards = {
-        'far.npz': record(tmp_path / 'in' / 'far.npz', [Board(1.5, -15, 20)], rng),
-        'one.npz': record(tmp_path / 'in' / 'one.npz', [Board(1.0, 10, -25)], rng),
-        'skew.npz': record(
-            tmp_path / 'in' / 'skew.npz', [Board(0.8, 0, 15)], rng, distortion=LENS
-        ),
+        'far.npz': record(folder / 'in' / 'far.npz', [Board(1.5, -15, 20)], rng),
+        'one.npz': record(folder / 'in' / 'one.npz', [Board(1.0, 10, -25)], rng),
+        'skew.npz': record(folder / 'in' / 'skew.npz', [Board(0.8, 0, 15)], rng, distortion=LENS),
     }
-    table = truth(tmp_path, board_yaml)
-    for row in table['recordings']:
+    make(folder, A3)
+    return folder / 'out', boards
+
+
+def test_the_offset_of_depth_does_not_move_the_board(standing):
+    out, boards = standing
+    for row in yaml.safe_load((out / 'truth.yaml').read_text())['recordings']:
         board = boards[row['name']]
         assert row['verdict'] == 'used', row['reasons']
         # Gray values alone say where it is: the offset stays in the difference.
@@ -96,15 +104,12 @@ def test_the_offset_of_depth_does_not_move_the_board(tmp_path, board_yaml, rng):
         turned = Pose.from_numbers(np.array(row['pose'])).R @ board.R
         assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 0.3
         assert row['residual_mm'] == pytest.approx(BIAS * 1e3, abs=3)
-    page = (tmp_path / 'campaign' / 'truth.html').read_text()
-    assert 'outline of the board' in page
+    assert 'outline of the board' in (out / 'truth.html').read_text()
 
 
-def test_truth_is_on_the_board_and_unknown_elsewhere(tmp_path, board_yaml, rng):
-    (tmp_path / 'in').mkdir()
-    board = record(tmp_path / 'in' / 'one.npz', [Board(1.0, 10, -25)], rng)
-    truth(tmp_path, board_yaml)
-    reader = open_recording(tmp_path / 'campaign' / 'one.npz')
+def test_truth_is_on_the_board_and_unknown_elsewhere(standing, rng):
+    out, boards = standing
+    board, reader = boards['one.npz'], open_recording(out / 'one.npz')
     said = read_truth(reader.path, reader.arrays, reader.shape)
     clean, real = reader.load().clean_depth, board.look(rng)[1]
     on_board = real < board.t[2] + 0.3
@@ -121,61 +126,51 @@ def test_truth_is_on_the_board_and_unknown_elsewhere(tmp_path, board_yaml, rng):
     assert np.percentile(reflectivity[said.known], [2, 98]) == pytest.approx([0.06, 0.8], abs=0.04)
 
 
-def test_a_moving_camera_has_a_board_in_each_frame_that_shows_it(tmp_path, board_yaml, rng):
-    (tmp_path / 'in').mkdir()
-    distances = [0.9, 0.94, 0.98, 1.02]
-    record(tmp_path / 'in' / 'walk.npz', [Board(d, 5, -10) for d in distances], rng)
-    with np.load(tmp_path / 'in' / 'walk.npz') as file:
-        arrays = dict(file)
-    arrays['amplitude'][2] = 20  # a frame without light
-    np.savez(tmp_path / 'in' / 'walk.npz', **arrays)
-    (row,) = truth(tmp_path, board_yaml, '--motion', 'moving')['recordings']
+def test_a_moving_camera_has_a_board_in_each_frame_that_shows_it(tmp_path, rng):
+    distances, file = [0.9, 0.94, 0.98, 1.02], tmp_path / 'in' / 'walk.npz'
+    record(file, [Board(d, 5, -10) for d in distances], rng)
+    lit = np.array([True, True, False, True])[:, None, None]
+    change(file, amplitude=lambda arrays: np.where(lit, arrays['amplitude'], np.uint8(20)))
+    (row,) = make(tmp_path, A3, '--motion', 'moving')
     assert (row['frames'], row['frames_with_board']) == (4, 3)
-    with np.load(tmp_path / 'campaign' / 'walk.npz') as file:
-        known, clean = file['known'], file['clean_depth']
-        assert file['pose_covariance'].shape == (6, 6)
+    with np.load(tmp_path / 'out' / 'walk.npz') as archive:
+        known, clean = archive['known'], archive['clean_depth']
+        assert archive['pose_covariance'].shape == (6, 6)
     assert [bool(one.any()) for one in known] == [True, True, False, True]
     assert np.median(clean[3][known[3]]) - np.median(clean[0][known[0]]) == pytest.approx(
         0.12, abs=0.004
     )
 
 
-def test_a_print_of_the_wrong_size_is_doubtful(tmp_path, board_yaml, rng):
-    (tmp_path / 'in').mkdir()
+def test_a_print_of_the_wrong_size_is_doubtful(tmp_path, rng):
     for distance in (0.7, 1.1):
         board = Board(distance, 10, -20, size=0.95)
         record(tmp_path / 'in' / f'{distance}.npz', [board], rng)
-    table = truth(tmp_path, board_yaml)
+    table = truth(tmp_path / 'out', tmp_path / 'in', *described(tmp_path, A3))
     assert table['depth_scale'] == pytest.approx(-0.05, abs=0.01)
     for row in table['recordings']:
         assert row['verdict'] == 'doubtful'
         assert 'measure the rulers' in row['reasons'][0]
 
 
-@pytest.mark.parametrize('described', ['', 'acircles:4x11:0.02'])
+SHAPE = FRAMES, HEIGHT, WIDTH
+FLAT = np.full(SHAPE, 90, np.uint8)
+NOISE = np.random.default_rng(3).integers(80, 100, SHAPE, np.uint16)
+
+
+@pytest.mark.parametrize('board', [A3, 'acircles:4x11:0.02'])
 @pytest.mark.parametrize(
-    ('amplitude', 'words'),
+    ('arrays', 'words'),
     [
-        (None, 'it has no gray image (amplitude)'),
-        (np.full((FRAMES, HEIGHT, WIDTH), 90, np.uint8), 'the board is not found'),
-        (
-            np.random.default_rng(3).integers(80, 100, (FRAMES, HEIGHT, WIDTH), np.uint16),
-            'the board is not found',
-        ),
+        ({}, 'it has no gray image (amplitude)'),
+        ({'amplitude': FLAT}, 'the board is not found'),
+        ({'amplitude': NOISE}, 'the board is not found'),
     ],
 )
-def test_a_missing_board_is_reported_with_the_reason(
-    tmp_path, board_yaml, rng, capsys, amplitude, words, described
-):
-    depth = np.full((FRAMES, HEIGHT, WIDTH), 1.2, np.float32)
-    arrays = {'depth': depth, 'K': K, 'stamp': np.arange(FRAMES) / 5}
-    arrays |= {} if amplitude is None else {'amplitude': amplitude}
-    np.savez(tmp_path / 'one.npz', **arrays)
-    out = tmp_path / 'out'
-    command = ['gap', 'truth', str(tmp_path / 'one.npz'), '--board', described or str(board_yaml)]
-    assert main([*command, '--out', str(out), '--jobs', '1']) == 2
-    assert words in capsys.readouterr().err
-    assert not out.exists()
+def test_a_missing_board_is_reported_with_the_reason(tmp_path, capsys, arrays, words, board):
+    depth, path = np.full(SHAPE, 1.2, np.float32), tmp_path / 'one.npz'
+    np.savez(path, depth=depth, K=K, stamp=np.arange(FRAMES) / 5, **arrays)
+    assert words in refused(capsys, tmp_path / 'out', path, *described(tmp_path, board))
 
 
 @pytest.mark.parametrize(
@@ -190,14 +185,13 @@ def test_a_missing_board_is_reported_with_the_reason(
         ({'first_id': 48}, 'first_id: must be at most 44'),
     ],
 )
-def test_impossible_targets_are_refused(tmp_path, changes, words, capsys):
-    table = yaml.safe_load(target_of('A3').to_yaml())
+def test_impossible_targets_are_refused(tmp_path, changes, words):
+    table = yaml.safe_load(A3)
     table['target'] |= changes
     path = tmp_path / 'target.yaml'
     path.write_text(yaml.safe_dump(table))
-    command = ['gap', 'truth', 'x.npz', '--board', str(path), '--out', str(tmp_path / 'out')]
-    assert main(command) == 2
-    assert words in capsys.readouterr().err
+    with pytest.raises(InputError, match=words):
+        read_board(path)
 
 
 @pytest.mark.parametrize('size', SHEETS)
@@ -243,26 +237,20 @@ tagSpacing: 0.3
 
 
 @pytest.mark.parametrize(
-    ('picture', 'described', 'distance'),
+    ('picture', 'board', 'place'),
     [
-        (chessboard(), 'chessboard:9x6:0.03', 0.7),
-        (1 - chessboard()[:, :-60], 'chessboard:8x6:0.03', 0.7),
-        (charuco(), 'charuco:5x7:0.04:0.03:DICT_5X5_100', 0.5),
-        (april_grid(), KALIBR, 0.8),
+        (chessboard(), 'chessboard:9x6:0.03', (0.7, -20, 25)),
+        (1 - chessboard()[:, :-60], 'chessboard:8x6:0.03', (0.7, 25, -15)),
+        (charuco(), 'charuco:5x7:0.04:0.03:DICT_5X5_100', (0.5, -20, 25)),
+        (april_grid(), KALIBR, (0.8, -20, 25)),
     ],
 )
-def test_boards_that_people_own_are_found(picture, described, distance, tmp_path, rng):
-    (tmp_path / 'in').mkdir()
-    boards = [Board(distance, -20, 25, picture=picture), Board(distance, 25, -15, picture=picture)]
-    for number, board in enumerate(boards):
-        record(tmp_path / f'in/{number}.npz', [board], rng)
-    file = tmp_path / 'kalibr.yaml'
-    file.write_text(described)
-    table = truth(tmp_path, file if described is KALIBR else described)
-    for board, row in zip(boards, table['recordings'], strict=True):
-        assert row['verdict'] == 'used'
-        assert place_in_camera(row) == pytest.approx(board.t, abs=0.0015)
-        assert row['residual_mm'] == pytest.approx(BIAS * 1e3, abs=2.5)
+def test_boards_that_people_own_are_found(picture, board, place, tmp_path, rng):
+    there = record(tmp_path / 'in/0.npz', [Board(*place, picture=picture)], rng)
+    (row,) = make(tmp_path, board)
+    assert row['verdict'] == 'used'
+    assert place_in_camera(row) == pytest.approx(there.t, abs=0.0015)
+    assert row['residual_mm'] == pytest.approx(BIAS * 1e3, abs=2.5)
 
 
 CIRCLES = """\
@@ -276,94 +264,86 @@ asymmetricGrid: True
 
 def record_blind(path, board, rng):
     """Write what the blind camera sees of a board."""
+    path.parent.mkdir(exist_ok=True)
     gray, depth = expose_blind(*board.look(rng), FRAMES, rng)
-    arrays = {'depth': depth, 'amplitude': gray, 'K': K, 'stamp': np.arange(FRAMES) / 5}
-    np.savez(path, **arrays)
+    np.savez(path, depth=depth, amplitude=gray, K=K, stamp=np.arange(FRAMES) / 5)
 
 
 @pytest.mark.parametrize(
-    ('picture', 'described'),
+    ('picture', 'board', 'place'),
     [
-        (circles(7, 6, 0.03, 0.016, False), 'circles:7x6:0.03:0.016'),
-        (circles(7, 6, 0.03, 0.016, False), 'circles:7x6:0.03'),
-        (circles(4, 11, 0.02, 0.018, True), 'acircles:4x11:0.02:0.018'),
-        (circles(4, 9, 0.025, 0.018, True), CIRCLES),
+        (circles(7, 6, 0.03, 0.016, False), 'circles:7x6:0.03:0.016', (0.5, -20, 25)),
+        (circles(7, 6, 0.03, 0.016, False), 'circles:7x6:0.03', (0.6, 30, -20)),
+        (circles(4, 11, 0.02, 0.018, True), 'acircles:4x11:0.02:0.018', (0.6, 30, -20)),
+        (circles(4, 9, 0.025, 0.018, True), CIRCLES, (0.5, -20, 25)),
     ],
 )
-def test_grids_of_circles_are_found_in_gray_of_16_bits(picture, described, tmp_path, rng):
-    (tmp_path / 'in').mkdir()
-    boards = [Board(0.5, -20, 25, picture=picture), Board(0.6, 30, -20, picture=picture)]
-    for number, board in enumerate(boards):
-        record_blind(tmp_path / f'in/{number}.npz', board, rng)
-    file = tmp_path / 'kalibr.yaml'
-    file.write_text(described)
-    table = truth(tmp_path, file if described is CIRCLES else described)
-    for board, row in zip(boards, table['recordings'], strict=True):
-        assert row['verdict'] == 'used', row['reasons']
-        assert place_in_camera(row) == pytest.approx(board.t, abs=0.0015)
-        assert abs(row['residual_mm']) < 1.5
-        # Told the size of its circles, it knows how dark they are.
-        assert described.count(':') != 3 or row['black_to_white'] == pytest.approx(0.07, abs=0.1)
+def test_grids_of_circles_are_found_in_gray_of_16_bits(picture, board, place, tmp_path, rng):
+    there = Board(*place, picture=picture)
+    record_blind(tmp_path / 'in/0.npz', there, rng)
+    (row,) = make(tmp_path, board)
+    assert row['verdict'] == 'used', row['reasons']
+    assert place_in_camera(row) == pytest.approx(there.t, abs=0.0015)
+    assert abs(row['residual_mm']) < 1.5
+    # Told the size of its circles, it knows how dark they are.
+    assert board.count(':') != 3 or row['black_to_white'] == pytest.approx(0.07, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    ('picture', 'described', 'found'),
-    [(circles(7, 6, 0.03, 0.016, False), 'circles:7x6:0.03', False), (april_grid(), KALIBR, True)],
-)
-def test_a_board_partly_out_of_the_image_is_found_by_its_tags_only(
-    picture, described, found, tmp_path, rng, capsys
-):
+def partly_seen(picture):
+    """Return a board that is partly out of the image."""
     board = Board(0.6, -20, 25, picture=picture)
     board.t[0] = -0.4
-    record_blind(tmp_path / 'one.npz', board, rng)
-    file = tmp_path / 'kalibr.yaml'
-    file.write_text(described)
-    command = ['gap', 'truth', str(tmp_path / 'one.npz'), '--board']
-    command += [str(file) if described is KALIBR else described, '--out', str(tmp_path / 'out')]
-    assert main([*command, '--jobs', '1']) == (0 if found else 2)
-    if found:
-        (row,) = yaml.safe_load((tmp_path / 'out/truth.yaml').read_text())['recordings']
-        assert row['verdict'] == 'used'
-        assert place_in_camera(row) == pytest.approx(board.t, abs=0.002)
-    else:
-        assert 'the board is not found in its gray image' in capsys.readouterr().err
+    return board
+
+
+def test_a_board_partly_out_of_the_image_is_found_by_its_tags(tmp_path, rng):
+    board = partly_seen(april_grid())
+    record_blind(tmp_path / 'in/0.npz', board, rng)
+    # One gray image for all frames.
+    change(tmp_path / 'in/0.npz', amplitude=lambda arrays: arrays['amplitude'].mean(axis=0))
+    (row,) = make(tmp_path, KALIBR)
+    assert row['verdict'] == 'used'
+    assert place_in_camera(row) == pytest.approx(board.t, abs=0.002)
+
+
+def test_a_board_without_tags_partly_out_of_the_image_is_not_found(tmp_path, rng, capsys):
+    record_blind(tmp_path / 'in/0.npz', partly_seen(circles(7, 6, 0.03, 0.016, False)), rng)
+    said = refused(capsys, tmp_path / 'out', tmp_path / 'in', '--board', 'circles:7x6:0.03')
+    assert 'the board is not found in its gray image' in said
 
 
 @pytest.mark.parametrize(
-    ('described', 'said'),
+    ('board', 'said'),
     [
         ('chessboard:9', '--board: must be chessboard:9x6:0.03 (inner corners, metres), charuco:'),
         ('charuco:5x7:0.04:0.03:DICT_ME', '--board: must be chessboard:9x6:0.03'),
         ('circles:7x6:0.03:0.03', '--board: must be chessboard:9x6:0.03'),
-        ('target_type: circlegrid', 'must be a target of Kalibr, got'),
-        ('target_type: dots', 'target_type: must be one of aprilgrid, checkerboard, circlegrid,'),
-        ('target_type: aprilgrid', 'must be a target of Kalibr, got'),
+        ('target_type: circlegrid\n', 'must be a target of Kalibr, got'),
+        (
+            'target_type: dots\n',
+            'target_type: must be one of aprilgrid, checkerboard, circlegrid,',
+        ),
+        ('target_type: aprilgrid\n', 'must be a target of Kalibr, got'),
     ],
 )
-def test_impossible_boards_are_refused(described, said, tmp_path):
-    file = tmp_path / 'kalibr.yaml'
-    file.write_text(described)
+def test_impossible_boards_are_refused(board, said, tmp_path):
+    _, path = described(tmp_path, board)
     with pytest.raises(InputError) as error:
-        read_board(file if ': ' in described else described)
+        read_board(path)
     assert said in str(error.value)
 
 
-def test_the_wall_around_a_board_is_known_if_asked(tmp_path, board_yaml, rng):
-    (tmp_path / 'in').mkdir()
-    board = record(tmp_path / 'in/0.npz', [Board(1.0, 10, 25, glued=True)], rng)
-    (alone,) = truth(tmp_path, board_yaml)['recordings']
-    (row,) = truth(tmp_path, board_yaml, '--wall')['recordings']
-    assert alone['known'] < 0.35
-    assert row['known'] > 0.9
+@pytest.mark.parametrize('glued', [True, False])
+def test_the_wall_that_a_board_is_on_is_known_if_asked(tmp_path, rng, glued):
+    board = record(tmp_path / 'in/0.npz', [Board(1.0, 10, 25, glued=glued)], rng)
+    (row,) = make(tmp_path, A3, '--wall')
     assert row['verdict'] == 'used'
-    with np.load(tmp_path / 'campaign/0.npz') as file:
+    with np.load(tmp_path / 'out/0.npz') as archive:
         _, depth = board.look(rng)
-        error = (file['clean_depth'] - depth)[file['known']]
+        error = (archive['clean_depth'] - depth)[archive['known']]
     assert np.abs(error).max() < 0.004
-
-
-def test_a_wall_behind_a_board_stays_unknown(tmp_path, board_yaml, rng):
-    (tmp_path / 'in').mkdir()
-    record(tmp_path / 'in/0.npz', [Board(1.0, 10, 25)], rng)
-    (row,) = truth(tmp_path, board_yaml, '--wall')['recordings']
-    assert row['known'] < 0.35
+    if glued:
+        assert row['known'] > 0.9
+        assert make(tmp_path, A3)[0]['known'] < 0.35
+    else:
+        assert row['known'] < 0.35

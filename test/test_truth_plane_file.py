@@ -1,4 +1,6 @@
-"""Outlines that are drawn: what else is in `planes.yaml` stays as it is."""
+"""The file `planes.yaml`: what cannot be in it, and outlines that are drawn into it."""
+
+import re
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.plane_file import plane_form, read_planes
@@ -70,3 +72,36 @@ def test_a_file_that_is_not_of_planes_stays(tmp_path):
         assert said in str(error.value)
         assert path.read_text() == text
         assert [one.name for one in tmp_path.iterdir()] == ['planes.yaml']
+
+
+@pytest.mark.parametrize(
+    ('planes', 'changes', 'words'),
+    [
+        ([{'name': 'a', 'distance': 1200}], {}, 'looks like millimetres'),
+        ([{'name': 'a', 'distance': '1.2 m'}], {}, 'must be a number, or text as 1.20 +- 0.01'),
+        ([{'name': 'a', 'distance': '2.5 +- -1'}], {}, 'with a standard deviation above 0'),
+        ([{'name': 'a', 'angles': {'b': 90}}], {}, "got 'b'"),
+        ([{'name': 'a', 'colour': 1}], {}, "got 'colour'"),
+        ([{'name': 'a'}, {'name': 'a'}], {}, 'must be unique'),
+        ([], {}, 'must be a list of 1 to 20 planes'),
+        ([{'name': 'a', 'seed': [1, 2], 'box': [1, 2, 3, 4]}], {}, 'must have one of seed, box'),
+        ([{'name': 'a', 'outline': [[1, 2]]}], {}, 'must be a list of 3 to 100 corners'),
+        ([{'name': 'a'}], {'recordings': {'corner0': {'b': None}}}, "got 'b'"),
+        ([{'name': 'a'}], {'origin': 12}, 'at most 1 from the optical centre'),
+        (
+            [{'name': 'a', 'angles': {'b': 90}}, {'name': 'b', 'angles': {'a': 80}}],
+            {},
+            'must be the same in both planes',
+        ),
+        (
+            [{'name': 'a', 'angles': {'b': '90 +- -1'}}, {'name': 'b'}],
+            {},
+            'with a standard deviation above 0',
+        ),
+    ],
+)
+def test_a_file_that_cannot_be_of_planes_is_one_sentence(tmp_path, planes, changes, words):
+    path = tmp_path / 'planes.yaml'
+    path.write_text(yaml.safe_dump({'schema': 1, 'planes': planes, **changes}))
+    with pytest.raises(InputError, match=re.escape(words)):
+        read_planes(path)
