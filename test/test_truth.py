@@ -157,15 +157,13 @@ def test_the_parameters_of_a_plane_move_it(distortion):
     normal /= np.linalg.norm(normal)
     first = np.array([1.0, 0, 0]) - normal[0] * normal
     first /= np.linalg.norm(first)
-    for i, turned in enumerate((normal, None, None)):
-        step = 1e-3
-        if i == 0:
-            there = (normal @ centre + step) / (rays @ normal)
-        else:
-            axis = (first, np.cross(normal, first))[i - 1]
-            turned = normal + step * np.cross(axis, normal)
-            there = turned @ centre / (rays @ turned)
-        assert (there - slanted) / step == pytest.approx(shifts[i], abs=5e-3), i
+    step = 1e-3
+    moved = [(normal @ centre + step) / (rays @ normal)]
+    for axis in (first, np.cross(normal, first)):
+        turned = normal + step * np.cross(axis, normal)
+        moved.append(turned @ centre / (rays @ turned))
+    for there, shift in zip(moved, shifts, strict=True):
+        assert (there - slanted) / step == pytest.approx(shift, abs=5e-3)
 
 
 def test_the_prior_of_a_pose_and_planes():
