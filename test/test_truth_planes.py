@@ -12,11 +12,13 @@ from bench.planes import (
     LASER,
     MODE,
     NAMES,
+    RAYS,
     record,
     seen,
     VIEWS,
     WIDTH,
 )
+from campaigns import change
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
@@ -147,6 +149,24 @@ def test_planes_are_labelled_and_lie_where_the_laser_says(measured_biased):
         # The camera's offset turns what is fitted by half a degree; 6 sigma of the laser besides.
         assert np.abs(depth - clean)[known].max() < 6 * LASER + 0.01
         assert abs(np.median((depth - clean)[known])) < 6 * LASER
+
+
+def test_reflectivity_of_planes_comes_from_gray_images(plain, tmp_path):
+    """Assert it for walls of 0.8 and 0.4 and a floor of 0.2 that the gray image shows."""
+    painted, (turns, distances) = np.array([0.8, 0.4, 0.2]), VIEWS[0]
+    clean, which = seen(corner(*turns), distances)
+    along = np.take_along_axis(RAYS @ corner(*turns).T, which[..., None], axis=-1)[..., 0]
+    light = painted[which] * along / np.linalg.norm(RAYS, axis=-1) / clean**2
+    path = tmp_path / 'corner0.npz'
+    shutil.copy(plain / 'corner0.npz', path)
+    change(path, reflectivity=None, amplitude=(40 * light).astype(np.float32))
+    table = make(path, describe(tmp_path / 'planes.yaml', taped=LASER), tmp_path / 'out')
+    assert table['reflectivity']['gray'] == 'proportional to light'
+    recording = open_recording(tmp_path / 'out' / 'corner0.npz').load()
+    known = recording.extra['known']
+    found = [np.median(recording.reflectivity[known & (which == k)]) for k in range(3)]
+    # The 95 % quantile of all pixels is the brightest wall.
+    assert found == pytest.approx(painted, rel=0.1)
 
 
 def test_the_largest_planes_are_found_without_a_hint(plain, tmp_path):
