@@ -19,7 +19,7 @@ MOUNT = Pose.from_numbers(np.array([0.08, -0.02, 0.05, 0.3, -0.5, 0.4, 0.7]))
 
 
 def _run(out, words):
-    words = 'gap', 'truth', *words, '--out', out, '--jobs', '1'
+    words = 'gap', 'truth', '--out', out, '--jobs', '1', *words
     return main([str(word) for word in words])
 
 

@@ -179,7 +179,7 @@ def test_a_campaign_is_written_with_what_is_known_of_it(tmp_path, plain, rng, ca
     folder, camera = plain
     out = tmp_path / 'out'
     poses = [rough(camera.poses(i)[0], rng) for i in range(RECORDINGS)]
-    words = folder / 'in', '--scan', folder / 'room.ply'
+    words = folder / 'in', '--scan', folder / 'room.ply', '--jobs', '2'
     table = truth(out, *words, *[f'--pose={text(pose)}' for pose in poses])
     assert [row['verdict'] for row in table['recordings']] == ['used'] * RECORDINGS
     hidden = {row['effect']: row.get('absorbed') for row in table['cannot_decide']}
