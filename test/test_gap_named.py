@@ -9,8 +9,7 @@ from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.inference.improvement import measured
 from flexx2_sim_ros.gap.report import table as report_table
-from flexx2_sim_ros.gap.report.table import makes_larger
-from flexx2_sim_ros.gap.report.words import headline, sentences
+from flexx2_sim_ros.gap.report.words import sentences
 import numpy as np
 import pytest
 
@@ -37,23 +36,6 @@ def test_an_effect_that_is_the_same_everywhere_is_not_sure(tmp_path):
     table = diagnose(tmp_path, **among(*ALIKE[1:]))
     assert table['verdict'] in ('partly', 'unknown')
     assert 'offset' not in [one['name'] for one in table['effects']]
-
-
-@pytest.mark.parametrize(
-    ('names', 'shrink', 'fitted', 'by', 'larger'),
-    [
-        (['offset'], -0.3, 0.0, 'distance', True),
-        (['offset'], -0.05, 0.0, 'distance', False),  # within what a prediction is wrong by
-        (['offset'], 0.9, 0.0, 'distance', False),
-        (['quantisation'], -0.3, 0.0, 'loss', False),  # a misfit, not a distance
-        (['offset', 'pose_error'], -0.9, 0.4, 'distance', False),  # the given poses are wrong
-        (['offset', 'pose_error'], -0.9, -0.2, 'distance', True),
-        (['pose_error'], 0.0, -0.2, 'distance', False),
-    ],
-)
-def test_which_effects_make_the_gap_larger(names, shrink, fitted, by, larger):
-    gap = {'shrink': shrink, 'at_fitted_poses': {'shrink': fitted}, 'measured_by': by}
-    assert makes_larger({'effects': [{'name': name} for name in names], 'gap': gap}) is larger
 
 
 def test_the_report_says_why_effects_that_fit_are_not_named(tmp_path, monkeypatch):
@@ -84,26 +66,3 @@ def test_two_recordings_have_no_interval_of_the_reduction():
     assert measured(values[:2], 1.0)['shrink_interval'] is None
     low, high = measured(values, 1.0)['shrink_interval']
     assert low < measured(values, 1.0)['shrink'] < high
-
-
-@pytest.mark.parametrize(
-    ('names', 'shrink', 'by', 'said'),
-    [
-        (
-            ['pose_error'],
-            0.9,
-            'distance',
-            'The poses of the cameras are wrong: correct them first.',
-        ),
-        (['offset'], 0.9, 'distance', 'removes 90 % of the gap: depth errors 8.4 -> 2.1 mm.'),
-        (['offset'], -0.2, 'distance', 'the gap in depth and invalid pixels becomes 20 % larger'),
-        (['offset'], -0.2, 'loss', 'makes the misfit 20 % larger'),
-    ],
-)
-def test_the_headline_promises_no_more_than_was_measured(names, shrink, by, said):
-    rows = [{'name': name, 'confidence': 0.9} for name in names]
-    depth = {'before': 8.4, 'after': 2.1, 'null': 0.5, 'tolerance': 0.2}
-    invalid = {'before': 0.004, 'after': 0.002, 'null': 0.001, 'tolerance': 0.008}
-    gap = {'shrink': shrink, 'measured_by': by, 'wasserstein_mm': depth, 'invalid_rate': invalid}
-    table = {'verdict': 'identified', 'effects': rows, 'gap': gap}
-    assert said in headline(table)
