@@ -3,6 +3,7 @@
 import argparse
 from dataclasses import replace
 import json
+from types import SimpleNamespace
 
 from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import InputError
@@ -26,7 +27,7 @@ QUIET = Console(quiet=True)
 
 def diagnose(folder, *, without=(), seed=0, jobs=1):
     """Stand in for the diagnosis: random answers in its schema."""
-    CALLS.append((folder, without, seed))
+    CALLS.append((folder, without))
     assert len(list(folder.glob('*.npz'))) == 2
     rng = np.random.default_rng(seed)
     if rng.random() < 0.2:
@@ -45,20 +46,22 @@ def measure(folder, effects, *, seed=0):
     return {'shrink': 0.5}
 
 
-@pytest.fixture
-def design(monkeypatch):
+DESIGN = [
+    small('single', {'offset': 1.0}, 1, realise=True),
+    small('single', {'wiggling': 0.5}, 2),
+    small('none', {}, 3),
+    small('pair', {'offset': 1.0, 'temporal_filter': 1.0}, 4),
+    small('novel', {'row_bands': 1.0}, 5),
+    small('left_out', {'offset': 1.0}, 6, without=('offset',)),
+]
+
+
+@pytest.fixture(scope='module', autouse=True)
+def few_cases():
     """Let every design be a few tiny cases."""
-    cases = [
-        small('single', {'offset': 1.0}, 1, realise=True),
-        small('single', {'wiggling': 0.5}, 2),
-        small('none', {}, 3),
-        small('pair', {'offset': 1.0, 'temporal_filter': 1.0}, 4),
-        small('novel', {'row_bands': 1.0}, 5),
-        small('left_out', {'offset': 1.0}, 6, without=('offset',)),
-    ]
-    monkeypatch.setattr('study.benchmark.runner.make_design', lambda *_: cases)
-    CALLS.clear()
-    return cases
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('study.benchmark.runner.make_design', lambda *_: DESIGN)
+        yield
 
 
 def run(out, **options):
@@ -142,81 +145,88 @@ def test_the_full_design_has_all_groups_and_strengths():
     assert not others & set(quiet)
 
 
-def test_labels_are_sealed(tmp_path, design):
+def test_labels_are_sealed(tmp_path):
     public, sealed = tmp_path / 'public', tmp_path / 'sealed'
-    first = seal(design, sealed, public, {'seed_set': 'dev'})
+    first = seal(DESIGN, sealed, public, {'seed_set': 'dev'})
     published = (public / 'commitment.json').read_text()
     assert first.digest in published
     for word in ('offset', 'wiggling', 'row_bands', 'single', 'salt'):
         assert word not in published
     assert all(len(name) == 12 for name in first.cases)
     # Another run gives other ids and another hash: the salt is not known from the design.
-    again = seal(design, tmp_path / 's2', tmp_path / 'p2', {})
+    again = seal(DESIGN, tmp_path / 's2', tmp_path / 'p2', {})
     assert again.digest != first.digest
     assert not set(again.cases) & set(first.cases)
     # Taking a run up again changes nothing; another design is refused.
-    assert seal(design, sealed, public, {}).digest == first.digest
+    assert seal(DESIGN, sealed, public, {}).digest == first.digest
     with pytest.raises(InputError, match='another benchmark'):
-        seal(design[:-1], sealed, public, {})
+        seal(DESIGN[:-1], sealed, public, {})
     labels = sealed / 'labels.json'
     labels.write_text(labels.read_text().replace('wiggling', 'saturation'))
     with pytest.raises(InputError, match='not the labels of this run'):
         open_seal(sealed, public)
 
 
-def test_a_run_without_finished_cases_cannot_be_scored(tmp_path, design):
+def test_a_run_without_finished_cases_cannot_be_scored(tmp_path):
     (tmp_path / 'results').mkdir()
-    seal(design, tmp_path / 'sealed', tmp_path, {})
+    seal(DESIGN, tmp_path / 'sealed', tmp_path, {})
     with pytest.raises(InputError, match='at least one finished case'):
         score(tmp_path, partly=True)
 
 
-def test_an_interrupted_run_resumes(tmp_path, design):
-    assert run(tmp_path, limit=2) is None
-    done = {path.name: path.stat().st_mtime_ns for path in (tmp_path / 'results').iterdir()}
-    assert len(done) == len(CALLS) == 2
-    part = score(tmp_path, partly=True)
-    assert len(part.answers) == 2
-    write_page(part, tmp_path / 'page.md', 'flexx2 gap benchmark', 'c.png')
-    assert f'the first 2 of {len(design)} cases' in (tmp_path / 'page.md').read_text()
-    scores = run(tmp_path)
-    assert len(CALLS) == len(design)
-    assert len(scores.answers) == len(design)
-    for name, time in done.items():
-        assert (tmp_path / 'results' / name).stat().st_mtime_ns == time
-    # Once more: nothing left to do.
-    assert len(run(tmp_path).answers) == len(design)
-    assert len(CALLS) == len(design)
-
-
-def test_a_run_is_finished_from_the_answers_of_an_earlier_part(tmp_path, design):
-    first, later, file = tmp_path / 'first', tmp_path / 'later', tmp_path / 'answers.jsonl'
-    run(first, limit=2)
-    write_answers(score(first, partly=True), file)
-    earlier = read_answers(file)
-    assert str(earlier) == str(score(first, partly=True))
+@pytest.fixture(scope='module')
+def whole(tmp_path_factory):
+    """Run two cases and then the rest; return what was there in between, and all at the end."""
+    out = tmp_path_factory.mktemp('whole')
     CALLS.clear()
-    scores = joined(earlier, run(later, earlier=earlier))
-    assert len(CALLS) == len(design) - 2
-    assert sorted(a.planned.key for a in scores.answers) == sorted(one.key for one in design)
-    write_page(scores, tmp_path / 'page.md', 'flexx2 gap benchmark', 'c.png')
-    page = (tmp_path / 'page.md').read_text()
-    assert f'{len(design)} cases; it was run in 2 parts' in page
+    assert run(out, limit=2) is None
+    done = {path: path.stat().st_mtime_ns for path in (out / 'results').iterdir()}
+    part = score(out, partly=True)
+    return SimpleNamespace(out=out, done=done, part=part, scores=run(out), calls=CALLS.copy())
+
+
+def page_of(scores, folder):
+    write_page(scores, folder / 'page.md', 'flexx2 gap benchmark', 'c.png')
+    return (folder / 'page.md').read_text()
+
+
+def test_an_interrupted_run_resumes(whole, tmp_path):
+    assert len(whole.part.answers) == len(whole.done) == 2
+    assert f'the first 2 of {len(DESIGN)} cases' in page_of(whole.part, tmp_path)
+    assert len(whole.scores.answers) == len(whole.calls) == len(DESIGN)
+    assert all(path.stat().st_mtime_ns == time for path, time in whole.done.items())
+    # Once more: nothing left to do.
+    CALLS.clear()
+    again = run(whole.out)
+    assert CALLS == []
+    assert [a.verdict for a in again.answers] == [a.verdict for a in whole.scores.answers]
+
+
+def test_a_run_is_finished_from_the_answers_of_an_earlier_part(whole, tmp_path):
+    file = tmp_path / 'answers.jsonl'
+    write_answers(whole.part, file)
+    earlier = read_answers(file)
+    assert str(earlier) == str(whole.part)
+    CALLS.clear()
+    scores = joined(earlier, run(tmp_path / 'later', earlier=earlier))
+    assert len(CALLS) == len(DESIGN) - 2
+    assert sorted(a.planned.key for a in scores.answers) == sorted(one.key for one in DESIGN)
+    page = page_of(scores, tmp_path)
+    assert f'{len(DESIGN)} cases; it was run in 2 parts' in page
     assert all(one['sha256'] in page for one in (earlier.commitment, scores.commitment))
     # A third part would have nothing to do.
     write_answers(scores, file)
-    assert read_answers(file).planned == len(design)
+    assert read_answers(file).planned == len(DESIGN)
     with pytest.raises(InputError, match='must leave cases to run'):
         run(tmp_path / 'third', earlier=read_answers(file))
 
 
-def test_the_diagnosis_sees_recordings_and_nothing_else(tmp_path, design):
-    run(tmp_path)
-    assert [without for _, without, _ in CALLS].count(('offset',)) == 1
-    for folder, _, _ in CALLS:
+def test_the_diagnosis_sees_recordings_and_nothing_else(whole):
+    assert [without for _, without in whole.calls].count(('offset',)) == 1
+    for folder, _ in whole.calls:
         assert not folder.exists()
-        assert tmp_path not in folder.parents
-    for path in (tmp_path / 'results').iterdir():
+        assert whole.out not in folder.parents
+    for path in (whole.out / 'results').iterdir():
         result = json.loads(path.read_text())
         assert set(result) == {
             'error', 'diagnosis', 'baselines', 'realised', 'seconds', 'cpu_seconds',
@@ -225,13 +235,11 @@ def test_the_diagnosis_sees_recordings_and_nothing_else(tmp_path, design):
         assert (result['diagnosis'] is None) == (result['error'] is not None)
 
 
-def test_the_report_shows_every_row(tmp_path, design):
-    scores = run(tmp_path)
-    assert [a.verdict for a in score(tmp_path).answers] == [a.verdict for a in scores.answers]
+def test_the_report_shows_every_row(whole, tmp_path):
+    scores = whole.scores
     draw_confusion(scores, tmp_path / 'c.png')
     assert (tmp_path / 'c.png').stat().st_size > 10_000
-    write_page(scores, tmp_path / 'page.md', 'flexx2 gap benchmark', 'c.png')
-    page = (tmp_path / 'page.md').read_text()
+    page = page_of(scores, tmp_path)
     for words in (
         'single effects, strength 1', 'false alarms', 'left out', 'localisation',
         'flexx2 gap benchmark', scores.commitment['sha256'], 'c.png',
