@@ -2,6 +2,8 @@
 
 import json
 
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import parse_effects, registry, save_effects
 from flexx2_sim_ros.gap.data.campaign import read
 from flexx2_sim_ros.gap.work import find
@@ -55,6 +57,13 @@ def shorter(words):
     return [*words, '--jobs', '1', *_SHORTER.get(words[1], [])]
 
 
+def run_diagnose(campaign, out, *options):
+    """Run ``flexx2 gap diagnose`` in this process; return what is in ``diagnosis.json``."""
+    command = ['gap', 'diagnose', str(campaign), '--out', str(out), '--jobs', '1']
+    assert main([*command, *options]) == 0
+    return json.loads((out / 'diagnosis.json').read_text())
+
+
 def change(path, **changes):
     """Rewrite a recording with other arrays: a value, a function of them all, None for none."""
     with np.load(path) as archive:
@@ -67,6 +76,21 @@ def save(path, depth, clean, matrix, **more):
     """Write a recording at 30 Hz, stamps from 0; `more` is other arrays, or another mode."""
     usual = {'stamp': np.arange(len(depth)) / 30, 'usecase': 'Mode_9_30fps'}
     np.savez(path, depth=depth, clean_depth=clean, K=matrix, **usual | more)
+
+
+MODE, SHAPE = 'Mode_9_30fps', (86, 112)
+K = flexx2().intrinsics.resized(*SHAPE[::-1]).matrix
+
+
+def write_walls(folder, distances, same=False, frames=10, **effects):
+    """Write recordings of walls that face a camera; with the very same noise, or each its own."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for i, distance in enumerate(distances):
+        clean = np.full(SHAPE, distance, np.float32)
+        device = Camera(MODE, seed=7 if same else i, effects=effects)
+        depth = device.capture(clean, K, np.arange(frames) / 30).depth
+        save(folder / f'wall{i}.npz', depth, clean, K)
+    return folder
 
 
 def find_all(folder):

@@ -4,7 +4,7 @@ from dataclasses import replace
 import json
 
 from bench.gap_campaigns import write_campaign
-from campaigns import all_but, among, change, leaving, SMALL
+from campaigns import all_but, among, change, leaving, run_diagnose
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose
@@ -67,10 +67,7 @@ def test_bad_recordings_are_left_out_and_reported(tmp_path, capsys):
     broken.write_bytes(broken.read_bytes()[:5000])
     wrong.append(({}, ''))
     files[15] = broken
-    out = tmp_path / 'out'
-    command = ['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1']
-    assert main([*command, *leaving('pose_error')]) == 0
-    table = json.loads((out / 'diagnosis.json').read_text())
+    table = run_diagnose(folder, tmp_path / 'out', *leaving('pose_error'))
     said = ''.join(capsys.readouterr().err.split())
     assert 'cut[off].npz:cannotberead' in said
     reasons = {row['name']: row['reason'] for row in table['recordings'] if not row['used']}
@@ -152,13 +149,11 @@ def test_without_an_uptime_nothing_drifts():
 
 
 def test_options_of_the_command_are_respected(tmp_path):
-    folder, out = tmp_path / 'campaign', tmp_path / 'out'
     # Scattered poses, which are what is usual here.
-    write_campaign(folder, seed=6, pose=(0.012, 0.7), **SMALL)
-    command = ['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1', '--seed', '4']
+    write_campaign(tmp_path / 'campaign', seed=6, recordings=4, pose=(0.012, 0.7), **TINY)
     kept = 'amplitude_bias', 'wiggling', 'pose_error'
-    assert main([*command, *leaving(*kept), '--pose-prior', '0.05', '3']) == 0
-    table = json.loads((out / 'diagnosis.json').read_text())
+    options = '--seed', '4', '--pose-prior', '0.05', '3'
+    table = run_diagnose(tmp_path / 'campaign', tmp_path / 'out', *leaving(*kept), *options)
     assert 'pose_error' not in {row['name'] for row in table['effects']}
     # Nor among what came nearest to explaining a gap.
     assert {row['name'] for row in table['effects'] + table['alternatives']} <= {*kept}

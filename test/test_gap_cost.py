@@ -1,13 +1,13 @@
 """What a gap costs in what reads depth on a robot, from files to files; and bad consumers."""
 
+from html import unescape
 import json
 from pathlib import Path
 import re
 import shlex
 
 from bench.gap_campaigns import write_campaign
-from browser import chromium
-from campaigns import leaving, save, write_diagnosis
+from campaigns import leaving, run_diagnose, save, write_diagnosis
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.consumers.comparison import compare
 from flexx2_sim_ros.consumers.loading import load, sources
@@ -26,7 +26,7 @@ import pytest
 DOCS = Path(__file__).resolve().parents[1] / 'docs' / 'robots.md'
 EFFECTS = {'low_signal_dropout': {}, 'offset': {'bias': 0.05}}
 SETTINGS = {'pose_prior': [0.002, 0.125]}
-SIZE = {'seed': 104, 'recordings': 3, 'frames': 4, 'scale': 0.5, 'moving': 1}
+SIZE = {'seed': 104, 'recordings': 3, 'frames': 3, 'scale': 0.35, 'moving': 1}
 BAD = """
 import os
 import time
@@ -65,13 +65,6 @@ class NotANumber(Good):
 
     def errors(self, seen, true):
         return {'missing': float('nan')}
-
-
-class Huge(Good):
-    name = 'huge'
-
-    def errors(self, seen, true):
-        return {'missing': 1e308}
 
 
 class NoPicture(Good):
@@ -143,31 +136,23 @@ def test_the_commands_of_the_documentation_run(number, folder, monkeypatch, caps
 
 def test_the_report_of_a_diagnosis_has_the_cost(tmp_path, capsys):
     recordings = tmp_path / 'recordings'
-    size = {**SIZE, 'frames': 3, 'scale': 0.35}
-    write_campaign(recordings, effects={**EFFECTS, 'offset': {'bias': 0.02}}, **size)
-    command = ['gap', 'diagnose', str(recordings), '--out', str(tmp_path / 'out')]
-    assert main([*command, '--cost', '--jobs', '1', *leaving(*EFFECTS)]) == 0
+    write_campaign(recordings, effects={**EFFECTS, 'offset': {'bias': 0.02}}, **SIZE)
+    table = run_diagnose(recordings, tmp_path / 'out', '--cost', *leaving(*EFFECTS))['cost']
     assert 'Modelling offset takes away' in capsys.readouterr().err.replace('\n', ' ')
-    table = json.loads((tmp_path / 'out' / 'diagnosis.json').read_text())['cost']
     assert [row['effect'] for row in table['ranking']][0] == 'offset'
-    with chromium(tmp_path) as browser:
-        browser.open((tmp_path / 'out' / 'report.html').as_uri())
-        browser.evaluate('document.querySelectorAll("details").forEach(one => one.open = true)')
-        shown = browser.evaluate('document.body.innerText')
-        assert browser.said('Log.entryAdded') == []
-    assert 'What the gap costs a robot' in shown
-    assert headline(table) in shown
+    page = (tmp_path / 'out' / 'report.html').read_text()
+    assert 'What the gap costs a robot' in page
+    assert headline(table) in unescape(page)
 
 
 def test_a_diagnosis_without_effects_says_why_it_has_no_cost(tmp_path, capsys):
-    write_campaign(tmp_path / 'same', seed=104, recordings=2, frames=4, scale=0.5)
-    command = ['gap', 'diagnose', str(tmp_path / 'same'), '--out', str(tmp_path / 'out')]
-    assert main([*command, '--cost', '--jobs', '1', *leaving()]) == 0
+    write_campaign(tmp_path / 'same', seed=104, recordings=2, frames=4, scale=0.25)
+    run_diagnose(tmp_path / 'same', tmp_path / 'out', '--cost', *leaving())
     assert 'No cost: no effect that changes images is named.' in capsys.readouterr().err
 
 
 def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(folder, tmp_path, capfd):
-    names = ['Raises', 'NotANumber', 'Huge', 'NoPicture', 'Slow', 'Ends', 'Good']
+    names = ['Raises', 'NotANumber', 'NoPicture', 'Slow', 'Ends', 'Good']
     options = [f'--consumer={folder}/bad.py:{name}' for name in names]
     command = ['gap', 'cost', str(folder / 'recordings'), '--diagnosis', str(folder / 'diagnosis')]
     command += ['--out', str(tmp_path), '--json', '--limit', '5', '--jobs', '2', *options]
@@ -176,9 +161,7 @@ def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(folder, tmp_path, c
     assert [row['name'] for row in table['consumers']] == ['good']
     reasons = {row['consumer'].rpartition(':')[2]: row['reason'] for row in table['faults']}
     assert 'RuntimeError: no \\x1b[31m map' in reasons['raises']
-    finite = 'missing (real): must be a finite number below 1e+100, got'
-    assert f'{finite} nan' in reasons['not_a_number']
-    assert f'{finite} 1e+308' in reasons['huge']
+    assert 'missing (real): must be a finite number below 1e+100' in reasons['not_a_number']
     assert 'picture: must be (h, w)' in reasons['no_picture']
     assert 'took longer than 5 s' in reasons['slow']
     assert 'ended its process' in reasons['ends']
@@ -197,16 +180,9 @@ def test_effects_fitted_without_a_recording_are_used_for_it(folder, tmp_path):
     # The effects of the diagnosis do nothing; those fitted without each recording are right.
     rows = []
     for path in sorted((folder / 'recordings').iterdir()):
-        found = check_recording(path, None)
-        assert not isinstance(found, str)
-        rows.append(
-            {
-                'name': path.name,
-                'used': True,
-                'checksum': read(found, None).checksum,
-                'effects_without': EFFECTS,
-            }
-        )
+        checksum = read(check_recording(path, None), None).checksum
+        row = {'name': path.name, 'used': True, 'checksum': checksum}
+        rows.append({**row, 'effects_without': EFFECTS})
     del rows[2]['effects_without']
     off = {name: {'strength': 0.0} for name in EFFECTS}
     write_diagnosis(tmp_path / 'diagnosis', off, SETTINGS, recordings=rows)
@@ -289,20 +265,11 @@ def test_effects_that_recordings_cannot_order_are_said():
 
 
 def test_shares_and_their_intervals():
-    rng = np.random.default_rng(0)
     rows = []
-    for _ in range(20):
-        real = rng.uniform(8, 12)
-        rows.append(
-            {
-                'real': {'steps': real},
-                'simulated': {'steps': 0.0},
-                'again': {'steps': 0.1},
-                'a': {'steps': 0.7 * real},
-                'b': {'steps': -0.5 * real},
-                'all': {'steps': 0.5 * real},
-            }
-        )
+    for real in np.random.default_rng(0).uniform(8, 12, 20):
+        row = {'real': real, 'simulated': 0.0, 'again': 0.1}
+        row |= {'a': 0.7 * real, 'b': -0.5 * real, 'all': 0.5 * real}
+        rows.append({name: {'steps': value} for name, value in row.items()})
     names = ('real', 'simulated', 'again')
     one = compare(rows, 'steps', ['a', 'b', 'all'], names, 'all')
     assert one.significant

@@ -3,8 +3,7 @@
 import shutil
 
 from bench.gap_campaigns import write_campaign
-from campaigns import among, change, leaving
-from flexx2_sim_ros.cli.main import main
+from campaigns import among, change, leaving, run_diagnose
 from flexx2_sim_ros.gap import diagnose
 import pytest
 
@@ -21,8 +20,7 @@ def test_a_setting_that_was_changed_midway_is_found(tmp_path, capsys):
     campaign.mkdir()
     for i, name in enumerate(names):
         shutil.copy((before, after)[i % 2] / name, campaign / name)
-    command = ['gap', 'diagnose', str(campaign), '--out', str(tmp_path / 'out'), '--jobs', '1']
-    assert main([*command, *leaving('offset', 'pose_error', *BOTH, *changed)]) == 0
+    run_diagnose(campaign, tmp_path / 'out', *leaving('offset', 'pose_error', *BOTH, *changed))
     said = ' '.join(''.join(capsys.readouterr()).split())
     shows, lacks = ', '.join(names[1::2]), ', '.join(names[::2])
     assert f'{shows} show temporal filter; {lacks} do not.' in said

@@ -1,15 +1,12 @@
 """Control experiments: the same rooms with exact, partly unknown, and constrained ground truth."""
 
-import json
 import re
 import shutil
 
 from bench import gap_truth
 from bench.gap_campaigns import write_campaign
 from bench.gap_truth import rewrite
-from campaigns import ALIKE, among, change, leaving, save
-from flexx2_sim_ros.camera import Camera, flexx2
-from flexx2_sim_ros.cli.main import main
+from campaigns import among, change, leaving, run_diagnose, write_walls
 from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.inference.decidable import decidable_part
@@ -21,7 +18,7 @@ import yaml
 
 SMALL = {'scale': 0.4, 'recordings': 6, 'frames': 6, 'moving': 0}
 SEED = 101
-MODE = 'Mode_9_30fps'
+BIASES = 'offset', 'amplitude_bias', 'multipath', 'wiggling', 'pose_error'
 
 
 @pytest.fixture(scope='module')
@@ -55,9 +52,8 @@ def test_no_effect_stays_none_where_part_is_unknown(campaigns, tmp_path):
     ('effect', 'truth'), [('multipath', 'constrained'), ('amplitude_bias', 'masked')]
 )
 def test_an_effect_is_found_with_less_ground_truth(campaigns, tmp_path, effect, truth):
-    kept = 'offset', 'amplitude_bias', 'multipath', 'wiggling', 'pose_error'
     folder = with_truth(campaigns[effect], tmp_path / truth, truth)
-    table = diagnose(folder, **among(*kept))
+    table = diagnose(folder, **among(*BIASES))
     # Others explain a bias nearly as well, so that it may be less probable than not.
     assert table['verdict'] in (['identified'] if effect == 'multipath' else EXPLAINED)
     assert [row['name'] for row in table['effects']] == [effect]
@@ -66,10 +62,7 @@ def test_an_effect_is_found_with_less_ground_truth(campaigns, tmp_path, effect, 
 
 def test_planes_fitted_to_the_frames_decide_nothing_that_moves_them(campaigns, tmp_path, capsys):
     folder, out = with_truth(campaigns['offset'], tmp_path / 'fitted', 'fitted'), tmp_path / 'out'
-    command = ['gap', 'diagnose', str(folder), '--out', str(out), '--jobs', '1']
-    command += ['--forms', 'catalogue']
-    assert main([*command, *leaving(*ALIKE)]) == 0
-    table = json.loads((out / 'diagnosis.json').read_text())
+    table = run_diagnose(folder, out, '--forms', 'catalogue', *leaving(*BIASES))
     assert table['verdict'] == 'not_decidable'
     assert table['effects'] == []
     rows = {row['name']: row for row in table['not_decidable']}
@@ -123,15 +116,11 @@ def test_a_constant_of_another_effect_is_not_fitted_where_an_offset_is_hidden():
         assert decidable_part(candidate, {'wiggling'}) is candidate
 
 
-def write_walls(folder, **truth):
+def wrong_walls(folder, **truth):
     """Write walls whose ground truth is wrong by up to 5 mm, each otherwise."""
-    folder.mkdir()
-    K = flexx2().intrinsics.matrix.copy()  # noqa: N806
-    K[:2] *= 0.5
-    for i, wrong in enumerate((0.005, -0.004, 0.003, -0.005)):
-        clean = np.full((86, 112), 0.9 + 0.4 * i, np.float32)
-        depth = Camera(MODE, seed=i).capture(clean, K, np.arange(8) / 30).depth
-        save(folder / f'wall{i}.npz', depth, clean + np.float32(wrong), K, **truth)
+    write_walls(folder, (0.9, 1.3, 1.7, 2.1), frames=8)
+    for path, wrong in zip(sorted(folder.iterdir()), (5, -4, 3, -5), strict=True):
+        change(path, clean_depth=lambda one, mm=wrong: one['clean_depth'] + mm * 1e-3, **truth)
     return folder
 
 
@@ -139,9 +128,9 @@ def test_an_error_within_the_accuracy_of_the_truth_is_no_gap(tmp_path):
     """Assert it where the pose is exact, so that nothing else can take the error."""
     exact = {'pose_covariance': np.zeros((6, 6))}
     few = among('offset', 'amplitude_bias', 'pose_error')
-    wrong = diagnose(write_walls(tmp_path / 'exact', **exact), **few)
+    wrong = diagnose(wrong_walls(tmp_path / 'exact', **exact), **few)
     assert wrong['verdict'] != 'none'
-    inexact = write_walls(tmp_path / 'inexact', clean_sigma=np.array(0.004), **exact)
+    inexact = wrong_walls(tmp_path / 'inexact', clean_sigma=np.array(0.004), **exact)
     table = diagnose(inexact, **few)
     assert table['verdict'] in ('none', 'not_decidable')
     assert table['effects'] == []
@@ -159,7 +148,7 @@ def test_an_effect_below_the_accuracy_of_the_truth_is_open_and_a_strong_one_is_f
         change(file, clean_sigma=np.array(0.003))
     hidden = {'effect': 'stray_light', 'absorbed': 0.99, 'settled_by': 'motion capture'}
     (tmp_path / 'truth.yaml').write_text(yaml.safe_dump({'schema': 1, 'cannot_decide': [hidden]}))
-    table = diagnose(tmp_path, **among(*ALIKE[:-1]))
+    table = diagnose(tmp_path, **among('wiggling', 'offset', 'amplitude_bias', 'stray_light'))
     rows = {row['name']: row for row in table['not_decidable']}
     assert len(rows) == len(table['not_decidable'])
     assert rows['stray_light']['settled_by'] == 'motion capture'
