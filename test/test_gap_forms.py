@@ -1,18 +1,23 @@
-"""Diagnosed effects get the form that recordings show."""
+"""Diagnosed effects get the form that recordings show; the lens is fitted with the poses."""
 
 import json
+import shutil
 
 from bench.gap_campaigns import write_campaign
-from campaigns import all_but, change, leaving
-from flexx2_sim_ros.cli.main import main
+from campaigns import all_but, change, leaving, run_diagnose
 from flexx2_sim_ros.effects import load_effects, parse_effects
 from flexx2_sim_ros.effects.tables import Curve
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap import diagnose, measure, randomise
 from flexx2_sim_ros.gap.cost import known_of
+from flexx2_sim_ros.gap.data.campaign import read
+from flexx2_sim_ros.gap.data.registration import register
+from flexx2_sim_ros.gap.forms.calibrating import calibrate_named
+from flexx2_sim_ros.gap.forms.looked import look, look_again, Simulator
 from flexx2_sim_ros.gap.report.charts import forms
 from flexx2_sim_ros.gap.report.reading import read_diagnosis
-from named_forms import fitted_forms
+from flexx2_sim_ros.gap.work import find
+from flexx2_sim_ros.jobs import workers
 import numpy as np
 import pytest
 from study.benchmark import DEVELOPMENT
@@ -40,6 +45,26 @@ DIAGNOSED = {
     'grazing_dropout': {'half_deg': 64.0},
     'quantisation': {'step': 0.001},
 }
+
+
+PRIOR = (0.01,) * 3 + (0.5,) * 3
+
+
+def fitted_forms(recordings, named, quick=False):
+    """Return the forms that a diagnosis with these effects would fit."""
+    effects = parse_effects(named)
+    with workers(1, None) as mapped:
+        found, _ = find(recordings, None, mapped)
+        motions = [register(read(one, None), np.array(PRIOR))[0] for one in found]
+        return calibrate_named(
+            found,
+            motions,
+            effects,
+            [effects] * len(found),
+            Simulator(mapped, None, {}, 0, PRIOR),
+            lambda: None,
+            quick,
+        )
 
 
 def test_dead_pixels_are_found(tmp_path):
@@ -132,7 +157,7 @@ def test_a_wide_filter_hides_no_other_effect(tmp_path):
         'warm_up_drift': {'bias': 0.02},
         'grazing_dropout': {'slant': {'knots': [1.0, 2.0], 'values': [0.0, 0.9]}},
     }
-    write_campaign(tmp_path, seed=7, effects=camera, **{**SMALL, 'scale': 0.35})
+    write_campaign(tmp_path, seed=7, effects=camera, **{**SMALL, 'scale': 0.25})
     others = 'flying_pixels', 'lateral_noise', 'low_signal_dropout', 'pose_error'
     table = diagnose(tmp_path, without=all_but(*camera, *others))
     assert {one['name'] for one in table['effects']} == set(camera)
@@ -212,6 +237,7 @@ def test_a_map_needs_images_of_one_size(campaign, tmp_path):
 
 
 TINY = {'recordings': 4, 'frames': 6, 'scale': 0.25, 'moving': 0}
+TINIEST = {'recordings': 3, 'frames': 2, 'scale': 0.15, 'moving': 0}
 
 
 def test_a_filter_over_frames_gets_its_own_kernel(tmp_path):
@@ -240,13 +266,81 @@ def test_a_diagnosis_fits_all_forms_when_asked_for(tmp_path):
     filtered = {'spatial_filter': {'width': 1.0, 'mix': 1.0, 'gate': 8.0}}
     recordings, out = tmp_path / 'recordings', tmp_path / 'out'
     write_campaign(recordings, seed=114, effects=filtered, **TINY)
-    command = ['gap', 'diagnose', str(recordings), '--out', str(out), '--jobs', '1']
     kept = 'flying_pixels', 'lateral_noise', 'pose_error', *filtered
-    assert main([*command, '--forms', 'all', *leaving(*kept)]) == 0
-    table = read_diagnosis(out).table
+    table = run_diagnose(recordings, out, '--forms', 'all', *leaving(*kept))
     forms = {row['name']: row for row in table['calibration']['effects']}
     assert forms['spatial_filter']['taken']
     (found,) = (row for row in table['effects'] if row['name'] == 'spatial_filter')
     assert found['parameters']['width'] == pytest.approx(1.0, rel=0.3)
     with pytest.raises(InputError, match='forms: must be catalogue, quick, all, got .slow.'):
         diagnose(recordings, forms='slow')
+
+
+LENS = {'focal': 0.01, 'cx': 0.5, 'cy': -0.4, 'k1': 0.03, 'aspect': 0.02, 'p2': 0.01}
+# What a diagnosis may name: a part of the lens, and a pose error for the rest.
+PART = {'focal': 0.006, 'cx': 0.2, 'cy': -0.2, 'k1': 0.02}
+NAMED = {'pose_error': {'x': 0.002}, 'intrinsics_error': PART}
+
+
+@pytest.fixture(scope='module')
+def recordings(tmp_path_factory):
+    """Record rooms with a wrong lens, from poses that are wrong, too."""
+    folder = tmp_path_factory.mktemp('lens') / 'recordings'
+    size = {'recordings': 6, 'frames': 6, 'scale': 0.4, 'moving': 0}
+    write_campaign(folder, seed=131, effects={'intrinsics_error': LENS}, **size)
+    return folder
+
+
+def test_a_wrong_lens_is_found_although_the_poses_are_wrong(recordings):
+    """Assert that a pose error that was diagnosed beside a part of the lens is left out."""
+    found = fitted_forms(recordings, NAMED)
+    (one,) = found.explained.verdicts
+    assert one.taken
+    assert one.proposal.label == 'focal length, centre and distortion'
+    assert one.after.mean() < one.before.mean()
+    assert found.dropped == ['pose_error']
+    (lens,) = found.effects(parse_effects(NAMED))
+    assert lens.focal == pytest.approx(LENS['focal'], abs=0.004)
+    assert lens.k1 == pytest.approx(LENS['k1'], abs=0.004)
+    assert lens.aspect == pytest.approx(LENS['aspect'], abs=0.006)
+    assert lens.p2 == pytest.approx(LENS['p2'], abs=0.003)
+
+
+def test_a_lens_at_its_bounds_is_fitted_on(tmp_path):
+    """Assert that a diagnosed lens at the end of what is allowed raises nothing."""
+    write_campaign(tmp_path, seed=132, effects={'intrinsics_error': LENS}, **TINIEST)
+    found = fitted_forms(tmp_path, {'intrinsics_error': {**LENS, 'cy': -20.0}})
+    assert [one.proposal.effect for one in found.explained.verdicts] == ['intrinsics_error']
+
+
+def test_a_recording_that_is_gone_is_an_error_that_names_it(recordings, tmp_path):
+    names = sorted(one.name for one in recordings.glob('*.npz'))[:2]
+    for name in names:
+        shutil.copy(recordings / name, tmp_path)
+    effects = {'intrinsics_error': PART}
+    with workers(1, None) as mapped:
+        simulator = Simulator(mapped, None, {}, 0, PRIOR)
+        found, _ = find(tmp_path, None, mapped)
+        jobs = [(one, effects, None) for one in found]
+        looked = simulator.run(look, jobs, prior=simulator.prior)
+        (tmp_path / names[1]).unlink()
+        with pytest.raises(InputError, match=names[1]):
+            simulator.run(look_again, [(one, effects) for one in looked])
+
+
+def test_the_stamp_of_raw_frames_is_found_from_a_diagnosis_with_the_other_one(tmp_path):
+    camera = {'motion_artefact': {'stretch': 2.5, 'stamp_at': 0.0}}
+    size = {'recordings': 10, 'frames': 8, 'scale': 0.4, 'moving': 6}
+    write_campaign(tmp_path, seed=141, effects=camera, **size)
+    found = fitted_forms(tmp_path, {'motion_artefact': {'stretch': 0.6, 'stamp_at': 1.0}})
+    (one,) = found.explained.verdicts
+    assert one.taken
+    assert one.proposal.label == 'duration of the raw frames, and the stamp'
+    assert one.proposal.together['stamp_at'] == 0.0
+    assert one.proposal.together['stretch'] == pytest.approx(2.5, abs=0.8)
+
+
+def test_still_recordings_leave_raw_frames_as_diagnosed(tmp_path):
+    write_campaign(tmp_path, seed=151, **TINIEST)
+    found = fitted_forms(tmp_path, {'motion_artefact': {'stretch': 0.6}})
+    assert not found.explained.verdicts
