@@ -1,14 +1,22 @@
-"""Statistics of the diagnosis, against solutions without any shortcut."""
+"""Parts of the diagnosis: poses, statistics without any shortcut, and where a gap lies."""
 
 import ast
 from dataclasses import fields
 from pathlib import Path
 from types import SimpleNamespace
 
+from bench.gap_campaigns import BoxRoom, look, make_room, optical
 from flexx2_sim_ros import gap
+from flexx2_sim_ros.camera import Camera, flexx2
+from flexx2_sim_ros.effects import parse_effects, registry
 from flexx2_sim_ros.gap.calibration import SECTIONS
 from flexx2_sim_ros.gap.calibration.about import ASSUMED, DEFINITION
 from flexx2_sim_ros.gap.calibration.inference import LOSS
+from flexx2_sim_ros.gap.data.axes import AXES, ENDLESS
+from flexx2_sim_ros.gap.data.registration import place, RecordingData, register
+from flexx2_sim_ros.gap.features.catalogue import catalogue
+from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, GROUP_TOLERANCE, PixelGroups
+from flexx2_sim_ros.gap.inference.cover import cover, shows_along
 from flexx2_sim_ros.gap.inference.normal_equations import (
     cauchy_weights,
     eliminate_nuisances,
@@ -129,3 +137,150 @@ def test_no_constant_of_the_diagnosis_is_elsewhere():
                 if isinstance(node, ast.Assign):
                     values = [n.value for n in ast.walk(node) if isinstance(n, ast.Constant)]
                     assert not any(isinstance(v, float) for v in values), (path, node.lineno)
+
+
+def groups(differs, size=0.5):
+    """Return a group for each bin of distance and region, and an offset where it differs."""
+    far, region = (a.ravel() for a in np.indices((AXES['distance'].bins, 12)))
+    samples = np.zeros((len(far), 12, len(ENDLESS)), np.int16)
+    for i, name in enumerate(ENDLESS):
+        place = {'distance': far, 'region': region}.get(name)
+        samples[:, :, i] = (
+            -1
+            if name in ('edge', 'speed')
+            else AXES[name].start + (0 if place is None else place[:, None])
+        )
+    effect = np.zeros((len(far), len(GROUP_CHANNELS)))
+    effect[:, 0] = size * differs.ravel()
+    limit = np.broadcast_to(GROUP_TOLERANCE, effect.shape)
+    return PixelGroups(
+        np.full(len(far), 2000.0), effect, 0 * effect, 0.002 * effect[:, 0], limit, limit, samples
+    )
+
+
+def test_conditions_single_out_the_pixels_that_differ():
+    differs = np.zeros((AXES['distance'].bins, 12), bool)
+    nowhere, everywhere = groups(0 * differs), groups(0 * differs + 1)
+    assert cover([nowhere], False) == []
+    differs[3:6] = True
+    (one,) = cover([groups(differs)] * 2, False)
+    assert (one.axis, one.first, one.last) == ('distance', 3, 5)
+    assert one.difference[0] == pytest.approx(0.5)
+    assert cover([groups(differs)], True) == []  # the real camera shows none of it
+    differs[:, 7] = True
+    both = cover([groups(differs)] * 2, False)
+    assert {(c.axis, c.first, c.last) for c in both} == {('distance', 3, 5), ('region', 7, 7)}
+    # In one of two recordings only; everywhere.
+    (one,) = cover([nowhere, everywhere], False)
+    assert (one.axis, one.first, one.last) == ('recording', 1, 1)
+    (one,) = cover([everywhere], False)
+    assert one.axis == 'all'
+    # Each recording has its own size.
+    both = cover([nowhere, everywhere, groups(0 * differs + 1, 0.8)], False)
+    assert [(c.axis, c.first, c.last) for c in both] == [('recording', 1, 1), ('recording', 2, 2)]
+    assert [c.bias for c in both] == pytest.approx([0.001, 0.0016])
+
+
+def test_a_named_effect_says_which_of_two_like_covariates_is_meant():
+    """Assert it where distant pixels are those of some regions, and only if the data allow it."""
+    differs = np.zeros((AXES['distance'].bins, 12), bool)
+    differs[3:6, :8] = True
+    known = registry()
+    for named, axis in (
+        ((), 'distance'),
+        (('wiggling',), 'distance'),
+        (('intrinsics_error',), 'region'),
+        (('flying_pixels',), 'distance'),  # no pixel is at an edge
+    ):
+        expected = {one for name in named for one in shows_along(known[name])}
+        first, *_ = cover([groups(differs)], False, expected=expected)
+        assert first.axis == axis, named
+
+
+def test_a_drift_is_said_of_uptimes():
+    differs = np.ones((AXES['distance'].bins, 12), bool)
+    some = [groups(differs, size) for size in (3.0, 2.0, 0.0, 0.0)]
+    uptimes = [10.0, 60.0, 300.0, 900.0]
+    drift = shows_along(registry()['warm_up_drift'])
+    (one,) = cover(some, False, expected=drift, uptimes=uptimes)
+    assert (one.axis, one.first, one.last) == ('uptime', 0, 1)
+    # Recordings that do not say when are listed one by one.
+    both = cover(some, False, expected=drift, uptimes=[None] * 4)
+    assert [(one.axis, one.first) for one in both] == [('recording', 0), ('recording', 1)]
+
+
+PRIOR = np.array([0.01] * 3 + [0.5] * 3)
+
+
+def recorded(depth, clean, reflectivity, K, stamps):  # noqa: N803
+    mode, fresh = flexx2().mode('Mode_9_30fps'), np.arange(len(stamps)) == 0
+    return RecordingData('', depth, clean, reflectivity, K, stamps, fresh, None, mode, None)
+
+
+def test_every_effect_is_in_the_catalogue_and_what_is_simulated_is_valid():
+    columns, candidates = catalogue()
+    assert {c.effect for c in candidates} == set(registry())
+    for column in columns:
+        assert parse_effects(column.effects)
+    for candidate in candidates:
+        registry()[candidate.effect].from_mapping(
+            candidate.build(tuple(term.nodes[0][0] for term in candidate.terms))
+        )
+    assert not any(c.effect == 'offset' for c in catalogue(['offset'])[1])
+
+
+def test_a_pose_error_is_found_to_a_fraction_of_a_millimetre():
+    K = flexx2().intrinsics.matrix  # noqa: N806
+    room = make_room(np.random.default_rng(2))
+    rotation, position = optical(0.1, 0.35, 0.0), np.array([0.0, 0.1, 0.6])
+    clean, rho = look(room, K, (172, 224), rotation, position)
+    x, y, z = np.radians([0.1, -0.2, 0.15])
+    turn = np.array([[1, -z, y], [z, 1, -x], [-y, x, 1]])
+    step = np.array([0.001, -0.002, 0.003])
+    true, _ = look(room, K, (172, 224), rotation @ turn, position + rotation @ step)
+    stamps = np.arange(10) * 33_000_000
+    depth = Camera(seed=1).capture(true, K, stamps, rho).depth
+    found, sure = register(recorded(depth, clean, rho, K, stamps), PRIOR)
+    assert np.abs(sure).sum() < np.abs(found).sum()
+    assert found[3:] == pytest.approx([0.1, -0.2, 0.15], abs=0.03)
+    assert found[1] == pytest.approx(-0.002, abs=0.0006)
+    # Forwards, half of it may as well be the camera's own constant error: not taken off here.
+    assert 0.001 < found[2] < 0.0035
+
+
+def test_outlines_show_a_motion_along_surfaces_that_face_the_camera():
+    # Without the outlines of the two boxes, such a motion changes no depth.
+    K = flexx2().intrinsics.matrix  # noqa: N806
+    far = [-1.0, -4.0, -4.0, 3.0, 4.0, 4.0]
+    boxes = [[0.8, 0.05, -0.2, 3.0, 0.4, 0.3], [1.4, -0.6, -0.3, 3.0, -0.1, 0.4]]
+    room = BoxRoom(np.array([far, *boxes]), np.full((3, 2), 0.5), np.ones(3))
+    rotation, step = optical(0.0, 0.0, 0.1), np.array([0.006, -0.008, 0.0])
+    clean, rho = look(room, K, (172, 224), rotation, np.zeros(3))
+    true, _ = look(room, K, (172, 224), rotation, rotation @ step)
+    stamps = np.arange(10) * 33_000_000
+    depth = Camera(seed=1).capture(true, K, stamps, rho).depth
+    recording = recorded(depth, clean, rho, K, stamps)
+    found, _ = register(recording, PRIOR)
+    assert found[:2] == pytest.approx(step[:2], abs=0.001)
+    placed = place(recording, found)
+    # A pixel on an outline may be on either side.
+    assert (np.abs(placed.clean - true) > 0.1).sum() < 0.5 * (np.abs(clean - true) > 0.1).sum()
+
+
+def test_a_time_offset_is_not_taken_for_a_pose_error():
+    # A camera that drives forwards at 0.6 m/s and shows what was 40 ms ago: 24 mm behind.
+    K = np.array([[70.0, 0, 40], [0, 70, 30], [0, 0, 1]])  # noqa: N806
+    room = make_room(np.random.default_rng(2))
+    frames, interval = 14, 0.033
+    seen = [
+        look(room, K, (60, 80), optical(0.1, 0.2 + 0.5 * t, 0.0), np.array([0.6 * t, 0.1, 0.6]))
+        for t in np.arange(-4, 4 * frames) * interval / 4
+    ]
+    clean, late = (
+        [np.array(images) for images in zip(*seen[start::4], strict=True)] for start in (4, 4 - 5)
+    )
+    stamps = (np.arange(frames) * interval * 1e9).astype(np.int64)
+    depth = Camera(seed=1).capture(late[0][-frames:], K, stamps, late[1][-frames:]).depth
+    recording = recorded(depth, clean[0][:frames], clean[1][:frames], K, stamps)
+    found, _ = register(recording, PRIOR)
+    assert np.linalg.norm(found[:3]) < 0.012
