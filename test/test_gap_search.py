@@ -3,7 +3,7 @@
 from bench.gap_campaigns import write_campaign
 from bench.wall_campaigns import wall
 from boards import K
-from campaigns import ALIKE, among, change, read_all
+from campaigns import among, change, read_all
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose
@@ -33,36 +33,38 @@ def searched(folder):
     return dict(search(clues, SCENES.optics.mode)), clues
 
 
-def test_nothing_is_found_in_a_camera_as_its_profile_says(tmp_path):
-    found, _ = found_in(tmp_path, {}, {})
-    assert found == {}
-    assert of_registration(found) == ((), 0.0, 0.0)
+@pytest.mark.parametrize(
+    ('effect', 'inside', 'clue', 'wanted', 'within'),
+    [
+        ('wiggling', {'wave_m': 0.35}, 'wave', 0.35, 0.014),
+        ('wiggling', {'wave_m': 1.6}, 'wave', 1.6, 0.064),
+        ('range_wrap', {'mhz': 60.24}, 'fold', 149.896 / 60.24, 0.025),
+        ('range_wrap', {'mhz': 31.0}, 'fold', 149.896 / 31.0, 0.05),
+        ('time_offset', {'latency_s': 0.025}, 'latency', 0.025, 0.015),
+        ('time_offset', {'latency_s': 0.16}, 'latency', 0.16, 0.015),
+        # In this mode the camera drops pixels below 0.015 / m^2.
+        ('low_signal_dropout', {'light_scale': 8.0}, 'darkness', 8 * 0.015, 0.06),
+    ],
+)
+def test_what_is_free_inside_a_camera_is_found_beside_wrong_poses(
+    effect, inside, clue, wanted, within, tmp_path
+):
+    found, _ = found_in(tmp_path, {effect: 1.0}, inside)
+    assert set(found) == {clue}
+    assert found[clue][0] == pytest.approx(wanted, abs=within)
 
 
-@pytest.mark.parametrize('period', [0.35, 1.6])
-def test_the_period_of_a_bias_is_found_beside_pose_errors(period, tmp_path):
-    found, _ = found_in(tmp_path, {'wiggling': 1.0}, {'wave_m': period})
-    assert set(found) == {'wave'}
-    assert found['wave'][0] == pytest.approx(period, rel=0.04)
-
-
-@pytest.mark.parametrize('mhz', [60.24, 31.0])
-def test_the_range_after_which_distances_repeat_is_found(mhz, tmp_path):
-    found, _ = found_in(tmp_path, {'range_wrap': 1.0}, {'mhz': mhz})
-    assert found['fold'][0] == pytest.approx(149.896 / mhz, rel=0.01)
-
-
-@pytest.mark.parametrize('latency', [0.025, 0.16])
-def test_a_latency_is_found_wherever_it_is(tmp_path, latency):
-    found, clues = found_in(tmp_path, {'time_offset': 1.0}, {'latency_s': latency})
-    assert found['latency'][0] == pytest.approx(latency, abs=0.015)
-    # Scenes that stand still say nothing about it.
-    assert sum(len(one.late) > 0 for one in clues) == 3
-
-
-def test_wrong_poses_are_not_taken_for_a_latency(tmp_path):
-    found, _ = found_in(tmp_path, {'pose_error': 2.0}, {})
-    assert 'latency' not in found
+@pytest.mark.parametrize(
+    ('effects', 'unseen'),
+    [
+        ({}, set(SEARCHES)),
+        ({'pose_error': 2.0}, {'latency', 'stretch'}),
+        ({'offset': 2.0}, {'stretch'}),
+        ({'intrinsics_error': 2.0}, {'stretch'}),
+    ],
+)
+def test_other_causes_are_not_taken_for_it(effects, unseen, tmp_path):
+    assert not unseen & set(found_in(tmp_path, effects, {})[0])
 
 
 def test_a_filter_over_frames_is_not_taken_for_a_latency(tmp_path):
@@ -79,7 +81,8 @@ def test_a_depth_scale_is_found_and_named(strength, tmp_path):
     """Of 1 % and 5 %: a pose takes up the one, and the other is far beyond what poses are."""
     found, _ = found_in(tmp_path, {'depth_scale': strength}, {})
     assert abs(found['stretch'][0]) == pytest.approx(0.02 * strength, rel=0.15)
-    first, *others = diagnose(tmp_path, **among(*ALIKE))['effects']
+    rivals = 'offset', 'wiggling', 'amplitude_bias', 'intrinsics_error', 'pose_error'
+    first, *others = diagnose(tmp_path, **among('depth_scale', *rivals))['effects']
     assert first['name'] == 'depth_scale'
     assert first['parameters']['fraction'] == pytest.approx(found['stretch'][0], rel=0.15)
     assert not others
@@ -98,19 +101,6 @@ def test_a_depth_scale_is_found_at_bare_walls(effect, found, tmp_path):
         np.savez(tmp_path / f'{i}.npz', **content, stamp=np.arange(4) / 30)
     stretch = searched(tmp_path)[0].get('stretch', (0.0,))
     assert stretch[0] == pytest.approx(found, rel=0.1)
-
-
-@pytest.mark.parametrize('effect', ['pose_error', 'offset', 'intrinsics_error'])
-def test_other_errors_are_not_taken_for_a_depth_scale(effect, tmp_path):
-    found, _ = found_in(tmp_path, {effect: 2.0}, {})
-    assert 'stretch' not in found
-
-
-def test_the_amplitude_below_which_pixels_are_lost_is_found(tmp_path):
-    found, clues = found_in(tmp_path, {'low_signal_dropout': 1.0}, {'light_scale': 8.0})
-    # In this mode the camera drops pixels below 0.015 / m^2.
-    assert found['darkness'][0] == pytest.approx(8 * 0.015, rel=0.5)
-    assert all(one.light.shape == LIGHT for one in clues)
 
 
 def test_the_light_that_saturates_a_camera_head_on_is_found(tmp_path):
@@ -164,6 +154,7 @@ def test_recordings_of_nothing_find_nothing():
         lag=np.nan,
     )
     assert search([empty, empty], SCENES.optics.mode) == {}
+    assert of_registration({}) == ((), 0.0, 0.0)
 
 
 def test_few_frames_are_not_taken_for_a_latency(tmp_path):
