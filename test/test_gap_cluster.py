@@ -1,5 +1,6 @@
 """The diagnosis on a Dask cluster: a real scheduler, two workers, one of which is killed."""
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 import json
 import os
@@ -8,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 
 from bench.gap_campaigns import write_campaign
 from campaigns import all_but
@@ -25,16 +25,12 @@ LEFT_OUT = all_but('excess_noise', 'heavy_tails', 'pose_error')
 @contextmanager
 def process(*arguments):
     """Run a module of distributed as a process; killed at the end."""
-    environment = {
-        **os.environ,
-        'PYTHONPATH': os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')])),
-    }
+    paths = filter(None, [str(ROOT), os.environ.get('PYTHONPATH')])
     started = subprocess.Popen(
-        [sys.executable, '-m', *arguments],
-        env=environment,
-        text=True,
+        [sys.executable, '-m', *map(str, arguments)],
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(paths)},
         stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
     try:
@@ -43,16 +39,16 @@ def process(*arguments):
         if started.poll() is None:
             os.killpg(started.pid, signal.SIGKILL)
         started.wait()
-        started.stderr.close()
+
+
+SMALL = {'scale': 0.25, 'frames': 6, 'moving': 0, 'effects': {'excess_noise': {}}}
 
 
 @pytest.fixture(scope='module')
 def campaign(tmp_path_factory):
     """Return a folder of four small recordings with too much noise."""
     folder = tmp_path_factory.mktemp('cluster') / 'campaign'
-    write_campaign(
-        folder, seed=12, scale=0.25, recordings=4, frames=6, moving=0, effects={'excess_noise': {}}
-    )
+    write_campaign(folder, seed=12, recordings=4, **SMALL)
     return folder
 
 
@@ -60,32 +56,17 @@ def campaign(tmp_path_factory):
 def scheduler(folder):
     """Run a scheduler that writes its address to ``scheduler.json`` in a folder; return both."""
     ready = folder / 'scheduler.json'
-    with process(
-        'distributed.cli.dask_scheduler',
-        '--host',
-        '127.0.0.1',
-        '--port',
-        '0',
-        '--no-dashboard',
-        '--scheduler-file',
-        str(ready),
-    ) as started:
+    options = '--host', '127.0.0.1', '--port', '0', '--no-dashboard', '--scheduler-file', ready
+    with process('distributed.cli.dask_scheduler', *options) as started:
         until(ready.exists)
         yield started, json.loads(ready.read_text())['address']
 
 
 def worker(folder):
     """Run a worker of the scheduler whose address is in a folder."""
+    options = '--scheduler-file', folder / 'scheduler.json', '--local-directory', folder
     return process(
-        'distributed.cli.dask_worker',
-        '--scheduler-file',
-        str(folder / 'scheduler.json'),
-        '--nthreads',
-        '1',
-        '--no-nanny',
-        '--no-dashboard',
-        '--local-directory',
-        str(folder),
+        'distributed.cli.dask_worker', *options, '--nthreads', '1', '--no-nanny', '--no-dashboard'
     )
 
 
@@ -107,9 +88,7 @@ def test_what_a_cluster_lacks_or_loses(campaign, tmp_path, monkeypatch):
     monkeypatch.chdir(campaign.parent)
     local = diagnose(campaign, out=tmp_path / 'diagnosis', without=LEFT_OUT)
     fresh = campaign.parent / 'fresh'
-    write_campaign(
-        fresh, seed=13, scale=0.25, recordings=2, frames=6, moving=0, effects={'excess_noise': {}}
-    )
+    write_campaign(fresh, seed=13, recordings=2, **SMALL)
     checked = check(tmp_path / 'diagnosis', fresh)
     with scheduler(tmp_path) as (leader, address):
         with monkeypatch.context() as patch:
@@ -154,24 +133,20 @@ def test_a_missing_scheduler_is_reported(campaign, monkeypatch, address):
         diagnose(campaign, scheduler=address)
 
 
-def test_another_program_is_reported(campaign):
-    with socket.create_server(('127.0.0.1', 0)) as other:
+@pytest.mark.parametrize(
+    ('greeting', 'seconds', 'said'),
+    [(b'SSH-2.0-OpenSSH_9.2\r\n', 10.0, 'no scheduler'), (b'', 0.5, 'it does not answer')],
+)
+def test_another_program_is_reported(campaign, monkeypatch, greeting, seconds, said):
+    monkeypatch.setattr(jobs, '_CONNECT_SECONDS', seconds)
+    with socket.create_server(('127.0.0.1', 0)) as other, ThreadPoolExecutor(1) as thread:
 
         def greet():
             connection, _ = other.accept()
-            connection.sendall(b'SSH-2.0-OpenSSH_9.2\r\n')
+            connection.sendall(greeting)
+            return connection
 
-        thread = threading.Thread(target=greet, daemon=True)
-        thread.start()
-        with pytest.raises(InputError, match='--scheduler: must be the address .* no scheduler'):
+        kept = thread.submit(greet)  # Closed by nobody else.
+        with pytest.raises(InputError, match=f'--scheduler: .* {said}'):
             diagnose(campaign, scheduler=f'127.0.0.1:{other.getsockname()[1]}')
-        thread.join(10)
-
-
-def test_what_never_answers_is_reported(campaign, monkeypatch):
-    monkeypatch.setattr(jobs, '_CONNECT_SECONDS', 0.5)
-    with (
-        socket.create_server(('127.0.0.1', 0)) as silent,
-        pytest.raises(InputError, match='--scheduler: .* it does not answer'),
-    ):
-        diagnose(campaign, scheduler=f'127.0.0.1:{silent.getsockname()[1]}')
+        kept.result().close()
