@@ -85,11 +85,8 @@ def signal(seed, channels, size):
 
 
 def test_numbers_of_a_set_may_move_by_steps_within_their_bounds():
-    effects = table_of(
-        parse_effects(
-            {'offset': {'bias': 0.02}, 'quantisation': {}, 'random_dropout': {'share': 0.0}}
-        )
-    )
+    named = {'offset': {'bias': 0.02}, 'quantisation': {}, 'random_dropout': {'share': 0.0}}
+    effects = table_of(parse_effects(named))
     columns, members = around(effects, CANDIDATES)
     by_name = {one.name: one for one in columns}
     members_of = {one.name: one for one in members}
