@@ -53,26 +53,21 @@ def test_only_effects_on_phases_need_the_modulation(profile):
     camera = load_profile(profile)
     assert {name for name, kind in registry().items() if kind.needs_modulation} == PHASE
     clean, stamps = wall(1.0, 30, K, SIZE), np.arange(3) * 66_000_000
-    plain = Camera('stereo', profile=camera).capture(clean, K, stamps).depth
+    dark = np.full(SIZE, 0.02)
+
+    def shot(effects):
+        seen = Camera('stereo', profile=camera, effects=effects)
+        return seen.capture(clean, K, stamps, dark).depth
+
+    plain = shot({})
     for name in registry():
-
-        def shot(name=name):
-            return (
-                Camera('stereo', profile=camera, effects={name: {'strength': 4.0}})
-                .capture(clean, K, stamps, 0.02 + 0 * clean)
-                .depth
-            )
-
+        strong = {name: {'strength': 4.0}}
         if name in PHASE:
             with pytest.raises(InputError, match=rf'^effects: {name}: .*stereo\.modulation_hz'):
-                shot()
+                shot(strong)
         elif name not in ('time_offset', 'lateral_noise', 'saturation'):  # Of other scenes.
-            assert not np.array_equal(shot(), plain, equal_nan=True), name
-    moved = (
-        Camera('stereo', profile=camera, effects={'offset': {'bias': 0.05}})
-        .capture(clean, K, stamps)
-        .depth
-    )
+            assert not np.array_equal(shot(strong), plain, equal_nan=True), name
+    moved = shot({'offset': {'bias': 0.05}})
     assert np.nanmedian(moved - plain) == pytest.approx(0.05, abs=1e-6)
 
 
