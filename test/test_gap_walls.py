@@ -152,4 +152,6 @@ def test_surfaces_with_too_much_noise_are_too_little_to_look_at(tmp_path):
     assert table['verdict'] == 'too_little'
     assert all('to compare, got 0' in ' '.join(row['notes']) for row in table['recordings'])
     # Large errors were measured: the page must not say that nothing differs.
-    assert 'No region differs' not in (tmp_path / 'out' / 'report.html').read_text()
+    page = (tmp_path / 'out' / 'report.html').read_text()
+    assert 'Too few depths to compare' in page
+    assert 'No region differs' not in page
