@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
-from flexx2_sim_ros.effects.hypothesis import Hypothesis, Term
+from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched, Term
 from flexx2_sim_ros.effects.rays import add_along_ray, ranges
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -13,6 +13,11 @@ from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 # features are linear up to there. At 5 mm, 4 sigma_z of a Kinect v2, an offset could not be set
 # off against a pose error, and was taken for one (test_shipped_profiles.py).
 SIMULATED_BIAS = 0.002
+
+
+def _as_large(found: tuple[float, ...]) -> tuple[Hypothesis, ...]:
+    # Simulated where the search found it: features are not linear up to there.
+    return (grid('bias', found, -0.1, 0.1, 'as searched'),)
 
 
 @dataclass(frozen=True)
@@ -28,8 +33,11 @@ class Offset(Effect):
     typical: ClassVar[bool] = True
     source: ClassVar[str] = 'assumed; the paper set distances to 10 mm and leaves bias out'
     hypotheses: ClassVar[tuple[Hypothesis, ...]] = (
-        # One node: of a large bias the pose takes most, so that what is left is small, and linear.
+        # One node: of a bias that poses can take over, what is left is small, and linear.
         Hypothesis('', (Term('bias', (SIMULATED_BIAS,), -0.1, 0.1, along_ray='bias'),)),
+    )
+    searched: ClassVar[Searched | None] = Searched(
+        'constant', _as_large, lambda effect: (effect.strength * effect.bias,)
     )
     role: ClassVar[str] = 'bias'
     smooth: ClassVar[bool] = True

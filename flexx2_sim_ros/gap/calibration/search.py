@@ -39,6 +39,7 @@ class Search:
         'that a depth scale takes off the median errors of recordings: five standard deviations',
         ASSUMED,
     )
+    constant_errors: float = constant(4.0, 'standard errors', 'of a constant bias', ASSUMED)
     latencies: tuple[float, float, float] = constant((-0.2, 0.4, 0.01), 's', 'that are tried')
     latency_gains: float = constant(
         0.02,

@@ -10,7 +10,7 @@ from flexx2_sim_ros.gap.data.pose import pose_columns
 from flexx2_sim_ros.gap.data.registration import change_by_latency, frames_between, RecordingData
 import numpy as np
 
-LINE = 7  # column of `Clues.own` in proportion to depth
+RANGE, LINE = 6, 7  # columns of `Clues.own`: an offset of range, and in proportion to depth
 
 
 @dataclass(frozen=True)

@@ -136,7 +136,7 @@ def register(
     prior: np.ndarray,
     waves: Sequence[float] = (),
     latency: float = 0.0,
-    stretch: float = 0.0,
+    line: tuple[float, float] = (0.0, 0.0),
 ) -> tuple[np.ndarray, np.ndarray]:
     """
     Find the small motion of the camera, and of planes, that best explains a recording.
@@ -149,8 +149,8 @@ def register(
     * `waves`: periods along the ray of biases that the recordings have, metres: a pose error is
       not to take them up.
     * `latency`: age of the images of a moving scene at their stamps to start from, seconds.
-    * `stretch`: fraction by which the recordings' depths are too long, about; a pose is not to
-      take it up.
+    * `line`: metres, and fraction, by which the recordings' depths are too long, about; a pose is
+      not to take that up.
     """
     still = recording.still
     chosen = [0] if still else _chosen(recording)
@@ -174,10 +174,10 @@ def register(
             motion[:POSE],
         )
         if biases is None:  # Computed once: a small motion hardly changes them.
-            biases = _typical_biases(recording, clean, reflectivity, chosen, stretch)
+            biases = _typical_biases(recording, clean, reflectivity, chosen, line)
         late = None if still else images_by_latency(recording, chosen, lateness)
         step, amounts, sure = fit_plane_motion(
-            _differences(recording, shown, clean, chosen, motion, biases, late, stretch),
+            _differences(recording, shown, clean, chosen, motion, biases, late, line),
             recording.K,
             spread,
             shifts,
@@ -219,7 +219,7 @@ def _differences(
     motion: np.ndarray,
     biases: _Biases,
     late: tuple[np.ndarray, np.ndarray] | None,
-    stretch: float,
+    line: tuple[float, float],
 ) -> list[Differences]:
     # Each frame with where it differs from its clean depth, and with what each bias and latency
     # changes. What the given effects change is subtracted.
@@ -242,7 +242,7 @@ def _differences(
         with np.errstate(invalid='ignore'):
             error = real - image - np.nan_to_num(biases.given[i] - biases.plain[i])
             limit = REGISTRATION.outlier_sigmas * sigma + REGISTRATION.outlier
-            near = np.abs(error - stretch * image) < limit
+            near = np.abs(error - line[0] - line[1] * image) < limit
             error = np.where(scene.inside & near, error, np.nan)
         changes = [(biases.plain[i], one[i]) for one in biases.changed]
         other = [np.nan_to_num(one - plain) for plain, one in changes]
@@ -309,7 +309,7 @@ def _typical_biases(
     clean: np.ndarray,
     reflectivity: np.ndarray | None,
     chosen: Sequence[int],
-    stretch: float,
+    line: tuple[float, float],
 ) -> _Biases:
     common = CommonRandomNumbers(
         base_camera(recording.mode, recording.profile, 0, recording.name),
@@ -323,8 +323,8 @@ def _typical_biases(
         for effects in ((), *_like_a_pose(bool(recording.mode.modulation_hz)))
     )
     given = common.depth(recording.given) if recording.given else plain
-    if stretch:
-        changed.append((1 + stretch) * plain)
+    offset, scale = line
+    changed += [plain + offset] * bool(offset) + [(1 + scale) * plain] * bool(scale)
     return _Biases(plain, changed, given)
 
 

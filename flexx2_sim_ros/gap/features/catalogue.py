@@ -69,6 +69,12 @@ class Candidate:
     kind: type[Effect] = Effect
     steps: bool = False
 
+    @property
+    def columns(self) -> list[str]:
+        """Return the names of the simulations that it needs."""
+        nodes = [node for term in self.terms for _, node in term.nodes]
+        return [one if isinstance(one, str) else one.column for one in nodes]
+
 
 @dataclass(frozen=True)
 class Column:

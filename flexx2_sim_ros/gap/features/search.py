@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.calibration.search import SEARCH
-from flexx2_sim_ros.gap.data.clues import Clues, latencies, light_edges, LINE
+from flexx2_sim_ros.gap.data.clues import Clues, latencies, light_edges, LINE, RANGE
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
@@ -58,6 +58,26 @@ def wave(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     return (1.0 / best,) if share >= enough and agree >= SEARCH.wave_agrees else ()
 
 
+def constant(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
+    """
+    Find a bias that is the same at all distances, metres, and larger than errors of poses are.
+
+    A line over distance is fitted beside the pose of each recording. Empty if the constant is
+    smaller, or within its error (jackknife).
+    """
+    parts = _parts(clues, [i for i in range(clues[0].own.shape[1]) if i not in (RANGE, LINE)])
+    if len(parts) < 2:
+        return ()
+    each = [one.equations_of(np.insert(one.depth, 0, 1.0, axis=1)) for one in parts]
+    normal, right = (np.sum(one, axis=0) for one in zip(*each, strict=True))
+    ridge = SEARCH.ridge * np.diag(np.diag(normal))
+    offset = np.linalg.solve(normal + ridge, right)[0]
+    without = [np.linalg.solve(normal - n + ridge, right - r)[0] for n, r in each]
+    error = np.sqrt(len(parts) - 1) * np.std(without)
+    least = max(GROUND_TRUTH.usual[0], SEARCH.constant_errors * error)
+    return (float(offset),) if abs(offset) > least else ()
+
+
 def stretch(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
     """
     Find a bias in proportion to distance, which the fit of a pose would take for a motion.
@@ -101,12 +121,12 @@ def inside_of(effects: Iterable[Effect]) -> Found:
     return {name: values for name, values in found.items() if values}
 
 
-def of_registration(found: Found) -> tuple[tuple[float, ...], float, float]:
-    """Return what `register` needs to know: periods of biases, metres; latency, s; stretch."""
-    (period,), (late,), (scale,) = (
-        found.get(name, (0.0,)) for name in ('wave', 'latency', 'stretch')
+def of_registration(found: Found) -> tuple[tuple[float, ...], float, tuple[float, float]]:
+    """Return what `register` needs to know: periods of biases, metres; latency, s; its line."""
+    (period,), (late,), (offset,), (scale,) = (
+        found.get(name, (0.0,)) for name in ('wave', 'latency', 'constant', 'stretch')
     )
-    return (period, period / 2) if period else (), late, scale
+    return (period, period / 2) if period else (), late, (offset, scale)
 
 
 class _Errors:
@@ -177,7 +197,9 @@ def fold(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
 
     It is in metres along the ray; empty if jumps do not have a length in common.
     """
-    jumps, measured, beyond = _jumps(clues)
+    true, measured = np.concatenate([one.folds for one in clues], axis=1)
+    jumps = true - measured  # metres by which depths are short
+    beyond = sum(one.beyond for one in clues)
     looked = sum(one.looked for one in clues)
     if len(jumps) < max(SEARCH.fewest, SEARCH.fewest_folds * looked):
         return ()
@@ -202,12 +224,6 @@ def _folded(jumps: np.ndarray, measured: np.ndarray, length: float) -> tuple[int
             break
         length = float(np.median(jumps[whole] / times[whole]))
     return int(whole.sum()), length
-
-
-def _jumps(clues: Sequence[Clues]) -> tuple[np.ndarray, np.ndarray, int]:
-    # (N,) metres by which depths are short, and (N,) what was measured; how many are long.
-    true, measured = np.concatenate([one.folds for one in clues], axis=1)
-    return true - measured, measured, sum(one.beyond for one in clues)
 
 
 def latency(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
@@ -300,6 +316,7 @@ def _threshold(
 SEARCHES: dict[str, Callable[[Sequence[Clues], Mode], tuple[float, ...]]] = {
     'wave': wave,
     'stretch': stretch,
+    'constant': constant,
     'fold': fold,
     'latency': latency,
     'darkness': darkness,

@@ -276,10 +276,8 @@ class Model:
     def only(self, candidate: Candidate, has: np.ndarray) -> 'Model':
         """Return the model in which a candidate changes only the recordings that (R,) has it."""
         other = copy(self)
-        names = [name for term in candidate.terms for _, name in term.nodes]
-        columns = [one if isinstance(one, str) else one.column for one in names]
         other._columns, other._nodes = self._columns.copy(), {}
-        index = np.array([self.index[name] for name in columns])
+        index = np.array([self.index[name] for name in candidate.columns])
         other._columns[np.ix_(~has, index)] = 0
         return other
 

@@ -258,9 +258,6 @@ def _compared(
 
 def _columns(columns: Sequence[Column], candidates: Sequence[Candidate]) -> list[Column]:
     # The simulations that these candidates need.
-    terms = [
-        t for one in candidates for t in (*one.terms, *(one.given.terms if one.given else ()))
-    ]
-    nodes = [c for term in terms for _, c in term.nodes]
-    names = {*nuisances().columns, *(c if isinstance(c, str) else c.column for c in nodes)}
+    every = [*candidates, *(one.given for one in candidates if one.given)]
+    names = {*nuisances().columns, *(name for one in every for name in one.columns)}
     return [column for column in columns if column.name in names]
