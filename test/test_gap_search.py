@@ -89,7 +89,7 @@ def test_a_depth_scale_is_found_and_named(strength, tmp_path):
     assert not others
 
 
-@pytest.mark.parametrize(('bias', 'seed'), [(0.03, 14), (-0.05, 13)])
+@pytest.mark.parametrize(('bias', 'seed'), [(0.03, 14), (-0.05, 13), (0.15, 14)])
 def test_an_offset_that_poses_could_not_take_up_is_named(bias, seed, tmp_path):
     """A depth scale was named for it, since features are not linear up to there."""
     few = {'recordings': 6, 'frames': 6, 'scale': 0.25, 'moving': 0}

@@ -13,11 +13,13 @@ from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 # features are linear up to there. At 5 mm, 4 sigma_z of a Kinect v2, an offset could not be set
 # off against a pose error, and was taken for one (test_shipped_profiles.py).
 SIMULATED_BIAS = 0.002
+_LARGEST = 0.2
 
 
 def _as_large(found: tuple[float, ...]) -> tuple[Hypothesis, ...]:
     # Simulated where the search found it: features are not linear up to there.
-    return (grid('bias', found, -0.1, 0.1, 'as searched'),)
+    bias = max(-_LARGEST, min(found[0], _LARGEST))
+    return (grid('bias', (bias,), -_LARGEST, _LARGEST, 'as searched'),)
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class Offset(Effect):
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('bias', ''),)
     batched: ClassVar[tuple[str, ...] | None] = ()
 
-    bias: float = parameter(0.005, -0.2, 0.2, 'm', 'added to every depth')
+    bias: float = parameter(0.005, -_LARGEST, _LARGEST, 'm', 'added to every depth')
     curve: Curve | None = curve_over(
         'range, m', 'm', -0.5, 0.5, 'added to the range along the ray, in place of bias'
     )
