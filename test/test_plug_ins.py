@@ -57,7 +57,7 @@ def test_the_camera_files_and_texts_have_it(tmp_path, capsys):
     path = tmp_path / 'banding.yaml'
     path.write_text('schema: 1\neffects: {row_banding: {period: 9}}\n')
     assert load_effects(path)[0].period == 9
-    assert '| `amplitude` | 0.002 | -0.1 to 0.1 | m | of the swing |' in markdown()
+    assert '* `amplitude` = 0.002 m (-0.1 to 0.1): of the swing' in markdown()
     assert main(['effects', '--sources']) == 0
     assert 'row_banding' in capsys.readouterr().out
     picture = tmp_path / 'banding.png'

@@ -52,10 +52,15 @@ _NUISANCES = {
 }
 
 
+def _typical(item: Parameter) -> str:
+    unit = f' {item.unit}' if item.unit else ''
+    return f'* `{item.name}` = {item.default:g}{unit} ({bounds(item)}): {item.text}'
+
+
 def _form(name: str, table: Table) -> str:
     unit = f' {table.unit}' if table.unit else ''
     over = {'curve': f' over {table.over}', 'map': ' of the image, (H, W)'}.get(table.kind, '')
-    return f'`{name}` ({table.kind}{over}, {table.low:g} to {table.high:g}{unit}): {table.text}.'
+    return f'* `{name}` ({table.kind}{over}, {table.low:g} to {table.high:g}{unit}): {table.text}'
 
 
 def bounds(item: Parameter) -> str:
@@ -76,8 +81,9 @@ def markdown() -> str:
             'leaves out, in the order in which they act on the light. Each has a strength '
             'from 0 (off) to 4; 1 is typical. *Shows in* says what it changes in a static scene. '
             '● is in `config/effects/typical.yaml`; ↻ depends on earlier frames; ∿ needs '
-            'the modulation frequencies. *Looks like* names errors that can hide it. Values '
-            'without a public source are marked as assumed.',
+            'the modulation frequencies. *Looks like* names errors that can hide it. '
+            '`parameter` = typical value (range). Values without a public source are marked as '
+            'assumed.',
             _WIDTH,
         ).splitlines(),
         '',
@@ -103,20 +109,8 @@ def markdown() -> str:
     ]
     lines += ['', '## Parameters', '']
     for kind in effects:
-        lines += [
-            f'### {kind.name}',
-            '',
-            *fill(_nature(kind), _WIDTH).splitlines(),
-            '',
-            '| parameter | typical | range | unit | |',
-            '|---|---|---|---|---|',
-        ]
-        lines += [
-            f'| `{item.name}` | {item.default:g} | {bounds(item)} | {item.unit} | {item.text} |'
-            for item in kind.parameters()
-            if item.name != 'strength'
-        ]
-        lines.append('')
-        for name, table in kind.tables().items():
-            lines += [*fill(_form(name, table), _WIDTH).splitlines(), '']
+        rows = [_typical(item) for item in kind.parameters() if item.name != 'strength']
+        rows += [_form(name, table) for name, table in kind.tables().items()]
+        items = [fill(row, _WIDTH, subsequent_indent='  ') for row in rows]
+        lines += [f'### {kind.name}', '', fill(_nature(kind), _WIDTH), '', *items, '']
     return '\n'.join(lines[:-1]) + '\n'
