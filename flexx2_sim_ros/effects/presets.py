@@ -78,8 +78,10 @@ def markdown() -> str:
         '',
         *fill(
             f'{len(effects)} effects of a real time-of-flight camera that the noise model '
-            'leaves out, in the order in which they act on the light. Each has a strength '
-            'from 0 (off) to 4; 1 is typical. *Shows in* says what it changes in a static scene. '
+            'leaves out, in the order in which they act on the light. `flexx2 effects show NAME` '
+            'draws what one does, and `--effects NAME` of `flexx2 simulate` adds it. Each has a '
+            'strength from 0 (off) to 4; 1 is typical. *Shows in* says what it changes in a '
+            'static scene. '
             '● is in `config/effects/typical.yaml`; ↻ depends on earlier frames; ∿ needs '
             'the modulation frequencies. *Looks like* names errors that can hide it. '
             '`parameter` = typical value (range). Values without a public source are marked as '
