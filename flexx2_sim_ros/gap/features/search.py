@@ -8,9 +8,10 @@ found becomes variants of that effect, which the catalogue adds to its own.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from flexx2_sim_ros.effects import Effect
-from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH, REGISTRATION
 from flexx2_sim_ros.gap.calibration.search import SEARCH
 from flexx2_sim_ros.gap.data.clues import Clues, latencies, light_edges, LINE, RANGE
+from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
@@ -59,56 +60,31 @@ def wave(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
 
 
 def constant(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
-    """
-    Find a bias that is the same at all distances, metres, and larger than errors of poses are.
-
-    A line over distance is fitted beside the pose of each recording. Empty if the constant is
-    smaller, or within its error (jackknife).
-    """
-    parts = _parts(clues, [i for i in range(clues[0].own.shape[1]) if i not in (RANGE, LINE)])
-    if len(parts) < 2:
-        return ()
-    each = [one.equations_of(np.insert(one.depth, 0, 1.0, axis=1)) for one in parts]
-    normal, right = (np.sum(one, axis=0) for one in zip(*each, strict=True))
-    ridge = SEARCH.ridge * np.diag(np.diag(normal))
-    offset = np.linalg.solve(normal + ridge, right)[0]
-    without = [np.linalg.solve(normal - n + ridge, right - r)[0] for n, r in each]
-    error = np.sqrt(len(parts) - 1) * np.std(without)
-    least = max(GROUND_TRUTH.usual[0], SEARCH.constant_errors * error)
-    return (float(offset),) if abs(offset) > least else ()
+    """Find a bias that is the same at all distances, metres; empty if it is within its error."""
+    (value, _), (error, _) = _line(clues)
+    least = max(GROUND_TRUTH.usual[0], SEARCH.line_errors * error)
+    return (value,) if abs(value) > least else ()
 
 
 def stretch(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
-    """
-    Find a bias in proportion to distance, which the fit of a pose would take for a motion.
+    """Find a bias in proportion to distance, as a fraction; empty if it is within its error."""
+    (_, value), (_, error) = _line(clues)
+    return (value,) if abs(value) > SEARCH.line_errors * error else ()
 
-    It is a fraction of the distance; empty if it is small, or explains little.
-    """
-    parts = _parts(clues, [i for i in range(clues[0].own.shape[1]) if i != LINE])
+
+def _line(clues: Sequence[Clues]) -> np.ndarray:
+    # A constant, metres, and a fraction of the depth, fitted beside the pose of each recording;
+    # and their errors (jackknife).
+    own = [i for i in range(clues[0].own.shape[1]) if i not in (RANGE, LINE)]
+    parts = _parts(clues, own)
     if len(parts) < 2:
-        return ()
-    equations = [one.equations_of(one.depth) for one in parts]
-    share, agree = _held_out(parts, equations)
-    if agree < SEARCH.wave_agrees:
-        return ()
-    if share < SEARCH.wave_explains:
-        return _beyond_poses([one for one in clues if len(one.error) >= SEARCH.fewest])
-    normal, right = (float(np.sum(one)) for one in zip(*equations, strict=True))
-    return (right / max(normal, 1e-9),)
-
-
-def _beyond_poses(clues: Sequence[Clues]) -> tuple[float, ...]:
-    # Of few planes a motion looks like a scale. But motions as large as usual differ between
-    # recordings; a scale of the depths is the same, and explains them better than an offset does.
-    depth, error = np.array(
-        [(np.median(one.own[:, LINE]), np.median(one.error / one.own[:, LINE])) for one in clues]
-    ).T
-    error *= depth
-    scale = float(depth @ error / (depth @ depth))
-    rest, offset = np.sum((error - scale * depth) ** 2), np.sum((error - error.mean()) ** 2)
-    gain = (np.sum(error**2) - rest) / GROUND_TRUTH.usual[0] ** 2
-    found = gain >= SEARCH.stretch_beyond and rest < offset
-    return (scale,) if found else ()
+        return np.array([[0.0, 0.0], [np.inf, np.inf]])
+    each = [one.equations_of(np.insert(one.depth, 0, 1.0, axis=1)) for one in parts]
+    normal, right = (np.sum(one, axis=0) for one in zip(*each, strict=True))
+    ridge = SEARCH.ridge * np.diag(np.diag(normal))
+    values = np.linalg.solve(normal + ridge, right)
+    without = [np.linalg.solve(normal - n + ridge, right - r) for n, r in each]
+    return np.array([values, np.sqrt(len(parts) - 1) * np.std(without, axis=0)])
 
 
 def inside_of(effects: Iterable[Effect]) -> Found:
@@ -135,6 +111,9 @@ class _Errors:
         own = clues.own[:, nuisances] / clues.sigma[:, None]
         error = clues.error / clues.sigma
         ridge = SEARCH.ridge * len(error) * np.diag(np.square(own).mean(axis=0) + 1e-12)
+        # Of few planes a motion looks like a bias, but motions are small.
+        usual = np.repeat(GROUND_TRUTH.usual, 3)
+        ridge[:POSE, :POSE] = np.diag(REGISTRATION.ridge * len(error) / usual**2)
         spread = 1.5 * np.median(np.abs(error))  # near a standard deviation
         scale = SEARCH.scale * np.maximum(spread, SEARCH.least_scale)
         rest = error
