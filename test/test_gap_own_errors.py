@@ -1,12 +1,16 @@
 """What the fitted poses of recordings have in common, and planes that were not measured."""
 
+from types import SimpleNamespace
+
 from bench.gap_campaigns import write_campaign
 from bench.planes import NAMES, record, VIEWS
 from campaigns import among
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap import diagnose, measure
+from flexx2_sim_ros.gap.calibration.inference import LOSS
+from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import prior_from_scatter
-from flexx2_sim_ros.gap.inference.own_errors import common_motion
+from flexx2_sim_ros.gap.inference.own_errors import common_motion, OwnErrors
 from flexx2_sim_ros.gap.report.words import accuracy
 from flexx2_sim_ros.truth import make_truth, PlaneRequest
 import numpy as np
@@ -49,6 +53,21 @@ def test_a_drift_of_the_depth_is_no_scatter_of_poses():
     found = prior_from_scatter(poses + drift) / PRIOR
     assert ((found > 0.25) & (found < 2.5)).all()
     assert (prior_from_scatter(np.zeros((3, 6))) > 0).all()
+
+
+@pytest.mark.parametrize('stated', [True, False])
+def test_what_poses_cost_is_their_part_of_the_loss(stated):
+    one = SimpleNamespace(pose=np.zeros(6), planes=np.zeros(0))
+    own = OwnErrors([one] * 4, [np.diag(PRIOR**2) if stated else None] * 4, LOSS)
+    shared = np.zeros((4, 6))
+    shared[:, 2] = 0.01
+    costs = own.cost(shared)
+    assert own.cost(np.zeros((4, 6))) == pytest.approx(np.zeros(4))
+    assert (own.cost(2 * shared) > costs).all()
+    moved = np.zeros((4, own.count))
+    moved[:, :6] = shared / STEPS
+    assert costs.sum() == pytest.approx(own.loss(moved, False))
+    assert own.loss(moved, True) == pytest.approx(0)  # as an error that they have in common
 
 
 @pytest.mark.parametrize('effect', registry())

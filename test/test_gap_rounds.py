@@ -231,7 +231,7 @@ def test_what_is_in_a_set_is_not_simulated_a_second_time(monkeypatch, modulation
     best = Proposal(effects, [effects], [np.zeros(6)], 0.0, 0.0, {})
     simulations = Simulations(None, columns, 0, tuple(PRIOR))
     with pytest.raises(InterruptedError):
-        rounds.Campaign('', [], candidates, simulations, map).proposed(best)
+        rounds.Campaign('', [], candidates, simulations, None, map).proposed(best)
     again = [one.name for one in seen if set(one.effects) & set(effects) and not one.without]
     assert seen
     assert not again

@@ -101,6 +101,20 @@ def test_an_offset_that_poses_could_not_take_up_is_named(bias, seed, tmp_path):
     assert table['gap']['shrink'] > 0.8
 
 
+@pytest.mark.parametrize(('bias', 'fraction', 'seed'), [(0.03, 0.02, 24), (0.02, 0.01, 26)])
+def test_a_constant_and_a_scale_are_told_apart(bias, fraction, seed, tmp_path):
+    """The one was named for both: it explained most, and poses took up the rest."""
+    effects = {'offset': {'bias': bias}, 'depth_scale': {'fraction': fraction}}
+    small = {'recordings': 6, 'frames': 6, 'scale': 0.35, 'moving': 0}
+    write_campaign(tmp_path, effects=effects, seed=seed, **small)
+    rivals = 'wiggling', 'multipath', 'intrinsics_error', 'amplitude_bias'
+    table = diagnose(tmp_path, **among(*effects, *rivals))
+    named = {row['name']: row['parameters'] for row in table['effects']}
+    assert named['offset']['bias'] == pytest.approx(bias, rel=0.2)
+    assert named['depth_scale']['fraction'] == pytest.approx(fraction, rel=0.2)
+    assert table['gap']['shrink'] > 0.8
+
+
 @pytest.mark.parametrize(
     ('effect', 'found'),
     [

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
-from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched
+from flexx2_sim_ros.effects.hypothesis import AS_SEARCHED, grid, Hypothesis, Searched
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 
 _LARGEST = 0.2
@@ -12,7 +12,7 @@ _LARGEST = 0.2
 
 def _as_large(found: tuple[float, ...]) -> tuple[Hypothesis, ...]:
     # Simulated where the search found it: features are not linear up to there.
-    return (grid('fraction', found[:1], -_LARGEST, _LARGEST, 'as searched'),)
+    return (grid('fraction', found[:1], -_LARGEST, _LARGEST, AS_SEARCHED),)
 
 
 @dataclass(frozen=True)

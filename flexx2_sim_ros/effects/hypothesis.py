@@ -108,6 +108,9 @@ class Searched:
     of: Callable[[Any], tuple[float, ...]] | None = None
 
 
+AS_SEARCHED = 'as searched'  # a variant that is a bias of the size that a search found
+
+
 def grid(
     name: str,
     values: tuple[float, ...],

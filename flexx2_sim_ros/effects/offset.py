@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
-from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis, Searched, Term
+from flexx2_sim_ros.effects.hypothesis import AS_SEARCHED, grid, Hypothesis, Searched, Term
 from flexx2_sim_ros.effects.rays import add_along_ray, ranges
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
@@ -19,7 +19,7 @@ _LARGEST = 0.2
 def _as_large(found: tuple[float, ...]) -> tuple[Hypothesis, ...]:
     # Simulated where the search found it: features are not linear up to there.
     bias = max(-_LARGEST, min(found[0], _LARGEST))
-    return (grid('bias', (bias,), -_LARGEST, _LARGEST, 'as searched'),)
+    return (grid('bias', (bias,), -_LARGEST, _LARGEST, AS_SEARCHED),)
 
 
 @dataclass(frozen=True)

@@ -163,7 +163,7 @@ def diagnose(
             decision = _decide(model, candidates, hidden, still)
         step = stepper(progress, 'fitting effects together', 0.5, 0.3, _ROUNDS * len(used))
         recorded = str(campaign_dir), used, candidates
-        campaign = Campaign(*recorded, simulations, mapped, step, held=model.held)
+        campaign = Campaign(*recorded, simulations, model.own, mapped, step, held=model.held)
         chosen = explained(decision, model, campaign)
         simulator = Simulator(mapped, profile, known, seed, simulations.prior)
         named = simulate_named(model, chosen, used, simulator, forms, progress)

@@ -24,7 +24,7 @@ from flexx2_sim_ros.gap.inference.joint import Table
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, verdict_of
-from flexx2_sim_ros.gap.rounds import Campaign, explain
+from flexx2_sim_ros.gap.rounds import as_searched, Campaign, explain
 from flexx2_sim_ros.gap.work import at_pose, jobs_at, noisier, Progress, stepper
 from flexx2_sim_ros.processing import Chain
 from flexx2_sim_ros.recording.reader import PROCESSED
@@ -66,7 +66,8 @@ def explained(decision: Decision, model: Model, campaign: Campaign) -> FoundSet:
     before = found_set(decision, model)
     posed = [one for one in decision.accepted.candidates if one.kind.role == 'pose']
     chosen = [one for one in decision.accepted.candidates if one.kind.role != 'pose']
-    if len(chosen) < 2 or len(campaign.found) == 1:
+    several = len(chosen) > 1 or len(as_searched(campaign.candidates)) > 1
+    if not chosen or not several or len(campaign.found) == 1:
         # As decided: what else is seen of one cause may be its form, and one recording has no
         # other that says what is needed.
         return before

@@ -6,6 +6,7 @@ import logging
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import parse_effects
+from flexx2_sim_ros.effects.hypothesis import AS_SEARCHED
 from flexx2_sim_ros.gap.calibration.inference import ROUNDS
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table as Given
@@ -16,6 +17,7 @@ from flexx2_sim_ros.gap.forms.calibrating import calibrate_named
 from flexx2_sim_ros.gap.forms.looked import Simulator
 from flexx2_sim_ros.gap.inference.joint import around, nothing, Parts, Proposal, proposals, Table
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.inference.own_errors import OwnErrors
 from flexx2_sim_ros.gap.inference.selection import louder, without_constants
 from flexx2_sim_ros.gap.inference.uncertainty import t_of
 from flexx2_sim_ros.gap.work import noisier, Simulations, summarise_all
@@ -33,15 +35,18 @@ class ExplainedSet:
     * `proposal`: the set; its sigma is that of all rounds together.
     * `far`: (R, 4) how far each recording is from its simulation with values that were fitted
       without it; see `how_far`.
+    * `moved`: (R,) what its camera and planes cost where they are; see `OwnErrors.cost`. Poses
+      take up a bias, but not for nothing.
     """
 
     proposal: Proposal
     far: np.ndarray
+    moved: np.ndarray
 
     @property
     def apart(self) -> np.ndarray:
-        """Return how far each recording is, noise included, (R,)."""
-        return _whole(self.far)
+        """Return how far each recording is, noise and its pose included, (R,)."""
+        return _whole(self.far) + self.moved
 
 
 @dataclass(frozen=True)
@@ -50,14 +55,15 @@ class Campaign:
     The recordings of a campaign and how they are simulated.
 
     `folder` is for errors; `mapped` is a map as from `workers`. `step` is called after each job of
-    a recording. `posed` is a pose error that the recordings have in common, if there is one;
-    `held` is that of `Model`.
+    a recording. `own` says what it costs to move cameras and planes. `posed` is a pose error that
+    the recordings have in common, if there is one; `held` is that of `Model`.
     """
 
     folder: str
     found: Sequence[Found]
     candidates: Sequence[Candidate]
     simulations: Simulations
+    own: OwnErrors
     mapped: Map
     step: Callable[[], None] = lambda: None
     posed: Parts = ()
@@ -72,7 +78,7 @@ class Campaign:
         ]
         work = bind(_far, profile=one.profile, seed=one.seed, known=one.known)
         apart = np.array(self.mapped(work, jobs, self.step))
-        return [ExplainedSet(p, apart[:, i]) for i, p in enumerate(some)]
+        return [ExplainedSet(p, apart[:, i], self.own.cost(p.motions)) for i, p in enumerate(some)]
 
     def proposed(self, best: Proposal) -> list[Proposal]:
         """Return what a round could make of a set; see `joint.proposals`."""
@@ -123,7 +129,8 @@ def explain(campaign: Campaign, model: Model, begin: Parts) -> Proposal:
     ]
     posed = [(one, values) for one, values in begin if one.kind.role == 'pose']
     campaign = replace(campaign, candidates=candidates, posed=posed)
-    return refine(campaign, proposals(model, nothing(model), [], candidates, begin)[1:])
+    first = proposals(model, nothing(model), [], candidates, begin)[1:]
+    return refine(campaign, [*first, *_together(model, as_searched(candidates))])
 
 
 def refine(campaign: Campaign, begin: Sequence[Proposal]) -> Proposal:
@@ -149,6 +156,24 @@ def refine(campaign: Campaign, begin: Sequence[Proposal]) -> Proposal:
             break
         some = campaign.proposed(now.proposal)
     return needed(campaign, _nearest(visited, ROUNDS.nearer)).proposal
+
+
+def as_searched(candidates: Sequence[Candidate]) -> dict[str, Candidate]:
+    """Return the biases that were found before anything was simulated, as large as they are."""
+    return {one.effect: one for one in candidates if one.label == AS_SEARCHED}
+
+
+def _together(model: Model, forms: dict[str, Candidate]) -> list[Proposal]:
+    # Each alone is in the catalogue, but features that are far off do not add up.
+    if len(forms) < 2:
+        return []
+    effects = {
+        name: dict(form.build(tuple(term.nodes[0][0] for term in form.terms)))
+        for name, form in forms.items()
+    }
+    motions = model.own.found(np.zeros((len(model.gap), model.own.count)))
+    without = [effects] * len(motions)
+    return [Proposal(effects, without, motions, 0.0, np.inf, forms, label=AS_SEARCHED)]
 
 
 def _whole(far: np.ndarray) -> np.ndarray:

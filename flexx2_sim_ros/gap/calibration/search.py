@@ -24,10 +24,7 @@ class Search:
         (0.24, 3.4, 0.02), '1/m', 'reciprocal periods over the range: lowest, highest, step'
     )
     wave_explains: float = constant(
-        0.01,
-        'fraction',
-        'of the squared errors of left-out recordings, by a wave',
-        BENCH,
+        0.01, 'fraction', 'of the squared errors of left-out recordings, by a wave', BENCH
     )
     wave_adds: float = constant(
         1.15, 'factor', 'on what harmonics of the profile explain of them', BENCH

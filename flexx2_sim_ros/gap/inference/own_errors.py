@@ -131,19 +131,32 @@ class OwnErrors:
         if common_pose and held_out and self.centre is None:
             number = self.posed.sum()
             q[self.posed] *= number / max(number - 1, 1)
-        usual = q[self._usual]
-        spread = (usual**2).mean(axis=0) if len(usual) else np.zeros(POSE)
-        total = (
-            about.pose_weight * len(usual) * np.log1p(spread / self._floor**2).sum()
+        poses = self._cost(q, self.planes + amounts[:, COMMON:])
+        return float(
+            poses.sum()
             + about.brightness_weight * np.square(amounts[:, POSE]).sum()
             + about.edge_weight * np.square(amounts[:, POSE + 1 : COMMON]).sum()
         )
-        planes = self.planes + amounts[:, COMMON:]
-        for one, other, precision in zip(q, planes, self._precision, strict=True):
+
+    def cost(self, motions: Sequence[np.ndarray]) -> np.ndarray:
+        """
+        Return what it costs, (R,), that each recording's camera and planes are there.
+
+        `motions` are (6 + 3 P,), pose and planes in all. It is their part of `loss`.
+        """
+        there = self.at(motions)
+        return there._cost(there._off(np.zeros((len(motions), POSE)), False), there.planes)
+
+    def _cost(self, q: np.ndarray, planes: np.ndarray) -> np.ndarray:
+        # (R,) of poses (R, 6) and planes that are so far off, in steps.
+        usual, weight = q[self._usual], self._about.pose_weight
+        spread = (usual**2).mean(axis=0) if len(usual) else np.zeros(POSE)
+        out = np.full(len(q), weight * np.log1p(spread / self._floor**2).sum())
+        for r, precision in enumerate(self._precision):
             if precision is not None:
-                both = np.concatenate([one, other])[: len(precision)]
-                total += about.pose_weight * both @ precision @ both
-        return float(total)
+                both = np.concatenate([q[r], planes[r]])[: len(precision)]
+                out[r] = weight * both @ precision @ both
+        return out
 
     def prior(self, amounts: np.ndarray, common_pose: bool) -> tuple[np.ndarray, np.ndarray]:
         """
