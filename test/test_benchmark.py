@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 from flexx2_sim_ros.cli.options import add_table
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.recording import load_recording
 from made_answers import said, small
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from study.benchmark.command import OPTIONS, VALUES
 from study.benchmark.command import run as run_command
 from study.benchmark.realised import realised_gap
 from study.benchmark.report import draw_confusion, print_report, sheets, write_page
+from study.benchmark.runner import run_case
 from study.benchmark.sealing import open_seal, seal
 from study.benchmark.seeds import seed_range
 from study.blind import BlindCamera, CATALOGUE, Internals, NOVEL, VARIED
@@ -53,6 +55,7 @@ DESIGN = [
     small('pair', {'offset': 1.0, 'temporal_filter': 1.0}, 4),
     small('novel', {'row_bands': 1.0}, 5),
     small('left_out', {'offset': 1.0}, 6, without=('offset',)),
+    small('many', {'offset': 1.0, 'temporal_filter': 1.0, 'saturation': 0.5}, 7, realise=True),
 ]
 
 
@@ -116,6 +119,13 @@ def test_the_full_design_has_all_groups_and_strengths():
     assert len(inside) == len(VARIED)
     assert all(case.case.internals != Internals() for case in inside)
     assert all(Planned.from_json(case.to_json()) == case for case in inside)
+    many = [case for case in cases if case.group == 'many']
+    assert {len(case.effects) for case in many} == {4, 8, 14}
+    assert {case.width for case in many} == {112, 224, 320}
+    assert 'pose_error' not in {name for case in many for name in case.effects}
+    assert all(Planned.from_json(case.to_json()) == case for case in many)
+    assert {case.only for case in cases if case.group == 'midway'} == {(4, 5, 6, 7)}
+    assert {len(case.only) for case in cases if case.group == 'one_scene'} == {1}
     hidden = [case for case in cases if case.hidden]
     assert all(case.group == 'truth' for case in hidden)
     assert {name for case in hidden for name in case.effects} == set(CATALOGUE)
@@ -126,6 +136,22 @@ def test_the_full_design_has_all_groups_and_strengths():
     others = {case.scene_seed for case in cases if case.group != 'none'}
     assert len(set(quiet)) == len(quiet)
     assert not others & set(quiet)
+
+
+def median_errors(folder, **_):
+    """Stand in for the diagnosis: of the depth of each recording, metres."""
+    some = [load_recording(path) for path in sorted(folder.glob('*.npz'))]
+    return {'verdict': 'none', 'errors': [np.nanmedian(r.depth - r.clean_depth) for r in some]}
+
+
+def test_some_recordings_of_a_campaign_have_the_effect(tmp_path):
+    case = small('midway', {'offset': 2.0}, 1, only=(1,))
+    reference = f'{__name__}:median_errors'
+    (tmp_path / 'results').mkdir()
+    assert not run_case(tmp_path, 'case', replace(case, pose_mm=0.0).to_json(), reference, '')
+    result = json.loads((tmp_path / 'results' / 'case.json').read_text())
+    plain, moved = np.abs(result['diagnosis']['errors'])
+    assert plain < 0.003 < 0.01 < moved
 
 
 def test_labels_are_sealed(tmp_path):

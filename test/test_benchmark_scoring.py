@@ -1,6 +1,7 @@
 """How the benchmark scores a diagnosis, on answers made by hand."""
 
 import math
+from types import MappingProxyType
 
 from made_answers import said, small
 import numpy as np
@@ -27,9 +28,10 @@ for covariate, values in (
     PIXELS['samples'][:, COVARIATES.index(covariate)] = values
 
 
-def answer(group, effects, diagnosis, **more):
+def answer(group, effects, diagnosis, contributions=MappingProxyType({}), only=(), **more):
     result = {'diagnosis': diagnosis, 'seconds': 1.0, **more}
-    return answer_of(small(group, effects, 1), result, {'offset': {'bias': 0.010}}, PIXELS)
+    facts = {'parameters': {'offset': {'bias': 0.010}}, 'contributions': dict(contributions)}
+    return answer_of(small(group, effects, 1, only=only), result, facts, PIXELS)
 
 
 @pytest.mark.parametrize(
@@ -59,6 +61,39 @@ def test_answers_are_judged(group, effects, diagnosis, right, contains, wrong):
     found = answer(group, dict.fromkeys(effects, 1.0), diagnosis)
     assert (found.right, found.contains, found.wrong) == (right, contains, wrong)
     assert found.missed == (bool(effects) and found.verdict == 'none')
+
+
+@pytest.mark.parametrize(
+    ('verdict', 'named', 'disagree', 'right'),
+    [
+        ('partly', ('wiggling', 'offset'), None, True),
+        ('none', (), {'name': 'offset'}, True),
+        ('partly', ('wiggling',), {'name': 'wiggling'}, False),
+        ('unknown', ('offset',), None, False),
+    ],
+)
+def test_an_effect_of_some_recordings_is_named_or_sets_them_apart(verdict, named, disagree, right):
+    told = said(verdict, named, disagree=disagree)
+    assert answer('midway', {'offset': 1.0}, told, only=(1,)).right == right
+
+
+def test_many_effects_are_weighed_by_what_they_contribute():
+    true = {'offset': 6.0, 'wiggling': 3.0, 'saturation': 0.9, 'multipath': 0.1}
+    told = said('partly', ('wiggling', 'offset', 'multipath', 'quantisation'))
+    for row, taken in zip(told['effects'], (3.0, 5.0, 0.2, 1.0), strict=True):
+        row['takes_off'] = {'distance': {'mean': taken}}
+    gone = {'shrink': 0.7, 'before': 9.0, 'null': 1.0, 'before_mm': 20.0, 'after_mm': 21.0}
+    found = answer('many', dict.fromkeys(true, 1.0), told, true, realised=gone)
+    assert found.recall == pytest.approx(0.91)
+    assert found.wrong_names == 1
+    assert found.order == 1.0
+    rows = rows_of(found)
+    assert rows['4 effects: named, weighted by what they contribute: mean'][2] == 'NO'
+    assert rows['many effects: wrong names a camera'][1] == '1.000 (1)'
+    assert rows['many effects: depth error in mm grows'][2] == 'NO'
+    unsure = answer('many', dict.fromkeys(true, 1.0), said('unknown', ('offset',)), true)
+    assert (unsure.recall, unsure.wrong_names) == (0, 0)
+    assert math.isnan(unsure.order)
 
 
 def test_both_effects_of_a_pair_have_to_be_named():

@@ -22,7 +22,7 @@ from study.benchmark.scoring import Answer, Scores
 _TUPLES = 'effects', 'alternatives', 'confidences'
 _NUMBERS = (
     *('seconds', 'cpu_seconds', 'peak_mb', 'overlap', 'parameter_error'),
-    *('predicted', 'low', 'high', 'realised'),
+    *('predicted', 'low', 'high', 'realised', 'before_mm', 'after_mm', 'order'),
 )
 
 

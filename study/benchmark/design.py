@@ -3,8 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 import json
+import math
 from typing import Any
 
+from flexx2_sim_ros.effects import of_role
 import numpy as np
 from study.benchmark.seeds import SeedRange
 from study.blind import Case, CATALOGUE, Internals, NOVEL, SceneKey, VARIED
@@ -28,6 +30,52 @@ _QUICK_SINGLES = (
     'saturation',
 )
 _QUICK_NOVEL = ('row_bands', 'block_compression')
+# Cameras with many effects, by their number: of mixed strengths (log-uniform), and small images.
+_COUNTS = 4, 8, 14
+_MANY = 8
+_MIXED = 0.25, 2.0
+_SMALL = {'width': 112, 'height': 86, 'frames': 12}
+_LARGE = {'width': 320, 'height': 240, 'frames': 12}
+# What differs inside: each field of `Internals` with probability 0.5, between two values or one of
+# several.
+_INSIDE: dict[str, tuple[Any, ...]] = {
+    'mhz': (25.0, 105.0),
+    'wave_m': (0.25, 2.0),
+    'footprint': ('round', 'gauss'),
+    'footprint_px': (1.2, 3.0),
+    'scatter': ('gauss', 'even'),
+    'scatter_px': (3.0, 12.0),
+    'window': ('box', 'gauss'),
+    'window_px': (3, 5, 7, 9),
+    'memory': ('second', 'mean'),
+    'light_scale': (0.3, 4.0),
+    'knee': (0.03, 1.0),
+    'latency_s': (0.02, 0.2),
+    'lost': (0.03, 0.3),
+}
+# Effects that one scene of eight may show, and that a camera may begin to have midway.
+_IN_ONE_SCENE = 'ambient_light', 'low_signal_dropout', 'multipath', 'saturation', 'stray_light'
+_MIDWAY = 'spatial_filter', 'temporal_filter', 'excess_noise', 'depth_scale', 'random_dropout'
+
+
+def drawn(rng: np.random.Generator, count: int) -> tuple[dict[str, float], dict[str, Any]]:
+    """Draw the strengths of so many effects, by name, and what differs inside the camera."""
+    names = sorted(set(CATALOGUE) - {of_role('pose').name})  # that is no effect of a camera
+    low, high = map(math.log, _MIXED)
+    effects = {
+        str(name): round(float(np.exp(rng.uniform(low, high))), 3)
+        for name in sorted(rng.choice(names, count, replace=False))
+    }
+    inside: dict[str, Any] = {}
+    for name, values in _INSIDE.items():
+        if rng.random() < 0.5:
+            continue
+        if len(values) == 2 and all(isinstance(one, float) for one in values):
+            low, high = map(math.log, values)
+            inside[name] = round(float(np.exp(rng.uniform(low, high))), 4)
+        else:
+            inside[name] = values[int(rng.integers(len(values)))]
+    return effects, inside
 
 
 @dataclass(frozen=True)
@@ -35,7 +83,8 @@ class Planned:
     """
     One case.
 
-    * `group`: ``single``, ``none``, ``pair``, ``novel``, ``left_out``, ``internals`` or ``truth``
+    * `group`: ``single``, ``none``, ``pair``, ``novel``, ``left_out``, ``internals``, ``truth``,
+      ``many``, ``one_scene`` or ``midway``
     * `effects`: strength by name
     * `seed`, `scene_seed`: of camera and nuisances, and of the scenes
     * `pose_mm`: nuisance pose error, see `SceneKey`
@@ -43,6 +92,7 @@ class Planned:
     * `realise`: whether the predicted shrinkage is checked on fresh recordings
     * `baselines`: whether the baselines look at it too
     * `internals`: what differs inside the camera from its profile; see `Internals`
+    * `only`: the recordings that have the effects; empty: all
     * `hidden`: whether about 30 % of the ground truth is unknown; see `hide_truth`
     * `half`: 0 or 1: all cases of the first half run before those of the second. Each half has
       about half of each group, so that a run that stops in between has all of them.
@@ -62,6 +112,7 @@ class Planned:
     realise: bool = False
     baselines: bool = False
     internals: dict[str, Any] = field(default_factory=dict)
+    only: tuple[int, ...] = ()
     hidden: bool = False
     half: int = 0
 
@@ -95,12 +146,13 @@ class Planned:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain values."""
-        return {**asdict(self), 'without': list(self.without)}
+        return {**asdict(self), 'without': list(self.without), 'only': list(self.only)}
 
     @classmethod
     def from_json(cls, value: dict[str, Any]) -> 'Planned':
         """Read what `to_json` wrote."""
-        return cls(**{**value, 'without': tuple(value['without'])})
+        tuples = {name: tuple(value[name]) for name in ('without', 'only')}
+        return cls(**{**value, **tuples})
 
 
 class _Planner:
@@ -186,6 +238,24 @@ def _full(planner: _Planner, seed: int) -> Iterator[Planned]:
         yield plan('truth', MODES[i % 2], {name: 1.0}, hidden=True, half=i // 2 % 2)
     for i in range(_NONE_HIDDEN):
         yield plan('truth', MODES[i % 2], {}, hidden=True, half=i // 2 % 2)
+    yield from _at_once(planner, rng)
+
+
+def _at_once(planner: _Planner, rng: np.random.Generator) -> Iterator[Planned]:
+    # Many effects at once, and effects that some recordings have.
+    plan = planner.plan
+    sizes = [(count, _SMALL) for count in _COUNTS for _ in range(_MANY)]
+    sizes += [(8, {}), (8, {}), (8, _LARGE), (8, _LARGE)]
+    for i, (count, size) in enumerate(sizes):
+        effects, inside = drawn(rng, count)
+        common = {'internals': inside, 'realise': True, 'half': i // 2 % 2, **size}
+        yield plan('many', MODES[i % 2], effects, **common)
+    for i, name in enumerate(_IN_ONE_SCENE):
+        only = (int(rng.integers(8)),)
+        yield plan('one_scene', MODES[i % 2], {name: 2.0}, only=only, half=i % 2, **_SMALL)
+    for i, name in enumerate(_MIDWAY):
+        later = (4, 5, 6, 7)
+        yield plan('midway', MODES[i % 2], {name: 1.0}, only=later, half=i % 2, **_SMALL)
 
 
 def _quick(planner: _Planner) -> Iterator[Planned]:

@@ -8,7 +8,7 @@ from study.benchmark.goals import confidences, USUAL_POSE_MM
 from study.benchmark.physics import covariate_of, DEPENDS_ON
 from study.benchmark.reliability import bins, calibration_error, least_calibration_error
 from study.benchmark.scoring import Answer, SAID, Scores, share
-from study.benchmark.sheets import known, most_common, percent, Sheet
+from study.benchmark.sheets import known, mean, most_common, percent, Sheet
 
 _STRENGTHS = 1.0, 0.5  # of which fresh scenes are recorded, and places are counted
 
@@ -38,6 +38,39 @@ def reductions(scores: Scores) -> Sheet:
         'Realised reduction of the gap in fresh scenes, by effect (*: the gap is below the '
         "tolerance in depth and invalid pixels; by the diagnosis's own measure)",
         ('effect', 'strength', 'realised', 'predicted', 'interval holds', 'not measured'),
+        rows,
+    )
+
+
+def together(scores: Scores) -> Sheet:
+    """Return what is found of many effects at once, by their number and the size of images."""
+    rows = []
+    many = scores.of('many')
+    for count, width in sorted({(len(a.truth), a.planned.width) for a in many}):
+        some = [a for a in many if (len(a.truth), a.planned.width) == (count, width)]
+        measured = [a for a in some if not math.isnan(a.after_mm)]
+        held, checked = share(measured, lambda a: a.interval_holds)
+        rows.append(
+            (
+                f'{count}, {width} px',
+                f'{len(some)}',
+                *(
+                    mean([getattr(a, name) for a in some]).split(' ')[0]
+                    for name in ('recall', 'wrong_names', 'predicted', 'realised')
+                ),
+                mean([a.prediction_error for a in some]).split(' ')[0],
+                f'{held}/{checked}',
+                f'{share(measured, lambda a: a.after_mm > a.before_mm)[0]}',
+                mean([a.order for a in some]).split(' ')[0],
+                mean([a.cpu_seconds for a in some], '.0f').split(' ')[0],
+            )
+        )
+    return Sheet(
+        'Many effects at once, strengths 0.25 to 2, other internals: means over cameras',
+        (
+            *('effects', 'cameras', 'named', 'wrong names', 'predicted', 'realised'),
+            *('difference', 'interval holds', 'worse in mm', 'order', 'seconds'),
+        ),
         rows,
     )
 

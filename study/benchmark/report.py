@@ -8,7 +8,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 from study.benchmark.design import STRENGTHS
-from study.benchmark.details import first_places, reduction_summary, reductions, reliability
+from study.benchmark.details import (
+    first_places,
+    reduction_summary,
+    reductions,
+    reliability,
+    together,
+)
 from study.benchmark.goals import reach
 from study.benchmark.scoring import Answer, f1_pairs, macro_f1, NONE, Scores, share, UNKNOWN
 from study.benchmark.sheets import mean, most_common, percent, Sheet
@@ -25,6 +31,7 @@ def sheets(scores: Scores) -> list[Sheet]:
         _groups(scores),
         _places(scores),
         _effects(scores),
+        together(scores),
         reduction_summary(scores),
         reductions(scores),
         first_places(scores),
@@ -167,7 +174,7 @@ def _grouped(scores: Scores) -> list[tuple[str, list[Answer]]]:
     ]
     groups += [
         (group.replace('_', ' '), scores.of(group))
-        for group in ('novel', 'left_out', 'pair', 'internals')
+        for group in ('novel', 'left_out', 'pair', 'internals', 'one_scene', 'midway')
     ]
     groups += [
         (f'30 % of the ground truth unknown, {name}', scores.of('truth', strength=strength))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import as_completed
+from dataclasses import replace
 import datetime
 import hashlib
 import importlib
@@ -20,6 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from study.benchmark.answers import code_digest, not_answered
 from study.benchmark.baselines import all_baselines
 from study.benchmark.design import make_design, Planned
+from study.benchmark.many import contributions
 from study.benchmark.realised import realised_gap
 from study.benchmark.scoring import score, Scores
 from study.benchmark.sealing import seal, Sealed
@@ -163,7 +165,10 @@ def _make(out: Path, name: str, planned: Planned, folder: Path, cache: Path) -> 
     case = planned.case
     camera = BlindCamera(case, SceneSet(case.scenes, cache))
     comparison = Comparison(camera)
-    camera.record(folder, comparison.watch)
+    camera.record(folder, comparison.watch, planned.only or None)
+    if planned.only:
+        others = sorted(set(range(planned.recordings)) - set(planned.only))
+        BlindCamera(replace(case, effects={}), camera.scenes).record(folder, only=others)
     if planned.hidden:
         hide_truth(folder, planned.seed)
     truth = out / 'sealed' / 'truth'
@@ -175,6 +180,7 @@ def _make(out: Path, name: str, planned: Planned, folder: Path, cache: Path) -> 
         {
             'parameters': {effect.name: effect.parameters for effect in camera.effects},
             'sigma_factor': camera.sigma_factor,
+            'contributions': contributions(planned, cache) if planned.group == 'many' else {},
         },
     )
 

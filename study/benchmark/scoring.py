@@ -11,6 +11,7 @@ from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 import numpy as np
 from study.benchmark.design import Planned
+from study.benchmark.many import order, recall
 from study.benchmark.overlap import overlap
 from study.benchmark.physics import is_physical
 from study.benchmark.realised import is_independent
@@ -40,6 +41,11 @@ class Answer:
       otherwise
     * `predicted`, `low`, `high`, `realised`: reduction of the gap; NaN where it was not measured,
       or where there is no gap
+    * `before_mm`, `after_mm`: depth errors of fresh recordings beside the simulation without and
+      with the effects; NaN where it was not measured
+    * `contributions`: of each effect of a camera with many; see `many.contributions`
+    * `order`: see `many.order`
+    * `disagrees`: the effect in which recordings are said to disagree; empty if in none
     * `independent`: whether the realised reduction was measured without code of the diagnosis
     """
 
@@ -59,6 +65,11 @@ class Answer:
     low: float
     high: float
     realised: float
+    before_mm: float
+    after_mm: float
+    contributions: dict[str, float]
+    order: float
+    disagrees: str
     independent: bool
     baselines: dict[str, str]
 
@@ -81,7 +92,24 @@ class Answer:
             return self.verdict == NONE
         if self.planned.group in ('novel', 'left_out'):
             return self.verdict in _UNSURE
+        if self.planned.only:
+            return self.said_of_some
         return self.first in self.truth
+
+    @property
+    def said_of_some(self) -> bool:
+        """Whether a true effect is named at any place, or one in which recordings disagree."""
+        return bool(self.truth & {self.disagrees, *(self.effects if self.verdict in SAID else ())})
+
+    @property
+    def recall(self) -> float:
+        """Return the share of what all effects contribute that is named."""
+        return recall(self.contributions, self.effects if self.verdict in SAID else ())
+
+    @property
+    def wrong_names(self) -> int:
+        """Return how many effects are named that the camera does not have."""
+        return len(set(self.effects) - self.truth) if self.verdict in SAID else 0
 
     @property
     def contains(self) -> bool:
@@ -179,7 +207,7 @@ def score(out: Path, partly: bool = False) -> Scores:
         truth = out / 'sealed' / 'truth'
         facts = json.loads((truth / f'{name}.json').read_text())
         with np.load(truth / f'{name}.npz', allow_pickle=False) as pixels:
-            answers.append(answer_of(planned, result, facts['parameters'], dict(pixels)))
+            answers.append(answer_of(planned, result, facts, dict(pixels)))
     if not answers:
         raise InputError(
             f'--out: must have at least one finished case to score, got none in {out}'
@@ -188,15 +216,12 @@ def score(out: Path, partly: bool = False) -> Scores:
 
 
 def answer_of(
-    planned: Planned,
-    result: dict[str, Any],
-    parameters: dict[str, dict[str, float]],
-    pixels: dict[str, np.ndarray],
+    planned: Planned, result: dict[str, Any], facts: dict[str, Any], pixels: dict[str, np.ndarray]
 ) -> Answer:
     """
     Compare a result with its label.
 
-    * `parameters`: true parameters, by effect
+    * `facts`: ``parameters``, the true ones by effect, and ``contributions``
     * `pixels`: from `truth.Comparison.affected`
     """
     diagnosis = result['diagnosis'] or {'verdict': 'error'}
@@ -208,7 +233,7 @@ def answer_of(
     where = diagnosis.get('where') or []
     error = math.nan
     if effects and names[0] in planned.effects:
-        error = _parameter_error(effects[0], parameters.get(names[0], {}))
+        error = _parameter_error(effects[0], facts['parameters'].get(names[0], {}))
     checked = bool(realised)
     return Answer(
         planned,
@@ -227,6 +252,11 @@ def answer_of(
         _number(interval[0]) if checked else math.nan,
         _number(interval[1]) if checked else math.nan,
         _number(realised.get('shrink')),
+        _number(realised.get('before_mm')),
+        _number(realised.get('after_mm')),
+        facts['contributions'],
+        order(effects, facts['contributions']),
+        str((diagnosis.get('disagree') or {}).get('name', '')),
         is_independent(realised),
         result.get('baselines') or {},
     )
