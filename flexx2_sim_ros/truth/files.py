@@ -82,14 +82,14 @@ def given_recordings(request: TruthRequest, inputs: Sequence[Path]) -> list[Give
     Raises `InputError` where a folder has none, one that was named cannot be read, its file cannot
     be written, or a file that is read, one of `inputs` too, would be overwritten.
     """
-    paths, settings = recordings_of(request.recordings), request.settings()
+    paths = recordings_of(request.recordings)
     targets = [request.out / name for name in names_of(paths)]
     atomic.check_outputs('--out', request.out, FILES)
     results = [request.out / name for name in FILES]
     _check_kept(request.out, [*results, *targets], [*paths, *request.recordings, *inputs])
-    out = [
-        GivenRecording(*pair) for pair in zip(paths, [settings] * len(paths), targets, strict=True)
-    ]
+    # Each goes to another process, without the paths of all.
+    alone = replace(request, recordings=())
+    out = [GivenRecording(path, alone, to) for path, to in zip(paths, targets, strict=True)]
     readers: dict[int, RecordingReader] = {}
     for i, one in enumerate(out):
         try:

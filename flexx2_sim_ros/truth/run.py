@@ -3,14 +3,14 @@
 from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 import hashlib
 from itertools import count
 import json
 import math
 from pathlib import Path
 import shutil
-from typing import Any, Self, TypeVar
+from typing import Any, TypeVar
 from zlib import compress, decompress
 
 from flexx2_sim_ros import __version__, atomic
@@ -30,23 +30,22 @@ _Job = TypeVar('_Job')
 
 @dataclass(frozen=True, kw_only=True)
 class TruthRequest:
-    """The options that all kinds of ground truth share."""
+    """
+    The options that all kinds of ground truth share.
 
-    recordings: tuple[Path, ...]  # bags, .npz files, or folders of them
-    out: Path  # the campaign's folder
+    `repr` leaves out what may differ when an interrupted run goes on.
+    """
+
+    recordings: tuple[Path, ...] = field(repr=False)  # bags, .npz files, or folders of them
+    out: Path = field(repr=False)  # the campaign's folder
     camera: str | None = None  # of bags that have several
     profile: Profile | None = None  # None: the Flexx2
     motion: str = 'auto'  # or still, moving: of the camera
-    jobs: int = 1  # processes
-    scheduler: str | None = None  # address of a Dask scheduler
-    uptime: float | None = None  # seconds from power-on to the first frame of all; None: unknown
-    command: str = ''  # the command line, for truth.yaml
-
-    def settings(self) -> Self:
-        """Return the request without what may differ when an interrupted run goes on."""
-        return replace(
-            self, recordings=(), out=Path(), jobs=1, scheduler=None, uptime=None, command=''
-        )
+    jobs: int = field(default=1, repr=False)  # processes
+    scheduler: str | None = field(default=None, repr=False)  # address of a Dask scheduler
+    # Seconds from power-on to the first frame of all; None: unknown.
+    uptime: float | None = field(default=None, repr=False)
+    command: str = field(default='', repr=False)  # the command line, for truth.yaml
 
     def files_of(self, path: Path) -> list[Path]:
         """Return the files that are read for a recording."""
@@ -58,15 +57,12 @@ class RoomRequest(TruthRequest):
     """A request for ground truth from a room: a mesh or a MuJoCo model, see `load_room`."""
 
     room: Path
-    poses: tuple[tuple[float, ...], ...] = ()  # rough: none, one for all recordings, or one each
+    # Rough: none, one for all recordings, or one each.
+    poses: tuple[tuple[float, ...], ...] = field(default=(), repr=False)
     up: str = '+z'  # one of `search.UPS`
     # Standard deviation of the surfaces along their normals, metres; None: estimated.
     room_error: float | None = None
     told: PoseSource | None = None  # of rough poses: motion capture, odometry or TF
-
-    def settings(self) -> Self:
-        """Return the request without what may differ when an interrupted run goes on."""
-        return replace(super().settings(), poses=())
 
     def files_of(self, path: Path) -> list[Path]:
         """Return the recording, and the file with its rough poses, if it has one."""
@@ -95,7 +91,7 @@ class GivenRecording:
     """A recording that ground truth is made for."""
 
     path: Path
-    request: Any  # a `TruthRequest`, its `settings`
+    request: Any  # a `TruthRequest`
     # Where its surfaces are does not depend on these, so that `repr` is without them.
     target: Path = field(default=Path(), repr=False)  # file to write
     uptime: np.ndarray | None = field(default=None, repr=False)  # as in `files.uptimes`
