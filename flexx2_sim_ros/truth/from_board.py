@@ -210,7 +210,7 @@ class BoardSource:
         """Return what was known of the board."""
         return {
             'board': str(self.request.board),
-            'board_size_m': [self.target.width, self.target.height],
+            'board_size_m': list(self.target.size),
             'lens_error': self.request.lens_error,
             'reflectivity': {'kind': 'anchored', 'white': self.target.white},
         }

@@ -104,12 +104,9 @@ class _View:
         point *= (-pose.t[2] / (point @ normal))[..., None]
         depth = point[..., 2]
         # Motion of points of the sheet in the camera's frame: -dt - w x point.
-        moved = np.zeros((*depth.shape, 3, 6))
+        moved = np.empty((*depth.shape, 3, 6))
         moved[..., :3] = -np.eye(3)
-        x, y, z = np.moveaxis(point, -1, 0)
-        moved[..., 0, 4], moved[..., 0, 5] = -z, y
-        moved[..., 1, 3], moved[..., 1, 5] = z, -x
-        moved[..., 2, 3], moved[..., 2, 4] = -y, x
+        moved[..., 3:] = np.cross(point[..., None, :], np.eye(3)).swapaxes(-1, -2)
         ray = np.empty((*depth.shape, 2, 7))
         ray[..., :6] = moved[..., :2, :] - self.rays[..., None] * moved[..., 2:, :]
         ray[..., :6] /= depth[..., None, None]
@@ -147,8 +144,8 @@ def _on_sheet(pose: Pose, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def inside(target: Printed, pose: Pose, rays: np.ndarray, border: float = 0.0) -> np.ndarray:
     """Return (H, W) bool: the pixels that show the sheet within its border, metres."""
     x, y = _on_sheet(pose, rays)
-    with np.errstate(invalid='ignore'):
-        return (np.abs(x) < target.width / 2 - border) & (np.abs(y) < target.height / 2 - border)
+    width, height = target.size
+    return (np.abs(x) < width / 2 - border) & (np.abs(y) < height / 2 - border)
 
 
 def align_gray(

@@ -34,16 +34,6 @@ class Printed:
         raise NotImplementedError
 
     @property
-    def width(self) -> float:
-        """Return the size across, metres."""
-        return self.size[0]
-
-    @property
-    def height(self) -> float:
-        """Return the size down, metres."""
-        return self.size[1]
-
-    @property
     def turns(self) -> int:
         """Return of how many turns about its middle it looks the same to the detector."""
         return 1

@@ -89,6 +89,10 @@ class Target(Tagged):
         if last > known:
             raise InputError(f'first_id: must be at most {known - last + self.first_id}')
 
+    @property
+    def size(self) -> tuple[float, float]:
+        return self.width, self.height
+
     def codes(self) -> Any:
         return dictionary_of(self.dictionary)
 
@@ -109,7 +113,7 @@ class Target(Tagged):
         return square_corners(self.places(), self.tag)
 
     def paint(self, step: float) -> np.ndarray:
-        width, height = (max(round(side / step), 1) for side in (self.width, self.height))
+        width, height = (max(round(side / step), 1) for side in self.size)
         image = np.ones((height, width), np.float32)
         for number, place in enumerate(self.places()):
             black = self.modules(number)
@@ -197,7 +201,7 @@ def _outline(target: Target, number: int, place: np.ndarray) -> Outline:
 
 
 def _draw_ruler(axes: Any, target: Target, axis: int, reach: float) -> None:
-    sides = np.array([target.width, target.height])
+    sides = np.array(target.size)
     reach = math.floor(min(reach, 0.7 * sides[axis]) * 100) / 100
     # From 5 mm inside the sheet's edge towards the tags, in gray: the camera does not see it.
     edge = (1 if axis == 0 else -1) * (sides[1 - axis] / 2 - _LEAST_BORDER)
