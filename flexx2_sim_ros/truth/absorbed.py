@@ -1,7 +1,6 @@
 """The fraction of each effect that a kind of ground truth hides, from `bench.absorbed`."""
 
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import Any
 
 from flexx2_sim_ros.config_file import read_section
@@ -21,14 +20,6 @@ _BENDS = 'multipath'
 _MOVING = 'time_offset', 'motion_artefact'
 
 
-@lru_cache(maxsize=1)
-def _table() -> dict[str, dict[str, float]]:
-    found: dict[str, dict[str, float]] = read_section(
-        config_dir() / 'absorbed.yaml', 'absorbed', dict
-    )
-    return found
-
-
 def absorbed(kind: str) -> dict[str, float]:
     """
     Return the fraction of each effect that is hidden in ``clean_depth``, by name.
@@ -37,7 +28,8 @@ def absorbed(kind: str) -> dict[str, float]:
     ``planes`` (planes with and without measured distances). Effects that hardly change mean depth
     are left out.
     """
-    return {name: part for name, part in _table()[kind].items() if name in registry()}
+    table = read_section(config_dir() / 'absorbed.yaml', 'absorbed', dict)
+    return {name: part for name, part in table[kind].items() if name in registry()}
 
 
 def never_decided(moving: bool, late: bool = False) -> list[dict[str, Any]]:
