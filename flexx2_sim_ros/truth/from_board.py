@@ -57,12 +57,6 @@ class BoardSurfaces(Surfaces):
     """A board in a recording."""
 
     target: Printed
-    placed: BoardPoses
-
-    @property
-    def moving(self) -> bool:
-        """Return whether the camera moved."""
-        return self.placed.moving
 
     def truth(self, footage: Footage) -> GroundTruth:
         """Return the board in each frame, or in the median of a still recording."""
@@ -84,11 +78,11 @@ class BoardSurfaces(Surfaces):
         points = image.directions[known] * clean.depth[known, None]
         plane = plane_covariance(pose, covariance, points.mean(axis=0))
         keys = {'pose_covariance': covariance}
-        if not self.moving:
+        if not self.placed.moving:
             keys['plane'] = cleans[0].known.astype(np.uint8)
             keys['plane_covariance'] = plane
             keys['plane_names'] = np.array(['board'])
-        gray = next(islice(gray_images(footage.reader, self.moving), number, None))
+        gray = next(islice(gray_images(footage.reader, self.placed.moving), number, None))
         found = _judged(image, clean, pose, plane)
         return GroundTruth(cleans, image, keys, number, gray, found)
 
@@ -190,7 +184,7 @@ class BoardSource:
         """Return the board in recordings that show it."""
         self.found = found
         return {
-            i: BoardSurfaces(given[i], self.target, one)
+            i: BoardSurfaces(given[i], one, self.target)
             for i, one in found.items()
             if not one.reason
         }

@@ -27,11 +27,13 @@ _FRONTAL = 20.0  # degrees between the normal and the optical axis
 
 @dataclass(frozen=True)
 class FoundPlanes:
-    """The planes of a recording."""
+    """The planes of a recording, whose camera stands still."""
 
+    moving = False
     doubts: tuple[str, ...]
     notes: tuple[str, ...]
     surfaces: tuple[ImagePlane, ...]  # the P planes as fitted to the recording
+    errors: tuple[float, ...]  # (P,) standard deviations of their surfaces, metres
     placed: PlacedPlanes  # the planes moved to the measurements
     covariance: np.ndarray  # (3 P, 3 P), as in recordings
     taped: tuple[bool, ...]  # of which of them a distance was measured
@@ -63,12 +65,8 @@ class FoundPlanes:
         ]
 
 
-@dataclass(frozen=True)
 class PlaneSurfaces(Surfaces):
     """Planes in a recording."""
-
-    errors: tuple[float, ...]  # standard deviations of their surfaces, metres
-    found: FoundPlanes
 
     def at(self, footage: Footage, number: int) -> Clean:
         """Return the planes as the image shows them."""
@@ -79,16 +77,16 @@ class PlaneSurfaces(Surfaces):
         clean, plane = self._render(footage.still)
         keys = {
             'plane': plane,
-            'plane_covariance': self.found.covariance,
-            'plane_names': np.array([surface.name for surface in self.found.surfaces]),
+            'plane_covariance': self.placed.covariance,
+            'plane_names': np.array([surface.name for surface in self.placed.surfaces]),
         }
         return GroundTruth([clean], footage.still, keys)
 
     def _render(self, image: Observation) -> tuple[Clean, np.ndarray]:
         # Pixels outside the planes are unknown.
-        placed = self.found.placed
+        found, placed = self.placed, self.placed.placed
         out, plane = unknown(image), np.zeros(image.depth.shape, np.uint8)
-        for k, (surface, error) in enumerate(zip(self.found.surfaces, self.errors, strict=True)):
+        for k, (surface, error) in enumerate(zip(found.surfaces, found.errors, strict=True)):
             mask = surface.mask
             one = render_plane(image, placed.normals[k] / placed.distances[k], error, mask)
             for name in ('depth', 'incidence', 'sigma'):
@@ -114,7 +112,8 @@ def place_planes(
             raise InputError(f'{hint.name}: no plane is found where the file says')
     if not surfaces:
         raise InputError('no plane is found in it')
-    distances = tuple(hint.distance for hint in hints if hint.name in names)
+    shown = [hint for hint in hints if hint.name in names]
+    distances, usual = tuple(hint.distance for hint in shown), given.request.room_error
     angles = tuple(a for a in plan.angles if a.first in names and a.second in names)
     constraints = Constraints(tuple(names), distances, angles, plan.origin)
     notes = turned(surfaces, constraints)
@@ -126,6 +125,7 @@ def place_planes(
         tuple(doubts_of(surfaces, constraints)),
         tuple(notes),
         tuple(surfaces),
+        tuple(usual if hint.flat is None else hint.flat for hint in shown),
         placed,
         covariance,
         tuple(distance is not None for distance in distances),
@@ -170,14 +170,8 @@ class PlaneSource:
         self, run: Run, given: Sequence[GivenRecording], found: Mapping[int, FoundPlanes]
     ) -> dict[int, Surfaces]:
         """Return the planes in each recording."""
-        self.found, usual = found, self.request.room_error
-        out: dict[int, Surfaces] = {}
-        for i, one in found.items():
-            flat = {hint.name: hint.flat for hint in self.plan.seen_in(self.names[i])}
-            told = [flat[surface.name] for surface in one.surfaces]
-            errors = tuple(usual if error is None else error for error in told)
-            out[i] = PlaneSurfaces(given[i], errors, one)
-        return out
+        self.found = found
+        return {i: PlaneSurfaces(given[i], one) for i, one in found.items()}
 
     def rows(self, written: Mapping[int, Written]) -> dict[int, dict[str, Any]]:
         """Return what was found in each recording; what contradicts a plane is counted there."""

@@ -33,7 +33,6 @@ _PATCH, _LEAST_PATCHES = 8, 10  # pixels; ASSUMED
 class RoomSurfaces(Surfaces):
     """A room in a recording, each frame at its stamp."""
 
-    registered: Registered
     pose: tuple[float, ...]  # of a still recording, from the joint fit; see `Pose.numbers`
     columns: ErrorColumns  # the errors that all recordings share
     values: tuple[float, ...]  # their coefficients
@@ -41,14 +40,9 @@ class RoomSurfaces(Surfaces):
     room_error: float  # how accurate the room is, metres
     latency: float = 0.0  # how late images are by their stamps, seconds
 
-    @property
-    def moving(self) -> bool:
-        """Return whether the camera moved."""
-        return self.registered.moving
-
     def at(self, footage: Footage, number: int) -> Clean | None:
         """Return the room from the pose of a frame."""
-        pose = self.registered.poses[number] if self.moving else self.pose
+        pose = self.placed.poses[number] if self.placed.moving else self.pose
         return self.render(Pose.from_numbers(pose), footage) if np.isfinite(pose).all() else None
 
     def render(self, pose: Pose, footage: Footage) -> Clean:
@@ -58,7 +52,7 @@ class RoomSurfaces(Surfaces):
 
     def truth(self, footage: Footage) -> GroundTruth:
         """Return the room of each frame, or from the pose of a still recording."""
-        if self.moving:
+        if self.placed.moving:
             cleans = self._of_frames(footage)
         else:
             cleans = [
@@ -73,7 +67,7 @@ class RoomSurfaces(Surfaces):
         # is where later images were taken. The last frames have no later ones and are unknown, as
         # are those beside a frame whose pose was lost.
         frames = [footage.observe(image) for image in footage.frames()]
-        lost = np.array(self.registered.costs) > LOST
+        lost = np.array(self.placed.costs) > LOST
         poses = [self._pose_of(footage, frame, i) for i, frame in enumerate(frames)]
         seen = [self.render(pose, footage) for pose in poses]
         truths = [
@@ -100,9 +94,9 @@ class RoomSurfaces(Surfaces):
 
     def _pose_of(self, footage: Footage, frame: Observation, number: int) -> Pose:
         # The pose is fitted again, with the shared errors subtracted.
-        request, numbers = self.given.request, self.registered.poses[number]
+        request, numbers = self.given.request, self.placed.poses[number]
         pose = Pose.from_numbers(numbers if np.isfinite(numbers).all() else self.pose)
-        if not self.values or self.registered.given is not None:
+        if not self.values or self.placed.given is not None:
             return pose
         view = view_of(request.room, frame, _PIXELS, pose)
         if self.columns.bounce:

@@ -48,11 +48,7 @@ class Surfaces:
     """What a recording shows of surfaces whose place is known: a room, a board or planes."""
 
     given: GivenRecording
-
-    @property
-    def moving(self) -> bool:
-        """Return whether the camera moved."""
-        return False
+    placed: Any  # what `Source.place` found; ``moving`` says whether the camera moved
 
     def at(self, footage: Footage, number: int) -> Clean | None:
         """Return what a frame should show, for its light; None where its pose is not known."""
@@ -87,7 +83,7 @@ def write_recording(job: tuple[Surfaces, GrayScale | None]) -> Written:
 
     Its reflectivity follows from what gray values mean; None where they are not used.
     """
-    (surfaces, scale), given, moving = job, job[0].given, job[0].moving
+    (surfaces, scale), given, moving = job, job[0].given, job[0].placed.moving
     footage = given.footage(moving)
     reader, truth = footage.reader, surfaces.truth(footage)
     cleans = truth.cleans
@@ -116,7 +112,7 @@ def write_recording(job: tuple[Surfaces, GrayScale | None]) -> Written:
 
 def read_light(surfaces: Surfaces) -> list[GraySamples]:
     """Return what some frames show of the light of surfaces; nothing where that is not needed."""
-    moving = surfaces.moving
+    moving = surfaces.placed.moving
     footage = surfaces.given.footage(moving)
     reader = footage.reader
     if not _shows_light(reader, moving):
