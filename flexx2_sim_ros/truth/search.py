@@ -6,7 +6,6 @@ import math
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.compiled import loop
 from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose
 from flexx2_sim_ros.truth.observation import Observation
 from flexx2_sim_ros.truth.poses import Pose
@@ -124,8 +123,7 @@ def _candidates(
 ) -> list[Pose]:
     rays, ranges = _thumbnail(observation)
     turns = _orientations(UPS[up])
-    scores = np.empty((len(places), len(turns)), np.float32)
-    _score(distance, turns, rays, ranges, np.float32(_TRUNCATION), scores)
+    scores = _scores(distance, turns, rays, ranges)
     # The best orientations of each place first, so that one place does not take all.
     order = np.argsort(scores, axis=None)[: 20 * _KEPT]
     kept: list[Pose] = []
@@ -174,23 +172,15 @@ def _orientations(up: np.ndarray) -> np.ndarray:
     return np.array(turns, np.float32)
 
 
-@loop(fastmath=True)
-def _score(distance, turns, rays, ranges, truncation, out):
-    # Mean truncated difference of ranges, for each place and orientation.
+def _scores(
+    distance: np.ndarray, turns: np.ndarray, rays: np.ndarray, ranges: np.ndarray
+) -> np.ndarray:
+    # (places, turns) sums of truncated differences of ranges.
     rows, columns = distance.shape[1:]
-    index = np.empty(len(rays), np.int64)
+    x, y, z = np.moveaxis(np.einsum('tij,nj->tni', turns, rays), -1, 0)
+    row = ((np.arcsin(np.clip(z, -1, 1)) / np.pi + 0.5) * rows).astype(int)
+    column = ((np.arctan2(y, x) / (2 * np.pi) + 0.5) * columns).astype(int)
+    cells = np.minimum(row, rows - 1) * columns + np.minimum(column, columns - 1)
     flat = distance.reshape(len(distance), rows * columns)
-    for turn in range(len(turns)):
-        R = turns[turn]
-        for i in range(len(rays)):
-            x = R[0, 0] * rays[i, 0] + R[0, 1] * rays[i, 1] + R[0, 2] * rays[i, 2]
-            y = R[1, 0] * rays[i, 0] + R[1, 1] * rays[i, 1] + R[1, 2] * rays[i, 2]
-            z = R[2, 0] * rays[i, 0] + R[2, 1] * rays[i, 1] + R[2, 2] * rays[i, 2]
-            row = int((math.asin(min(max(z, -1.0), 1.0)) / math.pi + 0.5) * rows)
-            column = int((math.atan2(y, x) / (2 * math.pi) + 0.5) * columns)
-            index[i] = min(row, rows - 1) * columns + min(column, columns - 1)
-        for place in range(len(distance)):
-            total = np.float32(0)
-            for i in range(len(rays)):
-                total += min(abs(flat[place, index[i]] - ranges[i]), truncation)
-            out[place, turn] = total
+    off = [np.minimum(np.abs(flat[:, cell] - ranges), _TRUNCATION).sum(axis=1) for cell in cells]
+    return np.stack(off, axis=1)
