@@ -16,6 +16,7 @@ from flexx2_sim_ros.truth.registration import LOST, register, Registered, views_
 from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.run import GivenRecording, RoomRequest, Run
 from flexx2_sim_ros.truth.shared import estimate, Shared
+from flexx2_sim_ros.truth.solver import blocks
 from flexx2_sim_ros.truth.trajectory import read_trajectory, Trajectory
 from flexx2_sim_ros.truth.verdict import as_given, check_room, judge, room_error
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
@@ -113,13 +114,9 @@ def roughness(clean: Clean, image: Observation) -> float:
     It is the standard deviation along the normal, metres: the median over patches, each without
     its mean and tilt. NaN with too few patches.
     """
-    height, width = (side - side % _PATCH for side in clean.depth.shape)
-    blocks, error, flat = [], difference(clean, image), clean.known & image.smooth
     slant = np.cos(clean.incidence) * image.length
-    for values in (error * slant, image.sigma * slant, flat):
-        rows = values[:height, :width].reshape(height // _PATCH, _PATCH, -1, _PATCH)
-        blocks.append(rows.swapaxes(1, 2).reshape(-1, _PATCH**2))
-    error, noise, good = blocks
+    values = difference(clean, image) * slant, image.sigma * slant, clean.known & image.smooth
+    error, noise, good = (blocks(one, _PATCH) for one in values)
     whole = good.all(axis=1) & np.isfinite(error).all(axis=1)
     if whole.sum() < _LEAST_PATCHES:
         return float('nan')

@@ -12,6 +12,7 @@ from flexx2_sim_ros.physics.geometry import pixel_rays
 from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
 from flexx2_sim_ros.recording import RecordingReader
 from flexx2_sim_ros.recording.truth import read_truth
+from flexx2_sim_ros.truth.solver import blocks
 import numpy as np
 from scipy import ndimage
 
@@ -199,11 +200,7 @@ def _moved(frames: np.ndarray, mode: Mode | None) -> bool:
 
 def _tiles(image: np.ndarray) -> np.ndarray:
     # Medians of blocks have less noise than pixels; NaN where most of a block is invalid.
-    height, width = (side - side % _TILE for side in image.shape)
-    if not height or not width:
-        return image
-    blocks = image[:height, :width].reshape(height // _TILE, _TILE, width // _TILE, _TILE)
-    return np.median(blocks.swapaxes(1, 2).reshape(-1, _TILE * _TILE), axis=1)
+    return np.median(blocks(image, _TILE), axis=1) if min(image.shape) >= _TILE else image
 
 
 def _median(

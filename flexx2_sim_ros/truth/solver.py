@@ -73,6 +73,13 @@ def tile_sums(tile: np.ndarray, values: np.ndarray) -> np.ndarray:
     return out
 
 
+def blocks(image: np.ndarray, side: int) -> np.ndarray:
+    """Return (N, side * side) the values in each whole square block of an (H, W) image."""
+    height, width = (size - size % side for size in image.shape)
+    rows = image[:height, :width].reshape(height // side, side, width // side, side)
+    return rows.swapaxes(1, 2).reshape(-1, side * side)
+
+
 def robust_sigma(errors: np.ndarray, axis: int | None = None) -> np.ndarray:
     """Return the standard deviation of errors about 0, by their median absolute value."""
     return np.asarray(PER_MEDIAN * np.nanmedian(np.abs(errors), axis=axis))
