@@ -60,24 +60,16 @@ class ImagePlane:
 
     def notes(self) -> list[str]:
         """Return what a person should know of its pixels."""
-        out, few = [], _FEW * self.mask.sum()
-        if self.contradicting > few:
-            out.append(
-                f'{self.name}: {self.contradicting} pixels of it contradict it by more than '
-                f'{_TOLERANCE * 1e3:g} mm and noise, and stay known'
-            )
-        hidden = int((self.part == HIDDEN).sum())
-        if hidden > few:
-            out.append(
-                f'{self.name}: {hidden} pixels inside it show something nearer, which hides it; '
-                'if nothing stands there, give its outline'
-            )
-        if self.beside > few:
-            out.append(
-                f'{self.name}: {self.beside} pixels between its own are of other things, or '
-                'measured wrong, and are unknown; if they are of it, give its outline'
-            )
-        return out
+        counts = {
+            f'of it contradict it by more than {_TOLERANCE * 1e3:g} mm and noise, and stay '
+            'known': self.contradicting,
+            'inside it show something nearer, which hides it; if nothing stands there, give its '
+            'outline': int((self.part == HIDDEN).sum()),
+            'between its own are of other things, or measured wrong, and are unknown; if they '
+            'are of it, give its outline': self.beside,
+        }
+        few = _FEW * self.mask.sum()
+        return [f'{self.name}: {n} pixels {words}' for words, n in counts.items() if n > few]
 
 
 def find_planes(image: Observation, hints: Sequence[PlaneHint]) -> list[ImagePlane]:
