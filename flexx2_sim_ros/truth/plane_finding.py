@@ -17,7 +17,6 @@ from scipy import ndimage
 _TOLERANCE, _NOISE = 0.02, 3.0
 _CAUCHY = 2.0  # standard deviations: a plane with a dark card on it bends more than a mesh
 _LEAST = 0.015  # least fraction of the image that a plane covers
-_GRAZING = 0.17  # cosine of incidence; 80 degrees
 # Random triples, of pixels at most so far apart, judged on so many pixels.
 _TRIES, _NEAR, _SAMPLE = 400, 24, 4000
 _STEPS = 6
@@ -122,11 +121,10 @@ class _Search:
         self.tolerance = _TOLERANCE + _NOISE * image.sigma
 
     def near(self, inverse: np.ndarray) -> np.ndarray:
-        # (H, W) bool: pixels near the plane, except at grazing angles.
-        along = self.image.directions @ inverse
-        cosine = along / np.linalg.norm(inverse) / self.image.length
+        # (H, W) bool: pixels near the plane.
         with np.errstate(divide='ignore', invalid='ignore'):
-            return (np.abs(self.image.depth - 1 / along) < self.tolerance) & (cosine > _GRAZING)
+            clean = 1 / (self.image.directions @ inverse)
+            return np.asarray(np.abs(self.image.depth - clean) < self.tolerance)
 
     @cached_property
     def normals(self) -> np.ndarray:
@@ -148,8 +146,7 @@ class _Search:
         # (H, W) bool: the pixels of a plane, by outline or by the surface around it.
         own = cores[name]
         along = self.image.directions @ own.inverse
-        with np.errstate(invalid='ignore'):
-            reach = along / np.linalg.norm(own.inverse) / self.image.length > _GRAZING
+        reach = along > 0
         if own.outline is not None:
             return reach & own.outline
         for other, theirs in cores.items():
