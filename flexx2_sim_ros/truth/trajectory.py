@@ -8,11 +8,12 @@ from pathlib import Path
 
 from flexx2_sim_ros.config_file import is_regular_file
 from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.messages.decoding import stamp_nanoseconds
 from flexx2_sim_ros.recording import bag_messages
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.opening import BAG_FILES, is_bag
 from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.transforms import FARTHEST, listed, pose_of, stamp_of, transforms_between
+from flexx2_sim_ros.truth.transforms import FARTHEST, listed, pose_of, transforms_between
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -299,10 +300,10 @@ def _checked(
 
 
 def _of_topic(path: Path, topic: str, recorded: bool) -> Trajectory:
-    bag, kinds = Bag(path), (POSE, ODOMETRY, COVARIANT)
-    kind = bag.topics.get(topic)
-    if kind not in kinds[recorded:]:
-        known = [one for one, of in bag.topics.items() if of in kinds[recorded:]]
+    bag = Bag(path)
+    kind, kinds = bag.topics.get(topic), (POSE, ODOMETRY, COVARIANT)[recorded:]
+    if kind not in kinds:
+        known = [one for one, of in bag.topics.items() if of in kinds]
         raise InputError(
             f'--odometry: must be a topic of odometry or poses with stamps in '
             f'{shown_path(path)}, one of {listed(known)}, got {shown(topic)}'
@@ -310,7 +311,7 @@ def _of_topic(path: Path, topic: str, recorded: bool) -> Trajectory:
     stamps, poses, covariances = [], [], []
     for _, _, _, data in bag.messages({topic}):
         message = bag_messages.decode(kind, data, f'{shown_path(path)}: {topic}')
-        stamps.append(stamp_of(message))
+        stamps.append(stamp_nanoseconds(message.header.stamp))
         pose = message.pose if kind == POSE else message.pose.pose
         poses.append(pose_of(pose.position, pose.orientation))
         if recorded:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.messages.decoding import stamp_nanoseconds
 from flexx2_sim_ros.recording import bag_messages
 from flexx2_sim_ros.recording.bag_files import Bag
 import numpy as np
@@ -96,7 +97,7 @@ def _read(bag: Bag) -> dict[str, _Tree]:
         for one in bag_messages.decode(TF, data, f'{shown_path(bag.path)}: {topic}').transforms:
             child, parent = one.child_frame_id.lstrip('/'), one.header.frame_id.lstrip('/')
             link = tree.setdefault(child, {}).setdefault(parent, FrameTransforms(child, parent))
-            link.stamps.append(stamp_of(one))
+            link.stamps.append(stamp_nanoseconds(one.header.stamp))
             link.rows.append(pose_of(one.transform.translation, one.transform.rotation))
             link.fixed |= last == _STATIC
     return trees
@@ -145,11 +146,6 @@ def _check(link: FrameTransforms, name: str) -> None:
 def listed(names: Collection[str]) -> str:
     """Return names as words, each once."""
     return shown(', '.join(sorted(set(names)))) if names else 'none'
-
-
-def stamp_of(message: Any) -> int:
-    """Return the stamp of a message with a header, nanoseconds."""
-    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
 
 
 def pose_of(place: Any, turn: Any) -> list[float]:
