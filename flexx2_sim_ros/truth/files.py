@@ -34,10 +34,8 @@ def names_of(paths: Sequence[Path]) -> list[str]:
     names: list[str] = []
     for path in paths:
         path = Path(os.path.abspath(path))  # noqa: PTH100, a link keeps its name; "." has none
-        stem, number = path.name, 1
-        if path.suffix in ('.npz', *BAG_FILES):
-            stem = path.stem
-        name = f'{stem}.npz'
+        stem = path.stem if path.suffix in ('.npz', *BAG_FILES) else path.name
+        name, number = f'{stem}.npz', 1
         while name in names:
             number += 1
             name = f'{stem}-{number}.npz'
