@@ -264,11 +264,9 @@ def _kalibr_chessboard(content: dict[str, Any]) -> Printed:
 
 def _kalibr_circles(content: dict[str, Any]) -> Printed:
     # Kalibr does not say how large its circles are.
-    size, asymmetric = (
-        f'{content["targetCols"]}x{content["targetRows"]}',
-        content['asymmetricGrid'],
-    )
-    return _circles(size, content['spacingMeters'], asymmetric=bool(asymmetric))
+    size = f'{content["targetCols"]}x{content["targetRows"]}'
+    asymmetric = bool(content['asymmetricGrid'])
+    return _circles(size, content['spacingMeters'], asymmetric=asymmetric)
 
 
 _MAKERS: dict[str, Callable[..., Printed]] = {

@@ -59,12 +59,13 @@ class Printed:
 class Tagged(Printed):
     """A board of square tags, which are numbered from `first_id` on."""
 
+    dictionary: str  # of its tags, as OpenCV names it
     first_id: int = 0
     border = 1  # modules of black around the code of a tag
 
     def codes(self) -> Any:
-        """Return OpenCV's dictionary of its tags."""
-        raise NotImplementedError
+        """Return the dictionary; raises `AttributeError` where OpenCV has none of this name."""
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, self.dictionary))
 
     def find(self, picture: np.ndarray) -> dict[int, np.ndarray]:
         """Return the (4, 2) corners of tags, pixels, by their place; none of those seen twice."""
@@ -87,11 +88,6 @@ def square_corners(places: np.ndarray, side: float) -> np.ndarray:
     """Return (N, 4, 3) corners of squares in OpenCV's order, from (N, 2) upper left corners."""
     around = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * side
     return np.pad(places[:, None] + around, ((0, 0), (0, 0), (0, 1)))
-
-
-def dictionary_of(name: str) -> Any:
-    """Return a dictionary of tags by OpenCV's name; raises `AttributeError` for another name."""
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
 @dataclass(frozen=True)
@@ -160,10 +156,7 @@ class Charuco(Cells, Tagged):
     """OpenCV's chessboard with markers in its white squares."""
 
     marker: float = 0.02  # side of a marker, metres
-    dictionary: str = 'DICT_5X5_100'  # as OpenCV names it
-
-    def codes(self) -> Any:
-        return dictionary_of(self.dictionary)
+    dictionary: str = 'DICT_5X5_100'
 
     @cached_property
     def _board(self) -> Any:
@@ -183,10 +176,8 @@ class AprilGrid(Cells, Tagged):
     """Kalibr's grid of AprilTags 36h11, from below, with black squares at their corners."""
 
     gap: float = 0.01  # between two tags, metres
+    dictionary = 'DICT_APRILTAG_36h11'
     border = 2
-
-    def codes(self) -> Any:
-        return dictionary_of('DICT_APRILTAG_36h11')
 
     @property
     def size(self) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from typing import Any
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.profiles.section import is_number
-from flexx2_sim_ros.truth.printed import dictionary_of, square_corners, Tagged
+from flexx2_sim_ros.truth.printed import square_corners, Tagged
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
@@ -37,7 +37,7 @@ _RULERS = 0.2, 0.1  # metres, along and across
 class Target(Tagged):
     """A flat sheet with tags, numbered from left to right, then downwards."""
 
-    dictionary: str = 'DICT_4X4_50'  # one of `DICTIONARIES`, as OpenCV names them
+    dictionary: str = 'DICT_4X4_50'  # one of `DICTIONARIES`
     columns: int = 3
     rows: int = 2
     first_id: int = 0  # number of the first tag
@@ -92,9 +92,6 @@ class Target(Tagged):
     @property
     def size(self) -> tuple[float, float]:
         return self.width, self.height
-
-    def codes(self) -> Any:
-        return dictionary_of(self.dictionary)
 
     def modules(self, number: int) -> np.ndarray:
         """Return (M, M) bool of the tag with this place in the sheet: True for black."""
