@@ -75,11 +75,6 @@ class ErrorColumns:
             true = image / (1 + k1 * (true**2).sum(axis=-1, keepdims=True))
         return true
 
-    @property
-    def of_lens(self) -> np.ndarray:
-        """Return (k,) bool: the errors of the lens."""
-        return np.isin(self.names, tuple(LENS))
-
     def design(
         self, hits: Hits, rays: np.ndarray, bounce: np.ndarray, uptime: float
     ) -> np.ndarray:
@@ -123,6 +118,7 @@ class AlignedPixels:
     wraps: tuple[float, ...]
     pixel: np.ndarray  # places in the flat image
     tile: np.ndarray  # numbers of blocks of 8 x 8; errors within one are not independent
+    bounce: np.ndarray  # simulated depth error by light that bounced once, metres
 
     def picked(self, use: np.ndarray) -> 'AlignedPixels':
         """Return the pixels that an (N,) bool array picks."""
@@ -154,6 +150,7 @@ def choose(observation: Observation, most: int, seed: int = 0) -> AlignedPixels:
         observation.wraps,
         good,
         np.unique(tiles, return_inverse=True)[1],
+        np.zeros(len(good)),
     )
 
 
@@ -214,7 +211,6 @@ class PosedImage:
     room: Path  # see `load_room`
     target: AlignedPixels
     pose: Pose
-    bounce: np.ndarray  # (N,) simulated depth error by light that bounced once, metres
     uptime: float = math.inf  # seconds since the camera was switched on; infinite if unknown
     columns: ErrorColumns = NO_ERRORS  # the errors that its camera has
     values: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (k,) their coefficients
@@ -241,13 +237,14 @@ class PosedImage:
     @cached_property
     def A(self) -> np.ndarray:  # noqa: N802
         """Return (N, k) the depth error per unit of each coefficient."""
-        return self.columns.design(self.hits, self.rays, self.bounce, self.uptime)
+        return self.columns.design(self.hits, self.rays, self.target.bounce, self.uptime)
 
     @cached_property
     def error(self) -> np.ndarray:
         """Return (N,) the residual without the errors of its camera."""
         # The rays have the errors of the lens already.
-        return self.residual - self.A @ np.where(self.columns.of_lens, 0, self.values)
+        of_lens = np.isin(self.columns.names, tuple(LENS))
+        return self.residual - self.A @ np.where(of_lens, 0, self.values)
 
     @cached_property
     def cost(self) -> float:
@@ -267,17 +264,11 @@ class PosedImage:
         A, error = self.A[use], self.error[use]
         # The error of a mesh is perpendicular to its surface.
         weight = robust_weights(error, target.sigma[use] ** 2, self.reach)
-        hits, rays = hits.picked(use), self.rays[use]
-        point = np.column_stack([rays, np.ones(len(rays))]) * hits.depth[:, None]
-        change = np.concatenate([hits.normal, np.cross(point, hits.normal)], axis=1)
-        J, y = -change / hits.slant(rays)[:, None], error + A @ self.values
+        rays, normal = self.rays[use], hits.normal[use]
+        point = np.column_stack([rays, np.ones(len(rays))]) * hits.depth[use, None]
+        change = np.concatenate([normal, np.cross(point, normal)], axis=1)
+        J, y = -change / hits.slant(self.rays)[use, None], error + A @ self.values
         return Linear(J, A, y, weight, target.tile[use], 1 / target.length[use])
-
-    @property
-    def freedom(self) -> float:
-        """Return how far it can move along its least certain axis, by its pixels: metres."""
-        spread = np.linalg.inv(self.linear.H)
-        return float(np.sqrt(np.linalg.eigvalsh(spread[:3, :3])[-1]))
 
     def step(self, damping: float) -> np.ndarray | None:
         """Return the next step of its camera."""
@@ -301,16 +292,14 @@ class PosedImage:
 
 def view_of(room: Path, image: Observation, most: int, pose: Pose) -> PosedImage:
     """Return up to `most` pixels of an image from a pose, of a camera without errors."""
-    target = choose(image, most)
-    return PosedImage(0, room, target, pose, np.zeros(len(target.depth)))
+    return PosedImage(0, room, choose(image, most), pose)
 
 
 def align(
     room: Path, target: AlignedPixels, start: Pose, steps: int, reach: float = TRUNCATION
 ) -> AlignedPose:
     """Align pixels to a room, from a pose within about 0.2 m and 10 degrees; see `PosedImage`."""
-    none = np.zeros(len(target.depth))
-    found = PosedImage(0, room, target, start, none, reach=reach).settled(steps)
+    found = PosedImage(0, room, target, start, reach=reach).settled(steps)
     return AlignedPose(found.pose, found.cost)
 
 

@@ -15,7 +15,7 @@ from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import LOST, register, Registered, views_of, with_bounce
 from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.run import GivenRecording, RoomRequest, Run
-from flexx2_sim_ros.truth.shared import estimate, Shared
+from flexx2_sim_ros.truth.shared import estimate
 from flexx2_sim_ros.truth.solver import blocks
 from flexx2_sim_ros.truth.trajectory import read_trajectory, Trajectory
 from flexx2_sim_ros.truth.verdict import as_given, check_room, judge, room_error
@@ -171,7 +171,7 @@ class RoomSource:
         offsets = [one.clock for one in found.values() if one.clock is not None]
         self.clock = common_offset(offsets) if offsets else None
         self.late = self._latency()
-        self.error, self.error_is = room_error(self.shared.solution)
+        self.error, self.error_is = room_error(self.solution)
         if self.request.room_error is not None:
             self.error, self.error_is = self.request.room_error, 'given'
         placed = {i: self._surfaces(i, given[i]) for i in found}
@@ -186,8 +186,8 @@ class RoomSource:
         alone = solve([view for i in parts if i not in given for view in parts[i]], NO_ERRORS)
         first = judge(self.found, alone)
         good = [view for view in alone.views if first[view.recording].state != 'refused']
-        self.shared = estimate(good) if good else Shared(alone, {})
-        self.fits = judge(self.found, self.shared.solution) if good else dict(first)
+        self.solution, self.shared = estimate(good) if good else (alone, {})
+        self.fits = judge(self.found, self.solution)
         self.fits |= {i: one for i, one in first.items() if one.state == 'refused'}
         if given and self.request.told is not None:
             told = [view for i in given for view in parts[i]]
@@ -206,7 +206,7 @@ class RoomSource:
 
     def _surfaces(self, number: int, recording: GivenRecording) -> RoomSurfaces | None:
         # The room from the poses of a recording; None if it is refused.
-        solution, where = self.shared.solution, self.found[number]
+        solution, where = self.solution, self.found[number]
         mine = [k for k, view in enumerate(solution.views) if view.recording == number]
         covariance, late = where.given, 0.0
         if covariance is not None:
@@ -270,7 +270,7 @@ class RoomSource:
         return {
             **self._clock_table(),
             **rough,
-            'shared': self.shared.findings,
+            'shared': self.shared,
             'cannot_decide': self._cannot_decide(any(fitted)) if fitted else [],
             'absorbed': absorbed('scan') if fitted else {},
         }
@@ -290,17 +290,16 @@ class RoomSource:
         return {'clock_offset': table}
 
     def _cannot_decide(self, moving: bool) -> list[dict[str, Any]]:
-        findings = self.shared.findings
         why = {
             name: str(one['reason'])
-            for name, one in findings.items()
+            for name, one in self.shared.items()
             if one['verdict'] == 'confounded'
         }
         hidden = {name: why.pop(name) for name in [*why] if name in _HIDDEN_UNLESS_FITTED}
         out = hidden_by_scan(moving, self.late is not None, hidden)
         for effect, reason in why.items():
             remedy = 'a recording of a bright corner'
-            if 'depth_scale' in findings:
+            if 'depth_scale' in self.shared:
                 remedy = 'a scan of the right scale'
             elif effect == 'offset':
                 remedy = 'more recordings of tilted walls at several distances'

@@ -43,12 +43,15 @@ class Solution:
     # (k,) standard deviations: the larger of the one from the pixels and the one from leaving out
     # one recording at a time.
     deviations: np.ndarray
-    condition: float  # of the coefficients' equations, scaled to a unit diagonal
     views: tuple[PosedImage, ...]  # with their new poses
     covariances: tuple[np.ndarray, ...]  # (6, 6) each, of the views' motions (metres, radians)
     # (6,) each: the pose error by a bias of one prior standard deviation that is not estimated.
     drags: tuple[np.ndarray, ...]
-    recordings: int  # how many the views are of
+
+    @property
+    def recordings(self) -> int:
+        """Return how many recordings the views are of."""
+        return len({view.recording for view in self.views})
 
     def full_covariance(self, view: int) -> np.ndarray:
         """Return the (6, 6) covariance of a pose, including a bias that is not estimated."""
@@ -139,18 +142,13 @@ def _finish(found: _Joint) -> Solution:
         others = spread - inverse @ (own.T @ own) @ inverse
         poses.append(here.T @ here + pull @ others @ pull.T)
         drags.append(PRIOR * H_inverse @ (one.J.T @ (one.weight * one.bias)))
-    data = S - prior
-    scale = np.sqrt(np.maximum(np.diag(data), 1e-30))
-    condition = float(np.linalg.cond(data / np.outer(scale, scale))) if k else 1.0
     return Solution(
         columns,
         values,
         np.maximum(jackknife, np.sqrt(np.diag(spread))),
-        condition,
         views,
         tuple(poses),
         tuple(drags),
-        len(apart),
     )
 
 
@@ -192,7 +190,7 @@ def fitted_motion(views: Sequence[PosedImage]) -> tuple[np.ndarray, np.ndarray, 
 
     A latency and a bias of the camera are fitted with it.
     """
-    bounce = any(view.bounce.any() for view in views)
+    bounce = any(view.target.bounce.any() for view in views)
     columns = replace(NO_ERRORS, bias=True, bounce=bounce)
     precision = np.concatenate([np.repeat(_PRIOR, [3, 3, 1]) ** -2.0, columns.precision])
     values, eye = np.zeros(len(precision)), np.eye(len(precision))

@@ -32,3 +32,11 @@ class Pose:
     def from_numbers(cls, numbers: Sequence[float] | np.ndarray) -> 'Pose':
         """Return the pose of x, y, z (metres) and a quaternion qx, qy, qz, qw (not 0)."""
         return cls(Rotation.from_quat(numbers[3:]).as_matrix(), np.array(numbers[:3], float))
+
+
+def least_certain(covariance: np.ndarray) -> tuple[float, float]:
+    """Return the largest deviations by a (6, 6) covariance of motions, metres and degrees."""
+    metres, turn = (
+        np.sqrt(np.linalg.eigvalsh(covariance[i : i + 3, i : i + 3])[-1]) for i in (0, 3)
+    )
+    return float(metres), float(np.degrees(turn))

@@ -14,7 +14,7 @@ from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose, PosedImag
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.clock import ClockOffset, find_offset
 from flexx2_sim_ros.truth.observation import Footage, Observation, observe
-from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.truth.poses import least_certain, Pose
 from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.run import GivenRecording, RoomRequest
 from flexx2_sim_ros.truth.search import find, look_around
@@ -52,10 +52,10 @@ class Registered:
 
     poses: tuple[tuple[float, ...], ...]  # one, or one a frame if it moves; see `Pose.numbers`
     costs: tuple[float, ...]  # mean truncated residual of each
-    rival: float  # cost of the best other pose
     moving: bool
-    mirrored: float  # cost of the best pose in the room's mirror image; infinite if not tried
-    seconds: float
+    rival: float = math.inf  # cost of the best other pose
+    mirrored: float = math.inf  # of the best pose in the room's mirror image, if that was tried
+    seconds: float = 0.0
     # Median differences from given rough poses in the room's frame, metres and degrees.
     told: tuple[float, float] | None = None
     clock: ClockOffset | None = None  # to the given poses, of a moving recording
@@ -119,8 +119,8 @@ def register(recording: GivenRecording, guess: tuple[float, ...] | None) -> Regi
     return Registered(
         tuple(tuple(one.pose.numbers()) for one in fits),
         tuple(one.cost for one in fits),
-        found.rival,
         footage.moving,
+        found.rival,
         mirrored,
         time.perf_counter() - begin,
         distance,
@@ -132,13 +132,14 @@ def _as_given(
     poses: tuple[tuple[float, ...], ...], moving: bool, covariance: np.ndarray
 ) -> Registered:
     costs = tuple(0.0 if np.isfinite(one).all() else math.inf for one in poses)
-    return Registered(poses, costs, math.inf, moving, math.inf, 0.0, given=covariance)
+    return Registered(poses, costs, moving, given=covariance)
 
 
 def _held(room: Path, footage: Footage, fits: Sequence[AlignedPose]) -> bool:
     # Whether the pixels of most frames determine the pose.
     frames = _key_frames(footage, [one.cost for one in fits])
-    free = [view_of(room, image, _PIXELS, fits[i].pose).freedom for i, image in frames.items()]
+    seen = [view_of(room, image, _PIXELS, fits[i].pose) for i, image in frames.items()]
+    free = [least_certain(np.linalg.inv(view.linear.H))[0] for view in seen]
     return not free or float(np.median(free)) < MOST_METRES
 
 
@@ -289,4 +290,5 @@ def with_bounce(
     base = simulated.depth(())[0]
     change = simulated.depth({'multipath': {}})[0].astype(np.float64) - base
     added = np.where(np.isfinite(change) & (np.abs(change) < _MOST_BOUNCE), change, 0.0)
-    return replace(view, bounce=added.ravel()[view.target.pixel])
+    bounce = added.ravel()[view.target.pixel]
+    return replace(view, target=replace(view.target, bounce=bounce))

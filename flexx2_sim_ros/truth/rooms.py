@@ -41,10 +41,6 @@ class Hits:
         """Return (N,) the product of normal and (x/z, y/z, 1), which is negative."""
         return np.einsum('ni,ni->n', self.normal[:, :2], rays) + self.normal[:, 2]
 
-    def picked(self, use: np.ndarray) -> 'Hits':
-        """Return those that an (N,) bool array picks, without their reflectivity."""
-        return Hits(self.depth[use], self.normal[use], None, self.border[use])
-
 
 class Room:
     """Surfaces in front of a camera."""

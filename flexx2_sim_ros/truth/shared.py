@@ -1,7 +1,7 @@
 """Estimate the errors that recordings share, and decide which of them can be distinguished."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -20,15 +20,13 @@ _LEAST_GAIN, _STABLE = 40.0, 0.5
 # Limits of refusals; bench/truth.py of aac5156 shows which errors remain.
 MOST_BIAS = 0.08  # metres: calibrated cameras are off by less than 50 mm
 _MOST_DEVIATION = 0.002  # metres, of the bias
-_MOST_CONDITION = 300.0
 _LEAST_RECORDINGS = 3
 _CLEAR = 3.0  # standard deviations of the bounce's gain, and of a scale
 _LIKE_SCALE = 2.0  # metres: a wave at least as long looks like a scale
 _LEAST_SCALE = 0.002  # scale error of a calibrated camera
-# Errors of the lens of usual size, as in `columns.LENS`: the defaults of the effect, with 0.7
-# pixels of 224 as a tangent. Smaller than a third of these, they are not corrected.
-_USUAL_LENS = {'focal': 0.005, 'cx': 0.0033, 'cy': 0.0033, 'k1': 0.01}
-_LEAST_LENS = 1 / 3
+# Smaller errors of the lens, as in `LENS`, are not corrected: a third of the effect's defaults,
+# with 0.7 pixels of 224 as a tangent.
+_LEAST_LENS = {'focal': 0.005 / 3, 'cx': 0.0033 / 3, 'cy': 0.0033 / 3, 'k1': 0.01 / 3}
 _CLEAR_LENS = 4.0  # standard deviations
 _DRIFTS = 300.0, 900.0, 2700.0  # seconds, time constants as those of the effect
 _CLEAR_DRIFT = 5.0  # standard deviations, the largest of three tried
@@ -38,19 +36,15 @@ _LEAST_TIME = 300.0  # seconds between the first and the last recording
 Finding = dict[str, Any]
 
 
-@dataclass(frozen=True)
-class Shared:
-    """The joint estimate with the decidable columns, and a verdict on each error."""
+def estimate(views: Sequence[PosedImage]) -> tuple[Solution, dict[str, Finding]]:
+    """
+    Estimate poses and shared errors, but for errors that these recordings cannot tell apart.
 
-    solution: Solution
-    # By effect: ``verdict``, ``reason``, values and their standard deviations. A verdict is
-    # ``identified`` (also: known to be absent), ``confounded``, or ``found`` (``depth_scale``).
-    findings: dict[str, Finding]
-
-
-def estimate(views: Sequence[PosedImage]) -> Shared:
-    """Estimate poses and shared errors, but for errors that these recordings cannot tell apart."""
-    bounce = any(view.bounce.any() for view in views)
+    Return the joint solution with the others, and what is found of each effect: ``verdict``,
+    ``reason``, values and their standard deviations. A verdict is ``identified`` (also: known to
+    be absent), ``confounded``, or ``found`` (``depth_scale``).
+    """
+    bounce = any(view.target.bounce.any() for view in views)
     several = len({view.recording for view in views}) >= _LEAST_RECORDINGS
     trial = solve(views, ErrorColumns(True, (), bounce, lens=several))
     if several:
@@ -73,7 +67,7 @@ def estimate(views: Sequence[PosedImage]) -> Shared:
     if scale:
         findings['depth_scale'] = scale
         findings['offset'] |= {'verdict': 'confounded', 'reason': 'depth and room differ in scale'}
-    return Shared(solution, findings)
+    return solution, findings
 
 
 def _with_waves(solution: Solution) -> Solution:
@@ -111,11 +105,10 @@ def _with_or_without_lens(solution: Solution) -> tuple[Solution, Finding]:
     if not solution.columns.lens:
         return solution, _finding(_too_few(_LEAST_RECORDINGS, solution))
     lens = {name: _fitted(solution, name) for name in LENS}
-    least = {name: usual * _LEAST_LENS for name, usual in _USUAL_LENS.items()}
-    loose = [name for name, (_, deviation) in lens.items() if deviation > least[name]]
+    loose = [name for name, (_, deviation) in lens.items() if deviation > _LEAST_LENS[name]]
     why = f'the recordings cannot tell it from their poses ({", ".join(loose)})' if loose else ''
     found = any(
-        abs(value) > max(_CLEAR_LENS * deviation, least[name])
+        abs(value) > max(_CLEAR_LENS * deviation, _LEAST_LENS[name])
         for name, (value, deviation) in lens.items()
     )
     if solution.columns.bounce and not _unclear(solution):
@@ -191,11 +184,6 @@ def _refusal(solution: Solution) -> str:
     if solution.recordings < _LEAST_RECORDINGS:
         return _too_few(_LEAST_RECORDINGS, solution)
     bias, deviation = _fitted(solution, 'bias')
-    if solution.condition > _MOST_CONDITION:
-        return (
-            f'the recordings cannot tell it from their poses (condition number '
-            f'{solution.condition:.0f}, must be at most {_MOST_CONDITION:.0f})'
-        )
     if abs(bias) > MOST_BIAS:
         return f'{bias * 1e3:+.0f} mm is more than {MOST_BIAS * 1e3:.0f} mm, which is implausible'
     if deviation > _MOST_DEVIATION:
@@ -208,7 +196,7 @@ def _refusal(solution: Solution) -> str:
 
 def _hidden_by_bounce(solution: Solution) -> str:
     # The shape of bounced light is simulated, and about as uncertain as it is large.
-    size = np.mean([np.abs(view.bounce).mean() for view in solution.views])
+    size = np.mean([np.abs(view.target.bounce).mean() for view in solution.views])
     least = float(solution.values[-1] * size)
     if abs(float(solution.values[0])) > least:
         return ''
@@ -249,7 +237,7 @@ def _thin(view: PosedImage) -> PosedImage:
     # With fewer pixels.
     use = np.zeros(len(view.target.depth), bool)
     use[:: max(len(use) // _SCAN_PIXELS, 1)] = True
-    return replace(view, target=view.target.picked(use), bounce=view.bounce[use])
+    return replace(view, target=view.target.picked(use))
 
 
 def _noise(equations: Sequence[tuple[Linear, np.ndarray]], values: np.ndarray) -> float:

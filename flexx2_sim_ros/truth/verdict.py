@@ -7,6 +7,7 @@ from pathlib import Path
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.truth.alignment import GRAZING, PosedImage
 from flexx2_sim_ros.truth.joint import Solution
+from flexx2_sim_ros.truth.poses import least_certain
 from flexx2_sim_ros.truth.registration import MOST_METRES, Registered, strays, TOLD
 from flexx2_sim_ros.truth.solver import robust_sigma, tile_sums
 import numpy as np
@@ -19,13 +20,12 @@ _MEDIAN_SPREAD = 2.3  # relative standard deviation of a robust variance, times 
 _SURELY = 2.0  # standard deviations
 # A pixel fits if its residual is at most this many metres and standard deviations.
 _FITS, _FITS_NOISE = 0.05, 3.0
-_LEAST__FITTING = 0.6
+_LEAST_FITTING = 0.6
 _FITTING = 0.8
 _RIVAL = 1.3  # times the cost of the best pose
 _MOST_DEGREES = 0.5  # standard deviation of a pose
 # Cost of the best pose in the mirror image of the room, as a fraction of the cost in the room.
 _MIRRORED = 0.4
-_OUTLYING, _OUTLYING_METRES = 3.0, 0.01  # times the usual median residual; metres
 
 _LOST = 'the camera is lost: none of the frames that were tried fits the room'
 
@@ -82,19 +82,16 @@ def _tiles(view: PosedImage) -> np.ndarray:
 def as_given(one: Registered, views: Sequence[PosedImage], off: str) -> RoomFit:
     """Return the verdict of a recording whose poses are used as given; see `common_motion`."""
     assert one.given is not None
-    fitting, residual = _misfit(views)
-    reasons = tuple(reason for reason in (off, one.why) if reason)
-    return RoomFit('doubtful' if off else 'used', reasons, fitting, residual, _worst(one.given))
+    reasons, state = tuple(why for why in (off, one.why) if why), 'doubtful' if off else 'used'
+    return RoomFit(state, reasons, *_misfit(views), least_certain(one.given))
 
 
 def judge(registered: Mapping[int, Registered], solution: Solution) -> dict[int, RoomFit]:
     """Return the verdicts of recordings, by number."""
-    numbers = {i: _numbers(i, solution) for i in registered}
     seen = {view.recording for view in solution.views}
-    usual = float(np.median([numbers[i][1] for i in sorted(seen)])) if seen else 0.0
     out = {}
     for i, one in registered.items():
-        fitting, residual, deviation = numbers[i]
+        fitting, residual, deviation = _numbers(i, solution)
         refused, doubts = [], []
         if i not in seen:
             out[i] = RoomFit('refused', (_LOST,), fitting, residual, deviation)
@@ -105,7 +102,7 @@ def judge(registered: Mapping[int, Registered], solution: Solution) -> dict[int,
                 f'one, which may be off by {TOLD[0]:g} m and {TOLD[1]:g} degrees; if the given '
                 'ones are right, say how accurate they are (--pose-accuracy)'
             )
-        if fitting < _LEAST__FITTING:
+        if fitting < _LEAST_FITTING:
             refused.append(f'only {fitting:.0%} of its pixels fit the room')
         elif fitting < _FITTING:
             doubts.append(f'only {fitting:.0%} of its pixels fit the room')
@@ -115,10 +112,6 @@ def judge(registered: Mapping[int, Registered], solution: Solution) -> dict[int,
             doubts.append(
                 f'what it sees does not hold its pose: {deviation[0] * 1e3:.0f} mm and '
                 f'{deviation[1]:.1f} degrees along the worst axes'
-            )
-        if len(seen) > 2 and residual > max(_OUTLYING * usual, _OUTLYING_METRES):
-            doubts.append(
-                f'its residual is {residual * 1e3:.0f} mm, that of most is {usual * 1e3:.0f} mm'
             )
         state = 'refused' if refused else 'doubtful' if doubts else 'used'
         out[i] = RoomFit(state, tuple(refused + doubts), fitting, residual, deviation)
@@ -158,13 +151,7 @@ def _numbers(recording: int, solution: Solution) -> tuple[float, float, tuple[fl
         return 0.0, float('inf'), (float('inf'), float('inf'))
     fitting, residual = _misfit([solution.views[i] for i in mine])
     spread = sum((solution.covariances[i] for i in mine), np.zeros((6, 6))) / len(mine)
-    return fitting, residual, _worst(spread)
-
-
-def _worst(spread: np.ndarray) -> tuple[float, float]:
-    # Standard deviations of a pose along and about its least certain axes, metres and degrees.
-    metres, turn = (np.sqrt(np.linalg.eigvalsh(spread[i : i + 3, i : i + 3])[-1]) for i in (0, 3))
-    return float(metres), float(np.degrees(turn))
+    return fitting, residual, least_certain(spread)
 
 
 def _misfit(views: Sequence[PosedImage]) -> tuple[float, float]:
