@@ -24,7 +24,7 @@ _HOLE = 25  # pixels: smaller holes are noise, larger ones may be objects
 _DIVIDED = 0.9  # difference of shares of pixels, for two planes to lie on two sides of a line
 _REGULAR = 1e-12
 _ROUNDS = 2  # a plane is fitted to its region, which depends on the plane
-_WINDOW = 9  # pixels, less in small images: the slope of a surface is that in such a window
+_WINDOW = 9  # pixels: the slope of a surface is that in such a window
 _HALFWAY = np.sqrt(0.5)  # cosine: halfway between two surfaces that meet at a right angle
 _BORDER = 2  # pixels
 _FEW = 0.01  # of a plane's pixels may contradict it, or be hidden, without a note
@@ -130,14 +130,12 @@ class _Search:
     def normals(self) -> np.ndarray:
         # (H, W, 3) of what is seen around each pixel.
         seen = self.image.smooth
-        height, width = seen.shape
-        window = max(3, min(_WINDOW, min(height, width) // 8))
         rays = np.where(seen[..., None], self.image.directions, 0)
         inverse = np.where(seen, 1 / np.where(seen, self.image.depth, 1), 0)
         design = rays[..., :, None] * rays[..., None, :]
-        sums = ndimage.uniform_filter(design, (window, window, 1, 1), mode='constant')
+        sums = ndimage.uniform_filter(design, (_WINDOW, _WINDOW, 1, 1), mode='constant')
         sides = ndimage.uniform_filter(
-            rays * inverse[..., None], (window, window, 1), mode='constant'
+            rays * inverse[..., None], (_WINDOW, _WINDOW, 1), mode='constant'
         )
         planes = np.linalg.solve(sums + _REGULAR * np.eye(3), sides[..., None])[..., 0]
         return planes / np.maximum(np.linalg.norm(planes, axis=-1, keepdims=True), _REGULAR)

@@ -15,8 +15,8 @@ _FINER = np.linspace(0.96, 1.04, 17)
 _MOST_PERIODS = 4
 _SCAN_PIXELS = 1500
 # A wave is accepted if it explains this many times as much as noise (two coefficients, 90 periods
-# tried: by chance once in a million), and leaving out recordings changes it less than this share.
-_LEAST_GAIN, _STABLE = 40.0, 0.5
+# tried: by chance once in a million).
+_LEAST_GAIN = 40.0
 # Limits of refusals; bench/truth.py of aac5156 shows which errors remain.
 MOST_BIAS = 0.08  # metres: calibrated cameras are off by less than 50 mm
 _MOST_DEVIATION = 0.002  # metres, of the bias
@@ -77,12 +77,7 @@ def _with_waves(solution: Solution) -> Solution:
         if gain < _LEAST_GAIN:
             break
         columns = solution.columns
-        trial = solve(solution.views, replace(columns, periods=(*columns.periods, period)))
-        place = 1 + 2 * len(columns.periods)
-        size = math.hypot(*trial.values[place : place + 2])
-        if math.hypot(*trial.deviations[place : place + 2]) > _STABLE * size:
-            break
-        solution = trial
+        solution = solve(solution.views, replace(columns, periods=(*columns.periods, period)))
     return solution
 
 
