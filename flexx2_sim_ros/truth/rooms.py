@@ -55,11 +55,6 @@ class Room:
         hits.normal[hits.slant(rays) > 0] *= -1
         return hits
 
-    def distances(self, places: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Return (P, N) metres from (P, 3) places along (N, 3) unit directions; inf: no hit."""
-        depths = [self.hit(place, directions).depth for place in places]
-        return np.nan_to_num(np.stack(depths).astype(np.float32), nan=np.inf)
-
     def hit(self, place: np.ndarray, directions: np.ndarray) -> Hits:
         """Return the first surfaces in (N, 3) directions, room frame; depth in their lengths."""
         raise NotImplementedError

@@ -43,8 +43,8 @@ def look_around(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """
     Return a grid of places in the free space of a room, and what is seen from them.
 
-    The places are (P, 3), metres; distances to surfaces (P, elevation, azimuth) float32, metres,
-    inf without a hit. The path is that of `load_room`.
+    The places are (P, 3), metres; distances to surfaces (P, N) float32, metres, inf without a hit,
+    in the directions of `_SKY`, row by row. The path is that of `load_room`.
     """
     room = load_room(path)
     low, high = room.bounds
@@ -58,10 +58,11 @@ def look_around(path: Path) -> tuple[np.ndarray, np.ndarray]:
     azimuth = (np.arange(columns) + 0.5) / columns * 2 * np.pi - np.pi
     e, a = np.meshgrid(elevation, azimuth, indexing='ij')
     sky = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], -1).reshape(-1, 3)
-    distance = room.distances(places, sky).reshape(len(places), rows, columns)
+    seen = np.array([room.hit(place, sky).depth for place in places], np.float32)
+    distance = np.nan_to_num(seen, nan=np.inf)
     with np.errstate(invalid='ignore'):  # Where hardly a ray hits anything.
-        free = np.percentile(distance.reshape(len(places), -1), 5, axis=1) > _NEAREST
-    return places[free], np.ascontiguousarray(distance[free], np.float32)
+        free = np.percentile(distance, 5, axis=1) > _NEAREST
+    return places[free], distance[free]
 
 
 def find(room: Path, observation: Observation, guess: Pose | None, up: str = '+z') -> AlignedPose:
@@ -176,11 +177,10 @@ def _scores(
     distance: np.ndarray, turns: np.ndarray, rays: np.ndarray, ranges: np.ndarray
 ) -> np.ndarray:
     # (places, turns) sums of truncated differences of ranges.
-    rows, columns = distance.shape[1:]
+    rows, columns = _SKY
     x, y, z = np.moveaxis(np.einsum('tij,nj->tni', turns, rays), -1, 0)
     row = ((np.arcsin(np.clip(z, -1, 1)) / np.pi + 0.5) * rows).astype(int)
     column = ((np.arctan2(y, x) / (2 * np.pi) + 0.5) * columns).astype(int)
     cells = np.minimum(row, rows - 1) * columns + np.minimum(column, columns - 1)
-    flat = distance.reshape(len(distance), rows * columns)
-    off = [np.minimum(np.abs(flat[:, cell] - ranges), _TRUNCATION).sum(axis=1) for cell in cells]
-    return np.stack(off, axis=1)
+    off = (np.abs(distance[:, cell] - ranges) for cell in cells)
+    return np.stack([np.minimum(one, _TRUNCATION).sum(axis=1) for one in off], axis=1)

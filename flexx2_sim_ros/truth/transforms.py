@@ -60,10 +60,8 @@ def transforms_between(
             f'{shown(camera)} is in none of these namespaces'
         )
     if not there:
-        links = [
-            one for tree in trees.values() for below in tree.values() for one in below.values()
-        ]
-        every = {one for link in links for one in (link.child, link.parent)}
+        links = [link for tree in trees.values() for link in tree.items()]
+        every = {one for child, parents in links for one in (child, *parents)}
         raise InputError(
             f'--tf: must be two frames of {name}, the second under the first, got {frames}; it '
             f'has {listed(every)}'
