@@ -212,10 +212,10 @@ def read_trajectory(path: Path) -> Trajectory:
         raise InputError(f'{name}: must be at most 1 GiB, got {path.stat().st_size / 2**30:.1f}')
     table = path.suffix.lower() == '.csv'
     try:
-        columns = _columns(name, path) if table else tuple(range(8))
         # Stamps as text: nanoseconds since 1970 are too many digits for a float.
-        with path.open(encoding='utf-8', errors='replace') as file:
+        with path.open(encoding='utf-8-sig', errors='replace') as file:
             lines = csv.reader(file) if table else (line.split() for line in file)
+            columns = _columns(name, next(lines, [])) if table else tuple(range(8))
             rows = [row for row in (_numbers(line, columns) for line in lines) if row]
     except (OSError, csv.Error) as error:
         raise InputError(f'{name}: cannot be read: {shown(str(error))}') from error
@@ -230,9 +230,8 @@ def read_trajectory(path: Path) -> Trajectory:
     return _checked(name, [row[0] for row in rows], numbers[:, :7], covariances=covariances)
 
 
-def _columns(name: str, path: Path) -> tuple[int, ...]:
-    with path.open(encoding='utf-8-sig', errors='replace') as file:
-        head = [word.strip().lower() for word in next(csv.reader(file), [])]
+def _columns(name: str, first: Sequence[str]) -> tuple[int, ...]:
+    head = [word.strip().lower() for word in first]
     time = next((word for word in _TIMES if word in head), '')
     wanted = (time, *_COLUMNS[1:])
     missing = [column for column in _COLUMNS if wanted[_COLUMNS.index(column)] not in head]
