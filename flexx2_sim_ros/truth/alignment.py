@@ -135,11 +135,11 @@ class AlignedPose:
     rival: float = math.inf  # cost of the best pose elsewhere; infinite if there is none
 
 
-def choose(observation: Observation, most: int, seed: int = 0) -> AlignedPixels:
+def choose(observation: Observation, most: int) -> AlignedPixels:
     """Return up to `most` pixels, drawn at random from those on smooth surfaces."""
     good = np.flatnonzero(observation.smooth)
     if len(good) > most:
-        good = np.sort(np.random.default_rng(seed).choice(good, most, replace=False))
+        good = np.sort(np.random.default_rng(0).choice(good, most, replace=False))
     width = observation.depth.shape[1]
     tiles = (good // width // _TILE) * (width // _TILE + 1) + good % width // _TILE
     return AlignedPixels(

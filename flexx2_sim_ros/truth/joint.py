@@ -115,18 +115,17 @@ def _share(one: Linear) -> tuple[np.ndarray, np.ndarray]:
 
 def _finish(found: _Joint) -> Solution:
     views, columns, values, equations = found.views, found.columns, found.values, found.equations
+    k, prior = len(values), np.diag(columns.precision)
     shares = [_share(one) for one in equations]
-    k = len(values)
-    prior = np.diag(columns.precision)
-    S = prior + sum((part for part, _ in shares), np.zeros((k, k)))
-    s = sum((side for _, side in shares), np.zeros(k))
-    inverse = np.linalg.inv(S) if k else S
+    parts = np.array([part for part, _ in shares]).reshape(len(shares), k, k)
+    sides = np.array([side for _, side in shares]).reshape(len(shares), k)
+    S, s = prior + parts.sum(axis=0), sides.sum(axis=0)
+    inverse = np.linalg.inv(S)
     owners = np.array([view.recording for view in views])
-    left_out = []
-    for recording in np.unique(owners):
-        mine = [shares[i] for i in np.flatnonzero(owners == recording)]
-        S_rest = S - sum((part for part, _ in mine), np.zeros((k, k)))
-        left_out.append(np.linalg.solve(S_rest, s - sum((side for _, side in mine), np.zeros(k))))
+    left_out = [
+        np.linalg.solve(S - parts[mine].sum(axis=0), s - sides[mine].sum(axis=0))
+        for mine in (owners == recording for recording in np.unique(owners))
+    ]
     apart = np.array(left_out).reshape(len(left_out), k)
     count = max(len(apart), 1)  # There may be no view, where the camera is lost in all recordings.
     middle = apart.sum(axis=0) / count
