@@ -23,12 +23,12 @@ from flexx2_sim_ros.truth.plane_finding import surface_around
 from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.run import BoardRequest, GivenRecording, Run
-from flexx2_sim_ros.truth.shared import MOST_BIAS
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written
 import numpy as np
 
 _MOST_METRES, _MOST_DEGREES = 0.01, 2.0  # standard deviation of the plane
 _LEAST_FITTING = 0.5
+_MOST_BIAS = 0.08  # metres: calibrated cameras are off by less than 50 mm
 _TRIED = 4  # recordings that tell which of several boards it is. ASSUMED
 # A depth error that grows with distance by more than this fraction is no offset. Prints that were
 # scaled to fit the page are off by 3 to 6 %; a calibrated camera's scale is right to 0.5 %.
@@ -246,7 +246,7 @@ def _doubts(found: Mapping[str, Any], scale: float | None) -> list[str]:
         )
     if found['fitting'] < _LEAST_FITTING:
         doubts.append(f'only {found["fitting"]:.0%} of the board has depth on one plane')
-    if abs(off) > MOST_BIAS:
+    if abs(off) > _MOST_BIAS:
         doubts.append(
             f'measured depth is {off * 1e3:+.0f} mm off the board, more than an offset is: '
             'measure the rulers on the print; the lens can be wrong, too'

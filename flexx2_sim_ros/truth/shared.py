@@ -17,9 +17,7 @@ _SCAN_PIXELS = 1500
 # A wave is accepted if it explains this many times as much as noise (two coefficients, 90 periods
 # tried: by chance once in a million).
 _LEAST_GAIN = 40.0
-# Limits of refusals; bench/truth.py of aac5156 shows which errors remain.
-MOST_BIAS = 0.08  # metres: calibrated cameras are off by less than 50 mm
-_MOST_DEVIATION = 0.002  # metres, of the bias
+_MOST_DEVIATION = 0.002  # metres, of the bias; bench/truth.py of aac5156 shows what remains
 _LEAST_RECORDINGS = 3
 _CLEAR = 3.0  # standard deviations of the bounce's gain, and of a scale
 _LIKE_SCALE = 2.0  # metres: a wave at least as long looks like a scale
@@ -178,9 +176,7 @@ def _refusal(solution: Solution) -> str:
     # Why an estimate of the bias cannot be trusted; empty if it can.
     if solution.recordings < _LEAST_RECORDINGS:
         return _too_few(_LEAST_RECORDINGS, solution)
-    bias, deviation = _fitted(solution, 'bias')
-    if abs(bias) > MOST_BIAS:
-        return f'{bias * 1e3:+.0f} mm is more than {MOST_BIAS * 1e3:.0f} mm, which is implausible'
+    _, deviation = _fitted(solution, 'bias')
     if deviation > _MOST_DEVIATION:
         return (
             f'recordings disagree: leaving one out changes it by {deviation * 1e3:.1f} mm '
