@@ -193,15 +193,12 @@ def test_an_interrupted_calculation_resumes(two, tmp_path, monkeypatch):
 STAMP = np.arange(4) / 30
 HAND = card(0.6, -0.1, 0.08, 0.5, (0.5, 0.0, 0.0))
 SCENES = {
-    scene.name: scene
-    for scene in (
-        PlannedScene('wall', (wall(2.0),)),
-        PlannedScene('tilted', (wall(3.0, tilt=40.0),)),
-        PlannedScene('corner', (wall(1.5, tilt=45.0), wall(1.5, tilt=-45.0))),
-        PlannedScene('box', (wall(1.3), card(1.0, -0.4, 0.4, 0.6))),
-        PlannedScene('hand', (wall(1.5), HAND)),
-        PlannedScene('panning', (wall(1.5), card(0.8, 0.0, 0.15, 0.6)), turn_rate=40.0),
-    )
+    'wall': PlannedScene((wall(2.0),)),
+    'tilted': PlannedScene((wall(3.0, tilt=40.0),)),
+    'corner': PlannedScene((wall(1.5, tilt=45.0), wall(1.5, tilt=-45.0))),
+    'box': PlannedScene((wall(1.3), card(1.0, -0.4, 0.4, 0.6))),
+    'hand': PlannedScene((wall(1.5), HAND)),
+    'panning': PlannedScene((wall(1.5), card(0.8, 0.0, 0.15, 0.6)), turn_rate=40.0),
 }
 
 
@@ -223,9 +220,10 @@ def test_rendered_depth_agrees_with_the_scenes_description():
     assert (np.diff([np.flatnonzero(row[86] < 1.2).mean() for row in depth['panning']]) < 0).all()
 
 
+    assert (np.isfinite(depth) == (panel > 0)).all()
 @pytest.mark.parametrize('scene', SCENES.values(), ids=SCENES)
 def test_every_visible_surface_has_a_reflectivity(scene):
-    depth, reflectivity = render(scene, flexx2().intrinsics, STAMP)
+    depth, reflectivity, panel = render(scene, flexx2().intrinsics, STAMP)
     assert depth.shape == reflectivity.shape
     assert depth.ndim == (3 if scene.moving else 2)
     assert (np.isfinite(depth) == (reflectivity > 0)).all()

@@ -6,7 +6,7 @@ from typing import Any
 from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.gap.planning.plan import PlannedRecording
 from flexx2_sim_ros.gap.planning.scenes import render
-from flexx2_sim_ros.gap.planning.truths import labels, smaller
+from flexx2_sim_ros.gap.planning.truths import smaller
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -18,10 +18,8 @@ _FARTHEST = 3.0  # medians of the distance, that are drawn from above
 def drawing(planned: PlannedRecording, lens: Intrinsics) -> bytes:
     """Draw a set-up as a PNG: seen from above (left), and its depth (right)."""
     small = smaller(lens, _SCALE)
-    stamp = np.zeros(1)
-    depth, _ = render(planned.scene, small, stamp)
-    shown = labels(planned, small, stamp)
-    if depth.ndim == 3:
+    depth, _, shown = render(planned.scene, small, [0.0])
+    if planned.scene.moving:
         depth, shown = depth[0], shown[0]
     figure = Figure(figsize=(5.0, 2.3), dpi=110, layout='constrained')
     above, image = figure.subplots(1, 2, width_ratios=[1.25, 1])

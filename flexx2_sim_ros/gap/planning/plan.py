@@ -29,22 +29,18 @@ _NUMBERS = {'seconds': (0.5, 600.0), 'after_s': (0.0, 1e5), 'pan_deg_s': (-200.0
 @dataclass(frozen=True)
 class PlannedRecording:
     """
-    One recording of a plan; the bag has the scene's name.
+    One recording of a plan; `name` is that of the bag.
 
     `title` is a few words, `set_up` what to do, `seconds` the duration; `effects` names the
     effects that the recording shows.
     """
 
+    name: str
     scene: PlannedScene
     title: str
     set_up: str
     seconds: float
     effects: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """Return the name of the bag."""
-        return self.scene.name
 
 
 @dataclass(frozen=True)
@@ -131,8 +127,8 @@ def _recording(row: Any) -> PlannedRecording:
     if not panels:
         raise InputError('walls: must be at least one wall or card, got none')
     set_up = ' '.join(_text(row, 'set_up').split())
-    scene = PlannedScene(name, tuple(panels), pan, after)
-    return PlannedRecording(scene, _text(row, 'title'), set_up, seconds, tuple(effects))
+    scene = PlannedScene(tuple(panels), pan, after)
+    return PlannedRecording(name, scene, _text(row, 'title'), set_up, seconds, tuple(effects))
 
 
 def _lists(

@@ -39,13 +39,12 @@ class Panel:
 @dataclass(frozen=True)
 class PlannedScene:
     """
-    A scene to record; `name` is for files and tables.
+    A scene to record.
 
     The camera pans to the right at `turn_rate`, degrees per second. `uptime` is seconds since
     power-on at the first frame.
     """
 
-    name: str
     panels: tuple[Panel, ...]
     turn_rate: float = 0.0
     uptime: float = _WARM
@@ -73,31 +72,29 @@ def card(
 
 def render(
     scene: PlannedScene, lens: Intrinsics, stamp: Sequence[float] | np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return depth and reflectivity of a scene without noise.
+    Return depth, reflectivity and the visible panel of a scene without noise.
 
-    Depth is in metres along the optical axis, NaN where there is no return; reflectivity is 0
-    there. Both are float32, (H, W), or (T, H, W) of a moving scene. `stamp` is (T,) seconds; the
-    scene is as described at the first one.
+    Depth is float32 metres along the optical axis, NaN where there is no return; reflectivity is
+    float32, and the panel uint8, k for the k-th; both are 0 there. All are (H, W), or (T, H, W) of
+    a moving scene. `stamp` is (T,) seconds; the scene is as described at the first one.
     """
     seconds = np.asarray(stamp, float)
     seconds = seconds - seconds[0] if scene.moving else np.zeros(1)
     rays = np.concatenate([pixel_rays(lens), np.ones((1, lens.height, lens.width))])
-    depth = np.full((len(seconds), lens.height, lens.width), np.inf)
-    reflectivity = np.zeros(depth.shape)
+    depth = np.empty((len(seconds), lens.height, lens.width), np.float32)
+    visible = np.empty(depth.shape, np.uint8)
     for t, second in enumerate(seconds):
         angle = math.radians(scene.turn_rate * second)
-        for panel in scene.panels:
-            own = _at_time(panel, second, angle)
-            hit = _distance(own, rays)
-            nearer = hit < depth[t]
-            depth[t][nearer] = hit[nearer]
-            reflectivity[t][nearer] = panel.reflectivity
-    depth[np.isinf(depth)] = np.nan
-    if not scene.moving:
-        depth, reflectivity = depth[0], reflectivity[0]
-    return depth.astype(np.float32), reflectivity.astype(np.float32)
+        hits = np.array([_distance(_at_time(one, second, angle), rays) for one in scene.panels])
+        depth[t] = hits.min(axis=0)
+        visible[t] = np.where(np.isinf(depth[t]), 0, hits.argmin(axis=0) + 1)
+    depth[visible == 0] = np.nan
+    reflectivity = np.array([0, *(one.reflectivity for one in scene.panels)], np.float32)[visible]
+    if scene.moving:
+        return depth, reflectivity, visible
+    return depth[0], reflectivity[0], visible[0]
 
 
 def _at_time(panel: Panel, second: float, angle: float) -> np.ndarray:

@@ -1,15 +1,15 @@
 """Simulate the planned recordings, with each kind of ground truth."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, Intrinsics, Profile
-from flexx2_sim_ros.effects import ageing
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
-from flexx2_sim_ros.gap.data.given import Table
+from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
-from flexx2_sim_ros.gap.planning.scenes import render
+from flexx2_sim_ros.gap.planning.scenes import Panel, render
 import numpy as np
 
 _SCAN_ERROR = 0.003  # metres: what `flexx2 gap truth` assumes where recordings do not show it
@@ -114,13 +114,11 @@ def write_recording(
     mode = profile.mode(plan.usecase)
     start = 100.0 + planned.scene.uptime
     stamp = start + np.rint(np.arange(plan.frames) * 1e9 / mode.rate_hz) / 1e9
-    clean, reflectivity = render(planned.scene, lens, stamp)
-    table: dict[str, Any] = {name: dict(values) for name, values in (effects or {}).items()}
-    for name in ageing(table):
-        table[name]['uptime'] = planned.scene.uptime
-    device = Camera(plan.usecase, profile=profile, effects=table, seed=seed + 77, name='real')
+    clean, reflectivity, panel = render(planned.scene, lens, stamp)
+    own = given_effects(effects or {}, planned.scene.uptime)
+    device = Camera(plan.usecase, profile=profile, effects=own, seed=seed + 77, name='real')
     depth = device.capture(clean, lens.matrix, stamp, reflectivity).depth
-    truth = _truth(planned, lens, stamp, clean, kind)
+    truth = _truth(planned.scene.panels, panel, kind)
     if 'known' in truth:
         clean = np.where(truth['known'], clean, np.float32(np.nan))
     content: dict[str, Any] = {
@@ -146,40 +144,22 @@ def smaller(lens: Intrinsics, scale: float) -> Intrinsics:
     return Intrinsics.from_matrix(matrix, *size)
 
 
-def labels(planned: PlannedRecording, lens: Intrinsics, stamp: np.ndarray) -> np.ndarray:
-    """Return which panel each pixel shows: 0 for none, k for the k-th; like clean depth."""
-    scene = planned.scene
-    clean, _ = render(scene, lens, stamp)
-    out = np.zeros(clean.shape, np.uint8)
-    for k, panel in enumerate(scene.panels, 1):
-        alone, _ = render(replace(scene, panels=(panel,)), lens, stamp)
-        # A panel that stands still gives one image, also in a scene with others that move.
-        out[np.broadcast_to(alone, clean.shape) == clean] = k
-    return out
-
-
-def _truth(
-    planned: PlannedRecording,
-    lens: Intrinsics,
-    stamp: np.ndarray,
-    clean: np.ndarray,
-    kind: TruthKind,
-) -> dict[str, np.ndarray]:
-    # The keys that say how well the ground truth is known (docs/recordings.md).
+def _truth(panels: Sequence[Panel], visible: np.ndarray, kind: TruthKind) -> dict[str, np.ndarray]:
+    # The keys that say how well the ground truth is known (docs/recordings.md); `visible` is from
+    # `render`.
     if kind.pose:
         deviation = np.array(GROUND_TRUTH.pose)
         deviation[3:] = np.radians(deviation[3:])
         truth = {'pose_covariance': np.diag(deviation**2), 'clean_sigma': np.array(_SCAN_ERROR)}
-        moving = [k for k, one in enumerate(planned.scene.panels, 1) if any(one.velocity)]
+        moving = [k for k, one in enumerate(panels, 1) if any(one.velocity)]
         if moving:  # A scan does not contain them.
-            truth['known'] = ~np.isin(labels(planned, lens, stamp), moving)
+            truth['known'] = ~np.isin(visible, moving)
         return truth
     if kind.plane is None:
         return {}
-    plane = labels(planned, lens, stamp)
-    for k in range(1, len(planned.scene.panels) + 1):
-        if (plane == k).mean() < _LEAST_PLANE:
-            plane[plane == k] = 0
+    count = len(panels)
+    large = [k for k in range(1, count + 1) if (visible == k).mean() >= _LEAST_PLANE]
+    plane = np.where(np.isin(visible, large), visible, 0)
     offset, tilt = kind.plane
-    deviation = np.tile([offset, tilt, tilt], len(planned.scene.panels))
+    deviation = np.tile([offset, tilt, tilt], count)
     return {'plane': plane, 'plane_covariance': np.diag(deviation**2), 'known': plane > 0}
