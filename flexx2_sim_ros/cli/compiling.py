@@ -68,10 +68,10 @@ def _diagnose(profile: Profile, effect: Effect) -> None:
     # A small diagnosis of one effect compiles what a large one does. Of the plan it needs a wall,
     # a shiny board, the edges of a box and a camera that moves.
     from flexx2_sim_ros.gap import diagnose
-    from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
+    from flexx2_sim_ros.gap.planning.plan import read_plan
     from flexx2_sim_ros.gap.planning.truths import KINDS, write_campaign
 
-    plan = replace(read_plan(default_plan()), usecase=profile.default_usecase)
+    plan = replace(read_plan(), usecase=profile.default_usecase)
     plan = replace(plan, recordings=plan.recordings[2::5], scale=_SCALE, frames=_FRAMES)
     with tempfile.TemporaryDirectory() as folder:
         write_campaign(Path(folder), plan, profile, KINDS[0], {effect.name: {}})

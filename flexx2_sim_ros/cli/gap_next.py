@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     # Imported here: matplotlib and the compiled camera take seconds to load.
     from flexx2_sim_ros.gap.planning.next_recording import suggest
     from flexx2_sim_ros.gap.planning.page import suggested, suggestions
-    from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
+    from flexx2_sim_ros.gap.planning.plan import read_plan
     from flexx2_sim_ros.profiles.files import find_profile
 
     console = common.messages()
@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
         table, views = suggest(
             arguments.diagnosis,
             arguments.campaign,
-            read_plan(Path(arguments.plan) if arguments.plan else default_plan()),
+            read_plan(arguments.plan and Path(arguments.plan)),
             kinds=arguments.truth,
             scenes=arguments.scene,
             profile=profile,

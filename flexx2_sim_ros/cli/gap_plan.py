@@ -33,17 +33,11 @@ def run(arguments: argparse.Namespace) -> int:
     # Imported here: matplotlib and the compiled camera take seconds to load.
     from flexx2_sim_ros import atomic
     from flexx2_sim_ros.gap.planning.page import Checklist, form, markdown, page
-    from flexx2_sim_ros.gap.planning.plan import default_plan, read_plan
-    from flexx2_sim_ros.gap.planning.power import (
-        compute,
-        PowerRequest,
-        read_table,
-        shipped_table,
-        to_yaml,
-    )
+    from flexx2_sim_ros.gap.planning.plan import read_plan
+    from flexx2_sim_ros.gap.planning.power import compute, PowerRequest, shipped_table, to_yaml
     from flexx2_sim_ros.profiles.files import find_profile
 
-    plan = read_plan(Path(arguments.plan) if arguments.plan else default_plan())
+    plan = read_plan(arguments.plan and Path(arguments.plan))
     profile = find_profile(arguments.profile)
     if arguments.usecase is not None:
         plan = replace(plan, usecase=profile.mode(arguments.usecase).name)
@@ -58,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
             table = compute(request, common.command_line('gap', 'plan'), progress)
         atomic.write_text(out / TABLE, to_yaml(table))
     else:
-        table = read_table(shipped_table())
+        table = shipped_table()
     shipped = not (arguments.plan or arguments.profile or arguments.usecase)
     told = Checklist(plan, profile, table, shipped or arguments.compute, arguments.profile)
     atomic.write_text(out / CHECKLIST, markdown(told))

@@ -59,18 +59,14 @@ class Plan:
     recordings: tuple[PlannedRecording, ...]
 
 
-def default_plan() -> Path:
-    """Return the file of the plan that comes with the package."""
-    return config_dir() / 'gap_plan.yaml'
-
-
-def read_plan(path: Path) -> Plan:
+def read_plan(path: Path | None = None) -> Plan:
     """
     Read a plan, a YAML file like ``config/gap_plan.yaml``, which describes each key.
 
-    Raises `InputError` when the file is not a plan; the message names the file, the recording and
-    the key.
+    That file is read if none is given. Raises `InputError` when the file is not a plan; the
+    message names the file, the recording and the key.
     """
+    path = path or config_dir() / 'gap_plan.yaml'
     table = read_config(path)
     try:
         return _plan(table)

@@ -19,7 +19,7 @@ from flexx2_sim_ros import __version__, atomic
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.config_file import is_regular_file, read_config
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.errors import InputError, shown_path
+from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.gap.calibration.decisions import calibrated
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE, USUAL
@@ -110,18 +110,9 @@ class PowerRequest:
         return not why_no_phases(self.profile.mode(self.plan.usecase))
 
 
-def shipped_table() -> Path:
-    """Return the file of the table that comes with the package."""
-    return config_dir() / 'gap_plan_table.yaml'
-
-
-def read_table(path: Path) -> dict[str, Any]:
-    """Read a table of `compute`. Raises `InputError` when the file is not one."""
-    table = read_config(path)
-    for key, kind in {'command': str, 'date': str, 'kinds': dict, 'effects': dict}.items():
-        if not isinstance(table.get(key), kind):
-            raise InputError(f'{shown_path(path)}: {key}: must be a {kind.__name__}')
-    return table
+def shipped_table() -> dict[str, Any]:
+    """Return the table that comes with the package, as from `compute`."""
+    return read_config(config_dir() / 'gap_plan_table.yaml')
 
 
 def to_yaml(table: Mapping[str, Any]) -> str:
