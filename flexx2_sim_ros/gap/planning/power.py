@@ -70,11 +70,7 @@ class Power:
 
     def row(self) -> dict[str, Any]:
         """Return its cell of the table; the smallest strength is found in 90 % of draws."""
-        least = None
-        for strength in sorted(self.found, reverse=True):
-            if self.found[strength] < _WANTED:
-                break
-            least = strength
+        least = min((one for one, share in self.found.items() if share >= _WANTED), default=None)
         found = {f'{key:g}': round(share, 2) for key, share in sorted(self.found.items())}
         return {'smallest': least, 'open': self.undecided, 'found': found}
 
@@ -286,27 +282,24 @@ def power(
         shift = model.column(_column_name(effect, strength))
         if _first_effect(_singles(Trials(model.as_if(shift)), decidable)) != effect:
             return 0.0  # It does not explain the gap best even without noise.
-        count = misses = 0
+        misses = 0
         for draw in range(draws):
             rng = np.random.default_rng([seed, draw])
             gap = shift + noise(model, rng) + wrong_truth(model, kind.fitted, rng)
             misses += not _is_found(Trials(model.as_if(gap)), decidable, others, effect)
-            count += 1
-            if misses > (1 - _WANTED) * draws:
-                break  # It can no longer reach 90 %.
-        return 1 - misses / count
+            if misses > (1 - _WANTED) * draws:  # It can no longer reach 90 %.
+                return 1 - misses / (draw + 1)
+        return 1 - misses / draws
 
-    found: dict[float, float] = {}
-    # Starts at typical strength: if the effect is found, weaker ones are tried, else stronger
-    # ones.
+    # From the middle strength, weaker ones are tried while the effect is found, or stronger ones
+    # until it is.
     middle = len(STRENGTHS) // 2
-    for strengths, going_on in ((STRENGTHS[middle::-1], True), (STRENGTHS[middle + 1 :], False)):
-        if not going_on and found[STRENGTHS[middle]] >= _WANTED:
+    found = {STRENGTHS[middle]: fraction(STRENGTHS[middle])}
+    weaker = found[STRENGTHS[middle]] >= _WANTED
+    for strength in STRENGTHS[:middle][::-1] if weaker else STRENGTHS[middle + 1 :]:
+        found[strength] = fraction(strength)
+        if (found[strength] >= _WANTED) != weaker:
             break
-        for strength in strengths:
-            found[strength] = fraction(strength)
-            if (found[strength] >= _WANTED) != going_on:
-                break
     return Power(effect, found)
 
 
