@@ -252,17 +252,11 @@ def _of_scene(
     device = Camera(usecase, profile=profile, effects=given_effects(known), seed=seed)
     depth = device.capture(clean, scene.K, stamp, scene.reflectivity).depth
     extra = scene.extra if clean.ndim == 3 else _of_still_scene(scene.extra)
-    arrays: dict[str, Any] = {
-        **{key: value for key, value in extra.items() if key not in _REPLACED},
-        'clean_depth': clean,
-        'K': scene.K,
-        'stamp': stamp,
-        'depth': depth,
-        'usecase': np.array(usecase),
-    }
+    arrays: dict[str, Any] = {key: value for key, value in extra.items() if key not in _REPLACED}
     if scene.reflectivity is not None:
         arrays['reflectivity'] = scene.reflectivity
-    np.savez(written, **arrays)
+    arrays |= {'clean_depth': clean, 'K': scene.K, 'stamp': stamp, 'depth': depth}
+    np.savez(written, **arrays, usecase=np.array(usecase))
     found = check(written, profile)
     if not isinstance(found, Found):
         raise InputError(found.replace(str(written), shown_path(scene_file)))
@@ -361,13 +355,10 @@ def _look(
 
 def _images(
     error: np.ndarray, seen: np.ndarray, known: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, ...]:
     # (H, W) mean and standard deviation of (T, H, W) errors over frames, and the fraction of
     # frames with one; NaN where there is none or the ground truth is unknown.
     known = np.broadcast_to(True if known is None else known, seen.shape)
-    seen = seen & known
-    with np.errstate(invalid='ignore', divide='ignore'):
-        count = seen.sum(axis=0)
-        mean = np.where(seen, error, 0).sum(axis=0) / count
-        variance = np.where(seen, (error - mean) ** 2, 0).sum(axis=0) / count
-        return mean, np.sqrt(variance), count / known.sum(axis=0)
+    errors, valid = np.ma.array(error, mask=~(seen & known)), np.ma.array(seen, mask=~known)
+    images = errors.mean(axis=0), errors.std(axis=0), valid.mean(axis=0)
+    return tuple(np.ma.filled(image.astype(float), np.nan) for image in images)

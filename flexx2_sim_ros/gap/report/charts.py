@@ -67,10 +67,8 @@ def maps(confirmed: Sequence[Outcome], explained: bool) -> html.Html:
     some = [one.maps for one in confirmed if one.maps['real'].shape == size]
     figures = []
     for _, name, text in pairs:
-        difference = np.array([one['real'].astype(np.float32) - one[name] for one in some])
-        good = np.isfinite(difference)
-        mean = np.where(good, difference, 0).sum(axis=0) / np.maximum(good.sum(axis=0), 1)
-        mean[~good.any(axis=0)] = np.nan
+        difference = [one['real'].astype(np.float32) - one[name] for one in some]
+        mean = np.ma.masked_invalid(difference).mean(axis=0).filled(np.nan)
         figures.append(_map(mean, 1.5, f'{text}: mean depth error', 'sigma_z'))
     axis = AXES['region']
     others = {name: _lines(confirmed, name, axis) for name in _LABELS if name != 'bias'}
@@ -245,8 +243,7 @@ def _form(one: FormProposal, looked: Sequence[Looked]) -> html.Html:
 
 def _error(each: np.ndarray) -> Any:
     # Standard error over recordings, by the jackknife; (R, ...) fitted without each of them.
-    count = len(each)
-    return np.sqrt((count - 1) / count * ((each - each.mean(axis=0)) ** 2).sum(axis=0))
+    return np.sqrt(len(each) - 1) * each.std(axis=0)
 
 
 def _typical(effect: str, field: str, looked: Sequence[Looked]) -> tuple[np.ndarray, np.ndarray]:
