@@ -1,19 +1,19 @@
 """How often a walking robot fails with a diagnosed camera, by what is simulated of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 import time
 from typing import Any
 
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import as_json, check_outputs, output_folder, whole_files, write_text
-from flexx2_sim_ros.camera import flexx2, Profile
+from flexx2_sim_ros.camera import flexx2, Mode, Profile
 from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.gap.data.given import given_effects, in_one_table
+from flexx2_sim_ros.gap.data.given import given_effects, in_one_table, Table
 from flexx2_sim_ros.gap.features.simulation import with_uptime
 from flexx2_sim_ros.gap.inference.effects import table_of
-from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
+from flexx2_sim_ros.gap.report.reading import read_diagnosis
 from flexx2_sim_ros.gap.work import Progress, stepper
 from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.limits import check_whole
@@ -79,12 +79,14 @@ def walk(
     if out is not None:
         check_outputs('--out', out, FILES)
     before = read_diagnosis(Path(diagnosis))
-    usecase, cameras = _cameras(before, profile, seed)
     diagnosed = table_of(before.effects_to_check())
-    simulated = with_uptime(diagnosed, None)
+    simulated = with_uptime(diagnosed, None)  # Walks have no time since power-on.
     kind = profile or flexx2()
+    settings = before.table.get('settings', {})
+    mode = kind.mode(str(settings.get('usecase', kind.default_usecase)))
+    cameras = _cameras(before.known, simulated, mode, profile, seed)
     points = batches(walks, steps)
-    lens, mode = centred(kind.intrinsics), kind.mode(usecase)
+    lens = centred(kind.intrinsics)
     step = stepper(progress, 'walking', 0.0, 0.99, len(points))
     with workers(jobs, None) as mapped:
         found = walk_all(points, cameras, lens, mode, mapped, step, seed=seed, robot=robot)
@@ -94,7 +96,7 @@ def walk(
         'left_out': [name for name in diagnosed if name not in simulated],
         'rows': rows(found),
         'settings': {
-            'usecase': usecase,
+            'usecase': mode.name,
             'robot': load_robot(robot).name,
             'walks': walks,
             'steps': list(steps),
@@ -113,20 +115,13 @@ def walk(
 
 
 def _cameras(
-    before: Diagnosed, profile: Profile | None, seed: int
-) -> tuple[str, dict[str, WalkingCamera]]:
-    # The mode of a diagnosis, and the cameras to walk with. Effects that depend on the time since
-    # power-on are left out: the walks have none.
-    effects = before.effects_to_check()
-    kind = profile or flexx2()
-    settings = before.table.get('settings', {})
-    usecase = kind.mode(str(settings.get('usecase', kind.default_usecase))).name
-    given = given_effects(with_uptime(table_of(given_effects(before.known)), None))
-    added = with_uptime(table_of(effects), None)
-    tables: Mapping[str, Any] = {NOISE: table_of(given), DIAGNOSED: in_one_table(given, added)}
-    return usecase, {
-        PERFECT: ExactCamera(kind.mode(usecase).range_max),
-        **{name: SimulatedCamera(usecase, profile, table, seed) for name, table in tables.items()},
+    known: Table, effects: Table, mode: Mode, profile: Profile | None, seed: int
+) -> dict[str, WalkingCamera]:
+    given = given_effects(with_uptime(table_of(given_effects(known)), None))
+    tables = {NOISE: table_of(given), DIAGNOSED: in_one_table(given, effects)}
+    return {
+        PERFECT: ExactCamera(mode.range_max),
+        **{name: SimulatedCamera(mode.name, profile, one, seed) for name, one in tables.items()},
     }
 
 
