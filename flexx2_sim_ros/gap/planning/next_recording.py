@@ -184,10 +184,9 @@ def _known(
     without = {row['name'] for row in before.table.get('not_considered', [])}
     modulation = bool(found[0].mode.modulation_hz)
     columns, _ = catalogue(without, modulation)
-    metres, degrees = before.pose_prior
     text = 'simulating what could explain the recordings'
     step = stepper(progress, text, 0.0, 0.2, len(found))
-    simulations = Simulations(camera, columns, seed, (metres,) * 3 + (degrees,) * 3, given)
+    simulations = Simulations(camera, columns, seed, tuple(np.repeat(before.pose_prior, 3)), given)
     used, evidence, _ = summarise_all(campaign, found, left_out, simulations, mapped, step)
     hidden = tuple(one for one in hidden_effects(campaign) if one.effect not in without)
     told = simulations, (frozenset(without), modulation), hidden, before.pose_held

@@ -164,7 +164,7 @@ def _of_kind(
     todo = [name for name in names if name not in done]
     if todo:
         evidence, columns = _simulate(request, kind, mapped, progress)
-        work = bind(_power, evidence=evidence, columns=columns, kind=kind, request=request)
+        work = bind(power, evidence=evidence, columns=columns, kind=kind, request=request)
         for start in range(0, len(todo), 2 * request.jobs):
             progress(f'{kind.name}: deciding', 0.5 + 0.5 * start / len(todo))
             found = mapped(work, todo[start : start + 2 * request.jobs], lambda: None)
@@ -198,7 +198,7 @@ def _simulate(
     # other random numbers than the catalogue; otherwise the fit would include their noise.
     known, _ = catalogue((), request.modulation)
     planned = _planned_columns(request.modulation)
-    prior = (USUAL[0],) * 3 + (USUAL[1],) * 3
+    prior = tuple(np.repeat(USUAL, 3))
     outcomes: list[list[Evidence | str]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -241,33 +241,23 @@ def _column_name(effect: str, strength: float) -> str:
     return f'plan:{effect}:{strength:g}'
 
 
-def _power(
+def power(
     effect: str,
     evidence: Sequence[Evidence],
     columns: Sequence[Column],
     kind: TruthKind,
     request: PowerRequest,
 ) -> Power:
-    model = Model(evidence, columns, np.repeat(USUAL, 3))
-    candidates = catalogue((), request.modulation)[1]
-    return power(effect, model, candidates, kind, request.seed, request.draws)
-
-
-def power(
-    effect: str,
-    model: Model,
-    candidates: Sequence[Candidate],
-    kind: TruthKind,
-    seed: int,
-    draws: int = _DRAWS,
-) -> Power:
     """
-    Compute how often an effect is found in `draws` at each strength.
+    Compute how often an effect is found at each strength.
 
     It is found if the diagnosis names it first, and no effect that the ground truth leaves
-    undecided explains about as much. `model` has the recordings without effects, with the columns
-    of all effects at all strengths.
+    undecided explains about as much. `evidence` has the recordings without effects, `columns` of
+    all effects at all strengths.
     """
+    model = Model(evidence, columns, np.repeat(USUAL, 3))
+    candidates = catalogue((), request.modulation)[1]
+    draws = request.draws
     hidden = {one.effect for one in undecided(model, candidates) if one.confounded}
     hidden |= set(kind.never)
     # As in the diagnosis, what the truth takes away wholly explains nothing.
@@ -284,7 +274,7 @@ def power(
             return 0.0  # It does not explain the gap best even without noise.
         misses = 0
         for draw in range(draws):
-            rng = np.random.default_rng([seed, draw])
+            rng = np.random.default_rng([request.seed, draw])
             gap = shift + noise(model, rng) + wrong_truth(model, kind.fitted, rng)
             misses += not _is_found(Trials(model.as_if(gap)), decidable, others, effect)
             if misses > (1 - _WANTED) * draws:  # It can no longer reach 90 %.
