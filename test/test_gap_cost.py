@@ -268,22 +268,22 @@ def test_shares_and_their_intervals():
     rows = []
     for real in np.random.default_rng(0).uniform(8, 12, 20):
         row = {'real': real, 'simulated': 0.0, 'again': 0.1}
-        row |= {'a': 0.7 * real, 'b': -0.5 * real, 'all': 0.5 * real}
+        row |= {'a': 0.7 * real, 'b': -0.5 * real, 'all effects': 0.5 * real}
         rows.append({name: {'steps': value} for name, value in row.items()})
-    names = ('real', 'simulated', 'again')
-    one = compare(rows, 'steps', ['a', 'b', 'all'], names, 'all')
+    one = compare(rows, 'steps', ['a', 'b'])
     assert one.significant
     assert one.null == pytest.approx(0.1)
-    assert one.left['a'].share == pytest.approx(0.7)
-    assert one.left['b'].share == pytest.approx(-0.5)
-    assert one.left['a'].interval == pytest.approx((0.7, 0.7))
+    assert one.effects['a'].share == pytest.approx(0.7)
+    assert one.effects['b'].share == pytest.approx(-0.5)
+    assert one.effects['a'].interval == pytest.approx((0.7, 0.7))
     # Both move by 0.5 together: a alone by 0.7, b by 0.5 the other way.
-    assert [one.left[name].part for name in ('a', 'b', 'all')] == pytest.approx([0.6, -1.0, 1.0])
-    few = compare(rows[:2], 'steps', ['a'], names, 'a')
+    assert [one.effects[name].part for name in ('a', 'b')] == pytest.approx([0.6, -1.0])
+    assert one.all_effects.part == pytest.approx(1.0)
+    few = compare(rows[:2], 'steps', ['a'])
     assert few.interval is None
     assert not few.significant
-    assert compare(rows, 'holes', ['a'], names, 'a') is None
+    assert compare(rows, 'holes', ['a']) is None
     # Nothing but noise is not significant.
     same = [{**row, 'real': {'steps': 0.1 * (-1) ** k}} for k, row in enumerate(rows)]
-    noise = compare(same, 'steps', ['a'], names, 'a')
+    noise = compare(same, 'steps', ['a'])
     assert not noise.significant

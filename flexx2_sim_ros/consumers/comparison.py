@@ -8,6 +8,8 @@ import numpy as np
 _SETS = 2000  # of recordings, drawn with replacement
 QUANTILES = 0.05, 0.95  # of intervals
 FEWEST = 3  # recordings for an interval
+# Renditions: the recording, its simulation, another one, and that with all effects.
+REAL, SIMULATED, AGAIN, ALL = 'real', 'simulated', 'again', 'all effects'
 Interval = tuple[float, float] | None
 
 
@@ -60,8 +62,10 @@ class Compared:
     significant : bool
         Whether the difference exceeds that of two simulations in 95 % of the sets of recordings.
         False with fewer than three recordings.
-    left : dict of str to Left
-        What remains, by rendition.
+    all_effects : Left
+        What remains with all effects together.
+    effects : dict of str to Left
+        What remains with each effect alone.
 
     """
 
@@ -72,25 +76,21 @@ class Compared:
     interval: Interval
     null: float
     significant: bool
-    left: dict[str, Left]
+    all_effects: Left
+    effects: dict[str, Left]
 
 
 def compare(
-    rows: Sequence[Mapping[str, Mapping[str, float]]],
-    measure: str,
-    renditions: Sequence[str],
-    names: tuple[str, str, str],
-    whole: str,
+    rows: Sequence[Mapping[str, Mapping[str, float]]], measure: str, effects: Sequence[str]
 ) -> Compared | None:
     """
     Compare a consumer's errors on recordings with those on their simulations.
 
     ``rows`` have, for each recording, by rendition, errors by name; ``measure`` is which error.
-    ``renditions`` are the simulations with effects, ``whole`` the one of them with all effects;
-    ``names`` are the recording, its simulation, and a second simulation. None if no recording
-    shows the measure in all renditions.
+    Besides `REAL`, `SIMULATED`, `AGAIN` and `ALL` there is a rendition with each of ``effects``
+    alone, of the same name. None if no recording shows the measure in all renditions.
     """
-    wanted = [*names, *renditions]
+    wanted = [REAL, SIMULATED, AGAIN, ALL, *effects]
     used = [row for row in rows if _shows(row, measure, wanted)]
     if not used:
         return None
@@ -102,8 +102,8 @@ def compare(
     enough = len(used) >= FEWEST
     excess = (without - null)[sets].mean(axis=1)
     left = {}
-    every = np.abs(values - values[:, [wanted.index(whole)]]).mean(axis=0)
-    for k, name in enumerate(renditions, start=2):
+    every = np.abs(values - values[:, [wanted.index(ALL)]]).mean(axis=0)
+    for k, name in enumerate(wanted[3:], start=2):
         shares = _share(apart[:, k][sets].mean(axis=1), without[sets].mean(axis=1))
         left[name] = Left(
             float(values[:, k + 1].mean()),
@@ -120,27 +120,23 @@ def compare(
         _interval(without[sets].mean(axis=1)) if enough else None,
         float(null.mean()),
         enough and bool(np.quantile(excess, QUANTILES[0]) > 0),
+        left.pop(ALL),
         left,
     )
 
 
 def parts(
-    rows: Sequence[Mapping[str, Mapping[str, float]]],
-    measure: str,
-    effects: Sequence[str],
-    names: tuple[str, str, str],
-    whole: str,
+    rows: Sequence[Mapping[str, Mapping[str, float]]], measure: str, effects: Sequence[str]
 ) -> np.ndarray:
     """
     Return what effects change of a measure, for many bootstrap sets of the recordings.
 
     The sets are the same for all measures of the same recordings, so the parts of a set can be
-    averaged over measures and compared between effects. ``effects`` are renditions with one effect
-    each; the rest is as for `compare`. Returned is (S, E) float64 `Left.part` of each effect in
-    each set, limited to -1 to 1.
+    averaged over measures and compared between effects. Parameters are as for `compare`. Returned
+    is (S, E) float64 `Left.part` of each effect in each set, limited to -1 to 1.
     """
-    wanted = [names[1], whole, *effects]
-    used = np.array([_shows(row, measure, [*names, *wanted]) for row in rows])
+    wanted = [SIMULATED, ALL, *effects]
+    used = np.array([_shows(row, measure, [REAL, AGAIN, *wanted]) for row in rows])
     values = np.array(
         [
             [row[name][measure] for name in wanted] if shown else [0.0] * len(wanted)

@@ -20,7 +20,7 @@ from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
 from flexx2_sim_ros.gap.inference.effects import table_of
-from flexx2_sim_ros.gap.renditions import AGAIN, ALL, Known, REAL, render, SIMULATED
+from flexx2_sim_ros.gap.renditions import Known, render
 from flexx2_sim_ros.gap.report.cost_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.work import find, Progress, stepper
@@ -31,7 +31,6 @@ import numpy as np
 SCHEMA = 1
 FILES = 'cost.json', 'cost.html'
 _HIGHEST, _STEEPEST = 10.0, 80.0  # of a camera: metres and degrees
-_NAMES = REAL, SIMULATED, AGAIN
 _RANKED = 'part', 'share'
 
 
@@ -208,7 +207,7 @@ def _ranking(
     ]
     if not differ:
         return []
-    drawn = [parts(result.errors, one['name'], effects, _NAMES, ALL) for result, one in differ]
+    drawn = [parts(result.errors, one['name'], effects) for result, one in differ]
     mean = np.mean(drawn, axis=0)  # (sets of recordings, effects)
     ranking = []
     for k, name in enumerate(effects):
@@ -223,14 +222,11 @@ def _ranking(
 
 
 def _measures(result: Result, effects: Sequence[str]) -> list[dict[str, Any]]:
-    rows = []
-    for name, unit in result.measures.items():
-        one = compare(result.errors, name, [*effects, ALL], _NAMES, ALL)
-        if one is not None:
-            row = {'name': name, 'unit': unit, **asdict(one)}
-            left = row.pop('left')
-            rows.append({**row, 'all_effects': left.pop(ALL), 'effects': left})
-    return rows
+    found = (
+        (name, unit, compare(result.errors, name, effects))
+        for name, unit in result.measures.items()
+    )
+    return [{'name': name, 'unit': unit, **asdict(one)} for name, unit, one in found if one]
 
 
 def known_of(before: Diagnosed) -> Known:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.camera import Intrinsics, Profile
+from flexx2_sim_ros.consumers.comparison import AGAIN, ALL, REAL, SIMULATED
 from flexx2_sim_ros.consumers.consumer import CameraView
 from flexx2_sim_ros.consumers.ground import best_centre, find_ground, mounted
 from flexx2_sim_ros.consumers.running import ConsumerViews
@@ -16,7 +17,6 @@ from flexx2_sim_ros.gap.forms.looked import registered, Settings
 from flexx2_sim_ros.recording import open_recording
 import numpy as np
 
-REAL, SIMULATED, AGAIN, ALL = 'real', 'simulated', 'again', 'all effects'
 # The last frames of a still recording, as many as `flexx2 batch` puts into a height grid; and
 # poses of a moving camera, whose recordings do not say how the camera moved: one frame each.
 _FRAMES, _POSES = 8, 4
