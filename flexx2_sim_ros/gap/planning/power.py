@@ -7,7 +7,7 @@ the calibrated rule of the verdict then decide on many draws, without any furthe
 """
 
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import datetime, UTC
 from hashlib import sha256
 import json
@@ -56,26 +56,6 @@ _RIVALS = 3
 
 
 @dataclass(frozen=True)
-class Power:
-    """
-    How well a plan finds one effect, with one kind of ground truth.
-
-    `found` is the fraction of draws in which it is found, by strength; only tried strengths.
-    `undecided`: the ground truth cannot decide the effect at any strength.
-    """
-
-    effect: str
-    found: dict[float, float]
-    undecided: bool = False
-
-    def row(self) -> dict[str, Any]:
-        """Return its cell of the table; the smallest strength is found in 90 % of draws."""
-        least = min((one for one, share in self.found.items() if share >= _WANTED), default=None)
-        found = {f'{key:g}': round(share, 2) for key, share in sorted(self.found.items())}
-        return {'smallest': least, 'open': self.undecided, 'found': found}
-
-
-@dataclass(frozen=True)
 class PowerRequest:
     """
     What to compute of a plan: `draws` at each strength, for each kind of ground truth.
@@ -95,7 +75,7 @@ class PowerRequest:
     def key(self) -> str:
         """Return a digest of everything that the result depends on."""
         plan = self.plan
-        scenes = [(s.panels, s.turn_rate, s.uptime) for s in (r.scene for r in plan.recordings)]
+        scenes = [one.scene for one in plan.recordings]
         simulated = plan.usecase, plan.scale, plan.frames, scenes
         told = repr((simulated, self.profile, self.seed, self.draws, calibrated(), __version__))
         return sha256(told.encode()).hexdigest()[:16]
@@ -104,6 +84,12 @@ class PowerRequest:
     def modulation(self) -> bool:
         """Return whether there are effects that need modulation frequencies, as in `catalogue`."""
         return not why_no_phases(self.profile.mode(self.plan.usecase))
+
+    @property
+    def effects(self) -> list[str]:
+        """Return the names of the effects that a camera in this mode can have."""
+        kinds = registry().items()
+        return [name for name, kind in kinds if self.modulation or not kind.needs_modulation]
 
 
 def shipped_table() -> dict[str, Any]:
@@ -125,20 +111,17 @@ def compute(request: PowerRequest, command: str, progress: Progress) -> dict[str
     Return the table of what a plan can find; `command` is the command line to store in it.
 
     Finished kinds of ground truth are stored in ``out``, so that an interrupted run resumes.
-    ``effects`` has, by effect and kind, the ``smallest`` strength (or None), the fraction
-    ``found`` by strength, and whether the ground truth leaves the effect ``open``.
+    ``effects`` has, by effect and kind, the ``smallest`` strength that is found in 90 % of draws
+    (or None), the fraction ``found`` by strength, as far as strengths were tried, and whether the
+    ground truth leaves the effect ``open`` at any strength.
     """
-    some = [
-        name
-        for name, kind in registry().items()
-        if request.modulation or not kind.needs_modulation
-    ]
-    effects: dict[str, dict[str, Any]] = {name: {} for name in some}
+    effects: dict[str, dict[str, Any]] = {name: {} for name in request.effects}
     with workers(request.jobs, None) as mapped:
         for i, kind in enumerate(request.kinds):
             part = portion(progress, i / len(request.kinds), 1 / len(request.kinds))
-            for one in _of_kind(request, kind, some, mapped, part):
-                effects[one.effect][kind.name] = one.row()
+            found = _of_kind(request, kind, mapped, part)
+            for name, own in effects.items():
+                own[kind.name] = found[name]
     return {
         'schema': 1,
         'command': command,
@@ -156,39 +139,30 @@ def compute(request: PowerRequest, command: str, progress: Progress) -> dict[str
 
 
 def _of_kind(
-    request: PowerRequest, kind: TruthKind, names: Sequence[str], mapped: Map, progress: Progress
-) -> list[Power]:
+    request: PowerRequest, kind: TruthKind, mapped: Map, progress: Progress
+) -> dict[str, Any]:
     # All effects with one kind of ground truth; finished ones are read from their file.
     file = request.out / f'computed_{kind.name}.json'
     done = _finished(file, request.key)
-    todo = [name for name in names if name not in done]
+    todo = [name for name in request.effects if name not in done]
     if todo:
         evidence, columns = _simulate(request, kind, mapped, progress)
         work = bind(power, evidence=evidence, columns=columns, kind=kind, request=request)
         for start in range(0, len(todo), 2 * request.jobs):
             progress(f'{kind.name}: deciding', 0.5 + 0.5 * start / len(todo))
-            found = mapped(work, todo[start : start + 2 * request.jobs], lambda: None)
-            done |= {one.effect: one for one in found}
-            rows = [asdict(one) for one in done.values()]
-            atomic.write_text(file, json.dumps({'key': request.key, 'effects': rows}))
-    return [done[name] for name in names]
+            some = todo[start : start + 2 * request.jobs]
+            done |= zip(some, mapped(work, some, lambda: None), strict=True)
+            atomic.write_text(file, json.dumps({'key': request.key, 'effects': done}))
+    return done
 
 
-def _finished(file: Path, key: str) -> dict[str, Power]:
-    # Results of an interrupted run; empty if that run had another request.
+def _finished(file: Path, key: str) -> dict[str, Any]:
+    # Results of an interrupted run; empty if that run had another request or the file is damaged.
     try:
         table = json.loads(file.read_text()) if is_regular_file(file) else {}
-        some: list[Any] = table['effects'] if table.get('key') == key else []
-        return {
-            row['effect']: Power(
-                row['effect'],
-                {float(s): float(share) for s, share in row['found'].items()},
-                bool(row['undecided']),
-            )
-            for row in some
-        }
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return {}  # The file is not valid: compute again.
+        return dict(table['effects']) if table['key'] == key else {}
+    except (ValueError, KeyError, TypeError):
+        return {}
 
 
 def _simulate(
@@ -197,7 +171,7 @@ def _simulate(
     # The recordings' summaries, with each effect at each strength. The latter are simulated with
     # other random numbers than the catalogue; otherwise the fit would include their noise.
     known, _ = catalogue((), request.modulation)
-    planned = _planned_columns(request.modulation)
+    planned = _planned_columns(request.effects)
     prior = tuple(np.repeat(USUAL, 3))
     outcomes: list[list[Evidence | str]] = []
     with tempfile.TemporaryDirectory() as name:
@@ -223,16 +197,15 @@ def _simulate(
     return evidence, known + planned
 
 
-def _planned_columns(modulation: bool) -> list[Column]:
+def _planned_columns(effects: Sequence[str]) -> list[Column]:
     # The simulations of all effects at all strengths, in addition to the catalogue.
     return [
         Column(
             _column_name(name, strength),
             {name: {'strength': strength}},
-            all(term.few for one in kind.hypotheses for term in one.terms),
+            all(term.few for one in registry()[name].hypotheses for term in one.terms),
         )
-        for name, kind in registry().items()
-        if modulation or not kind.needs_modulation
+        for name in effects
         for strength in STRENGTHS
     ]
 
@@ -247,11 +220,11 @@ def power(
     columns: Sequence[Column],
     kind: TruthKind,
     request: PowerRequest,
-) -> Power:
+) -> dict[str, Any]:
     """
-    Compute how often an effect is found at each strength.
+    Return the cell of an effect in the table of `compute`.
 
-    It is found if the diagnosis names it first, and no effect that the ground truth leaves
+    The effect is found if the diagnosis names it first, and no effect that the ground truth leaves
     undecided explains about as much. `evidence` has the recordings without effects, `columns` of
     all effects at all strengths.
     """
@@ -265,7 +238,7 @@ def power(
     if not model.own.posed.any():
         candidates = [one for one in candidates if one.kind.role != 'pose']
     if effect in hidden or not any(one.effect == effect for one in candidates):
-        return Power(effect, {}, True)
+        return {'smallest': None, 'open': True, 'found': {}}
     decidable, others = _considered(model, candidates, hidden, effect)
 
     def fraction(strength: float) -> float:
@@ -290,7 +263,9 @@ def power(
         found[strength] = fraction(strength)
         if (found[strength] >= _WANTED) != weaker:
             break
-    return Power(effect, found)
+    least = min((one for one, share in found.items() if share >= _WANTED), default=None)
+    shares = {f'{one:g}': round(share, 2) for one, share in sorted(found.items())}
+    return {'smallest': least, 'open': False, 'found': shares}
 
 
 def _considered(
