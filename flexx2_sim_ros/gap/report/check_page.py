@@ -4,15 +4,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from flexx2_sim_ros import html_parts as html
+from flexx2_sim_ros.gap.report import words
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
-from flexx2_sim_ros.gap.report.words import (
-    difference,
-    is_measured,
-    MEANINGS,
-    MEASURES,
-    on_recordings,
-    SIZES,
-)
 from flexx2_sim_ros.html_drawing import bar
 from flexx2_sim_ros.html_page import html_page
 
@@ -21,7 +14,7 @@ _STYLE = """
 td + td, .recordings td { white-space: nowrap; }
 .bar { width: 8rem; } .recordings .bar { width: 6rem; }
 """
-_MEASURES = {'loss': ('loss per recording', '', 1.0), **MEASURES}
+_MEASURES = {'loss': ('loss per recording', '', 1.0), **words.MEASURES}
 _LOSS = (
     'weighted sum of the differences in all that the diagnosis compares, in units of noise and '
     'tolerance'
@@ -44,7 +37,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
     """Return what is left, why a diagnosis does not hold, and notes, one line each."""
     rows = table['recordings']
     used = [row for row in rows if row['used']]
-    out = [difference(table['measures']), *table['reasons']]
+    out = [words.difference(table['measures']), *table['reasons']]
     if len(used) == 1:
         out.append('With one recording there are no intervals: the result is a single value.')
     elif not table['measures']['loss']['better'] and not table['reasons']:
@@ -54,7 +47,7 @@ def sentences(table: dict[str, Any]) -> list[str]:
         )
     if table['known']:
         out.append(f'Taken as given: {", ".join(map(spaced, table["known"]))}.')
-    return out + on_recordings(rows)
+    return out + words.on_recordings(rows)
 
 
 def lines(table: dict[str, Any]) -> Iterator[tuple[str, ...]]:
@@ -63,7 +56,7 @@ def lines(table: dict[str, Any]) -> Iterator[tuple[str, ...]]:
         one = table['measures'][key]
         change = 'better' if one['better'] else 'worse' if one['worse'] else 'not significant'
         parts = ('before', 'after', 'null', 'change')
-        if not is_measured(key, one):
+        if not words.is_measured(key, one):
             yield name, *('-' for _ in parts), 'not measured'
             continue
         yield name, *(_text(one, part, unit, factor) for part in parts), change
@@ -90,7 +83,7 @@ def page(table: dict[str, Any]) -> str:
         html.heading(headline(table), 1),
         html.paragraphs(sentences(table)),
         _measures(table),
-        html.definitions('What the rows mean', {_MEASURES['loss'][0]: _LOSS, **MEANINGS}),
+        html.definitions('What the rows mean', {_MEASURES['loss'][0]: _LOSS, **words.MEANINGS}),
         _recordings(used),
         html.made_by(table, 'docs/diagnosis.md'),
     ]
@@ -108,8 +101,8 @@ def _measures(table: dict[str, Any]) -> html.Html:
         html.heading('The gap before and after the effects are simulated'),
         html.table(heads, rows),
         html.note(
-            f'{SIZES} Intervals: 90 %. "Better" and "worse": that of the change does not contain '
-            'zero, and the change is larger than the tolerance of the diagnosis.'
+            f'{words.SIZES} Intervals: 90 %. "Better" and "worse": that of the change does not '
+            'contain zero, and the change is larger than the tolerance of the diagnosis.'
         ),
     )
 

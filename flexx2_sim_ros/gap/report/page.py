@@ -10,6 +10,7 @@ from flexx2_sim_ros.gap.features.confirm import Outcome
 from flexx2_sim_ros.gap.forms.calibrating import Calibrated
 from flexx2_sim_ros.gap.inference.decide import Decision
 from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.gap.report import words
 from flexx2_sim_ros.gap.report.charts import charts, forms, maps
 from flexx2_sim_ros.gap.report.cost_page import section
 from flexx2_sim_ros.gap.report.frames import frames, FRAMES_STYLE
@@ -23,16 +24,6 @@ from flexx2_sim_ros.gap.report.sizes import (
     sizes_section,
 )
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
-from flexx2_sim_ros.gap.report.words import (
-    accuracy,
-    calibrations,
-    camera_effects,
-    headline,
-    not_considered,
-    refusals,
-    REFUSED,
-    significance,
-)
 from flexx2_sim_ros.html_drawing import part_bar
 from flexx2_sim_ros.html_page import html_page
 
@@ -79,15 +70,15 @@ def page(
 ) -> str:
     """Return the page as HTML, all text escaped and all pictures inside."""
     used = sum(row['used'] for row in table['recordings'])
-    told = ', '.join([f'from {used} recording{"s" * (used != 1)}', *significance(table)])
-    explained = bool(camera_effects(table))
+    told = ', '.join([f'from {used} recording{"s" * (used != 1)}', *words.significance(table)])
+    explained = bool(words.camera_effects(table))
     taken = [one for one in calibrated.explained.verdicts if one.taken] if calibrated else []
     first, rest = said(table)
     body = [
         html.element(
             'p', html.tag(*_VERDICTS[table['verdict']]), ' ', html.element('small', told)
         ),
-        html.heading(_typeset(headline(table)), 1),
+        html.heading(_typeset(words.headline(table)), 1),
         _effects(table),
         html.paragraphs(first),
         html.folded('What the columns mean', html.note(_MEANING)) if table['effects'] else '',
@@ -115,7 +106,7 @@ def _typeset(text: str) -> str:
 def _effects(table: dict[str, Any]) -> html.Html:
     if not table['effects']:
         return html.Html()
-    fitted = {row['name']: row['form'] for row in calibrations(table, taken=True)}
+    fitted = {row['name']: row['form'] for row in words.calibrations(table, taken=True)}
     values = [fitted.get(row['name']) or _parameters(row) for row in table['effects']]
     sizes, rows = lengths(table), []
     for i, ((name, sure, *cells), size) in enumerate(zip(attribution(table), sizes, strict=True)):
@@ -160,9 +151,9 @@ def _where(table: dict[str, Any]) -> html.Html:
 
 def _considered(table: dict[str, Any], decision: Decision) -> html.Html:
     rows = []
-    taken, refused = {row['name'] for row in table['effects']}, refusals(table)
+    taken, refused = {row['name'] for row in table['effects']}, words.refusals(table)
     why = dict.fromkeys(taken, 'selected')
-    why |= {name: f'found, but not named: {REFUSED[reason]}' for name, reason in refused.items()}
+    why |= {name: f'found, but not named: {words.REFUSED[key]}' for name, key in refused.items()}
     if why:
         instead = ' instead of a selected effect' if taken else ''
         tie = f'alternative explanation: may be present{instead}'
@@ -177,7 +168,7 @@ def _considered(table: dict[str, Any], decision: Decision) -> html.Html:
         'Effects that were considered',
         html.table(['effect', 'alone, improves the fit by', 'result'], rows),
         html.note('The other effects improve the fit even less.'),
-        html.paragraphs(not_considered(table)),
+        html.paragraphs(words.not_considered(table)),
     )
 
 
@@ -190,7 +181,7 @@ def _recordings(table: dict[str, Any]) -> html.Html:
         shift = ', '.join(f'{1000 * metres:+.1f}' for metres in row['pose'][:3])
         turn = ', '.join(f'{angle:+.2f}' for angle in row['pose'][3:])
         kind = 'moving' if row['moving'] else 'still'
-        truth = accuracy([row['truth']])
+        truth = words.accuracy([row['truth']])
         lines = [f'ground truth: {truth}'] * bool(truth) + row['notes']
         notes = [
             part for one in lines for part in (html.element('br'), html.element('small', one))

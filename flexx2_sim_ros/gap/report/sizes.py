@@ -5,15 +5,8 @@ from typing import Any
 
 from flexx2_sim_ros import html_parts as html
 from flexx2_sim_ros.gap.features.confirm import NOISE
+from flexx2_sim_ros.gap.report import words
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
-from flexx2_sim_ros.gap.report.words import (
-    camera_effects,
-    is_measured,
-    MEANINGS,
-    MEASURES,
-    sentences,
-    SIZES,
-)
 from flexx2_sim_ros.html_drawing import bar
 import numpy as np
 
@@ -45,7 +38,7 @@ def attribution(table: dict[str, Any]) -> list[tuple[str, ...]]:
         values = gap['wasserstein_mm'][key], 100 * gap['invalid_rate'][key], noise
         shown = zip(values, _UNITS.values(), strict=True)
         rows.append((text, '', *(f'{_rounded(one)}{unit}' for one, unit in shown)))
-    if not any(is_measured(unit, gap[unit]) for unit in NOISE):
+    if not any(words.is_measured(unit, gap[unit]) for unit in NOISE):
         rows = [(*row[:-1], row[-1] and '-') for row in rows]
     return rows
 
@@ -92,7 +85,7 @@ def said(table: dict[str, Any]) -> tuple[list[str], list[str]]:
             f'The noise of the recordings is that of {table["likelier_mode"]} rather than of '
             f'{table["settings"]["usecase"]}: is the mode told right?'
         )
-    out += [*shown_by_one(table), *sentences(table)]
+    out += [*shown_by_one(table), *words.sentences(table)]
     ends = np.cumsum([len(re.findall(r'[.?](?: |$)', line)) for line in out])
     count = max(int((ends <= _MOST_SENTENCES).sum()), 1)
     return out[:count], out[count:]
@@ -117,15 +110,15 @@ def shown_by_one(table: dict[str, Any]) -> list[str]:
 
 def sizes_section(table: dict[str, Any]) -> html.Html:
     """Return the section on the size of the gap of a diagnosis."""
-    added, fitted = bool(camera_effects(table)), ''
+    added, fitted = bool(words.camera_effects(table)), ''
     if added:
         data = 'the other recordings' if table['gap']['held_out'] else 'the same recording'
         fitted = f' The effects were fitted to {data}.'
     return html.folded(
         'How large the gap is in other measures',
         _sizes(table['gap'], added),
-        html.note(f'{SIZES}{fitted}'),
-        html.definitions('What the rows mean', MEANINGS),
+        html.note(f'{words.SIZES}{fitted}'),
+        html.definitions('What the rows mean', words.MEANINGS),
     )
 
 
@@ -137,9 +130,9 @@ def _sizes(gap: dict[str, Any], added: bool) -> html.Html:
         'null': html.key('line', 'two simulations'),
     }
     rows = []
-    for unit, (name, symbol, factor) in MEASURES.items():
+    for unit, (name, symbol, factor) in words.MEASURES.items():
         size = {key: gap[unit][key] * factor for key in heads}
-        if not is_measured(unit, gap[unit]):
+        if not words.is_measured(unit, gap[unit]):
             rows.append([name, *('-' for _ in keys), ''])
             continue
         drawn = bar(size['before'], size['after'] if added else None, size['null'])
