@@ -23,7 +23,7 @@ from flexx2_sim_ros.gap.data.frames import Arrival
 from flexx2_sim_ros.gap.data.given import given_effects
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 import numpy as np
-from scipy import stats
+from scipy import linalg, stats
 
 _FEWEST = 3  # recordings for a jackknife
 _UNDECIDED = 0.5  # probability that a camera has an effect that the diagnosis could not decide
@@ -89,9 +89,6 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
         raise InputError('DIAGNOSIS: must have effects to randomise, got none')
     distributions, correlation = _fitted(named, held_out)
     prior = _priors(undecided, before.arrival, delay)
-    size = len(distributions)
-    matrix = np.eye(size + len(prior))
-    matrix[:size, :size] = correlation
     chances = {effect.name: 1.0 for effect in (*given, *named)}
     chances |= {effect.name: _UNDECIDED for effect in undecided}
     if late or delay:
@@ -101,7 +98,7 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
         tuple(by_name[name] for name in loadable() if name in by_name),
         chances,
         (*distributions, *prior),
-        matrix,
+        linalg.block_diag(correlation, np.eye(len(prior))),
     )
     usual = [_catalogue_prior(registry()[one.effect], one.parameter) for one in distributions]
     both = zip(distributions, usual, strict=True)

@@ -28,6 +28,7 @@ from flexx2_sim_ros.gap.report.reading import Diagnosed
 from flexx2_sim_ros.gap.report.text import spaced
 from flexx2_sim_ros.gap.work import Simulations
 import numpy as np
+from scipy.special import softmax
 
 _NONE = 'no effect'
 _NARROWLY = 6.0  # loss: an effect that gains so much less is e^3 times less likely
@@ -97,8 +98,7 @@ def _explanations(
         if not any(camera == other for other, *_ in out.values()):
             out.setdefault(' + '.join(map(spaced, camera)) or _NONE, (camera, gain, fit))
     gains = np.array([gain for _, gain, _ in out.values()])
-    weights = np.exp((gains - gains.max()) / 2)
-    weights /= weights.sum()
+    weights = softmax(gains / 2)
     rests = [fit.residual(model) / np.sqrt(model.scale2) for *_, fit in out.values()]
     return [
         Explanation(name, effects, weight, np.where(model.good, rest, np.nan))
