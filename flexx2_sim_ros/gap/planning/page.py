@@ -230,8 +230,7 @@ def _cells(table: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
     kinds = list(table['kinds'])
     rows = []
     for effect, found in table['effects'].items():
-        cells = [_cell(found[kind]) if kind in found else '' for kind in kinds]
-        rows.append([effect, *cells, _typical(effect)])
+        rows.append([effect, *(_cell(found[kind]) for kind in kinds), _typical(effect)])
     return ['effect', *kinds, 'strength 1'], rows
 
 
@@ -243,10 +242,8 @@ def _cell(found: Mapping[str, Any]) -> str:
 
 def _typical(effect: str) -> str:
     # The parameters of the effect at strength 1.
-    kind = registry().get(effect)
-    if kind is None:
-        return ''
-    values = [p for p in kind.parameters() if p.name not in ('strength', 'uptime') and p.default]
+    parameters = registry()[effect].parameters()
+    values = [p for p in parameters if p.name not in ('strength', 'uptime') and p.default]
     return ', '.join(f'{p.name} {p.default:g} {p.unit}'.strip() for p in values)
 
 
