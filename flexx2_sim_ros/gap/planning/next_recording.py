@@ -154,13 +154,12 @@ def _suggestion(
     new: Sequence[Possible], known: DiagnosedRecordings, mapped: Map, progress: Progress
 ) -> tuple[Sequence[Possible], Mapping[str, float]]:
     # The first set-up if that is enough, otherwise the best pair of the first few.
-    sets: list[Sequence[Possible]] = [new[:1]]
-    if new[0].expected['right'] < _ENOUGH and len(new) > 1:
-        sets = list(combinations(new[:_COMBINED], 2))
+    if new[0].expected['right'] >= _ENOUGH or len(new) == 1:
+        return new[:1], new[0].expected
+    sets = list(combinations(new[:_COMBINED], 2))
     step = stepper(progress, 'combining recordings', 0.8, 0.2, len(sets))
     expected = mapped(bind(_together, known=known), sets, step)
-    best = min(range(len(sets)), key=lambda i: _order(expected[i]))
-    return sets[best], expected[best]
+    return min(zip(sets, expected, strict=True), key=lambda pair: _order(pair[1]))
 
 
 def _known(
