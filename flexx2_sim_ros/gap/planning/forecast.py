@@ -173,7 +173,10 @@ def what_is_known(before: DiagnosedRecordings) -> DiagnosedRecordings:
     decision = decide(model, candidates, absorbed=absorbed)
     standing = _explanations(model, decision, candidates)
     compared = _compared(candidates, standing, decision)
-    needed = _columns(before.simulations.columns, compared)
+    # The simulations that these candidates need.
+    every = [*compared, *(one.given for one in compared if one.given)]
+    names = {*nuisances().columns, *(name for one in every for name in one.columns)}
+    needed = [column for column in before.simulations.columns if column.name in names]
     own = [Column(one.name, one.effects, few=False) for one in standing if one.effects]
     index = [model.index[column.name] for column in needed]
     blank = np.zeros((len(own), SIZE), np.float32)
@@ -254,10 +257,3 @@ def _compared(
     chosen += [next(one for one in candidates if one.effect == name) for name in others]
     labels = {(one.effect, one.label) for one in chosen}
     return [one for one in candidates if (one.effect, one.label) in labels]
-
-
-def _columns(columns: Sequence[Column], candidates: Sequence[Candidate]) -> list[Column]:
-    # The simulations that these candidates need.
-    every = [*candidates, *(one.given for one in candidates if one.given)]
-    names = {*nuisances().columns, *(name for one in every for name in one.columns)}
-    return [column for column in columns if column.name in names]
