@@ -23,7 +23,7 @@ from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.report.check_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.report.text import short
-from flexx2_sim_ros.gap.work import find, noisier, portion, Progress, stepper
+from flexx2_sim_ros.gap.work import find, noisier, portion, Progress, Simulations, stepper
 from flexx2_sim_ros.jobs import bind, Map, workers
 import numpy as np
 
@@ -76,6 +76,7 @@ def check(
     effects = before.effects_to_check()
     given = {name: dict(one) for name, one in (before.known if known is None else known).items()}
     in_one_table(given_effects(given), effects)  # Refuses effects that are in both.
+    prior = tuple(np.repeat(before.pose_prior if pose_prior is None else pose_prior, 3))
     progress = progress or (lambda text, fraction: None)
     progress('looking for recordings', 0.0)
     folder = Path(fresh).absolute() if scheduler is not None else Path(fresh)
@@ -87,19 +88,16 @@ def check(
             found,
             left_out,
             effects,
-            profile=profile,
-            seed=seed,
-            prior=before.pose_prior if pose_prior is None else pose_prior,
-            held=before.pose_held if pose_prior is None else True,
-            mapped=mapped,
-            progress=portion(progress, 0.05, 0.6),
-            known=given,
+            Simulations(profile, (), seed, prior, given),
+            before.pose_held or pose_prior is not None,
+            mapped,
+            portion(progress, 0.05, 0.6),
         )
         noisy, own = noisier(fitted.found, profile, before.noise_factor)
         fixed = {'profile': own, 'effects': table_of(effects), 'seed': seed, 'known': given}
-        pairs = [(file, *both) for file, both in zip(noisy, fitted.motions(), strict=True)]
-        step = stepper(progress, 'measuring in physical units', 0.65, 0.33, len(pairs))
-        physical = mapped(bind(_physical, **fixed), pairs, step)
+        placed = list(zip(noisy, *fitted.motions(), strict=True))
+        step = stepper(progress, 'measuring in physical units', 0.65, 0.33, len(placed))
+        physical = mapped(bind(_physical, **fixed), placed, step)
     values = {'loss': fitted.losses()}
     values.update({unit: np.array([one[unit] for one in physical]) for unit in UNITS})
     least = {'loss': THRESHOLDS.gain, **tolerances(fitted.models[1])}

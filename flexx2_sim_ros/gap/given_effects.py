@@ -1,7 +1,7 @@
 """How much given effects reduce a gap; their parameters are not fitted."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -58,13 +58,10 @@ class FittedRecordings:
     models: tuple[Model, Model]
     fits: tuple[Fit, Fit]
 
-    def motions(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Return each recording's pose and planes without and with effects, as for `place`."""
-        without, with_effects = (
-            model.own.found(one.nuisances)
-            for model, one in zip(self.models, self.fits, strict=True)
-        )
-        return list(zip(without, with_effects, strict=True))
+    def motions(self) -> list[list[np.ndarray]]:
+        """Return the recordings' poses and planes without and with effects, as for `place`."""
+        pairs = zip(self.models, self.fits, strict=True)
+        return [model.own.found(one.nuisances) for model, one in pairs]
 
     def losses(self) -> np.ndarray:
         """
@@ -83,14 +80,10 @@ def fit_without_and_with(
     found: Sequence[Found],
     left_out: Sequence[tuple[str, str]],
     effects: tuple[Effect, ...],
-    *,
-    profile: Profile | None,
-    seed: int,
-    prior: tuple[float, float],
+    simulations: Simulations,
     held: bool,
     mapped: Map,
     progress: Progress,
-    known: Table | None = None,
 ) -> FittedRecordings:
     """
     Fit recordings without and with effects.
@@ -102,11 +95,11 @@ def fit_without_and_with(
     * `folder`, `left_out`: the campaign, and name and reason of each recording that was left out
       before; for errors.
     * `effects`: what is given. A pose error is where the poses of the recordings lie about.
-    * `prior`: standard deviations of pose errors, metres and degrees.
-    * `held`: whether they hold the poses; see `Model`.
-    * `known`: effects that the base simulator has: parameters by name.
+    * `simulations`: how they are simulated; columns and what is inside the camera follow from the
+      effects.
+    * `held`: whether the prior of the simulations holds the poses; see `Model`.
     """
-    deviation = np.repeat(prior, 3)
+    deviation = np.array(simulations.prior)
     table = table_of(effects)
     posed = table.pop(of_role('pose').name, None)
     shifting = _shift_surfaces(table)
@@ -123,10 +116,10 @@ def fit_without_and_with(
     def summaries(
         some: Sequence[Found], what: list[Column], given: Table
     ) -> tuple[list[Found], list[Evidence], list[tuple[str, str]]]:
-        simulations = Simulations(profile, what, seed, tuple(deviation), given, inside_of(effects))
-        return summarise_all(folder, some, left_out, simulations, mapped, step)
+        told = replace(simulations, columns=what, known=given, inside=inside_of(effects))
+        return summarise_all(folder, some, left_out, told, mapped, step)
 
-    known = known or {}
+    known = simulations.known or {}
     with_known = in_one_table(given_effects(known), shifting) if shifting else known
     used, after, unusable = summaries(found, more, with_known)
     if shifting:
@@ -196,6 +189,7 @@ def measure(
 
     """
     parsed = parse_effects(effects)
+    prior = tuple(np.repeat(pose_prior or USUAL, 3))
     with workers(jobs, None) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
         fitted = fit_without_and_with(
@@ -203,14 +197,12 @@ def measure(
             found,
             left_out,
             parsed,
-            profile=profile,
-            seed=seed,
-            prior=pose_prior or USUAL,
-            held=pose_prior is not None,
-            mapped=mapped,
-            progress=lambda text, fraction: None,
+            Simulations(profile, (), seed, prior),
+            pose_prior is not None,
+            mapped,
+            lambda text, fraction: None,
         )
-        motions = [after for _, after in fitted.motions()]
+        _, motions = fitted.motions()
         table = table_of(one for one in parsed if one.role != 'pose')
         tables = [table] * len(motions)
         work = bind(at_pose, look=confirm, profile=profile, seed=seed)
