@@ -12,7 +12,6 @@ from flexx2_sim_ros.gap.planning.power import compute, power, PowerRequest, ship
 from flexx2_sim_ros.gap.planning.scenes import card, PlannedScene, render, wall
 from flexx2_sim_ros.gap.planning.truths import KINDS, smaller, write_campaign
 from flexx2_sim_ros.recording.truth import read_truth
-from flexx2_sim_ros.truth.absorbed import absorbed
 from flexx2_sim_ros.truth.plane_file import Measured, read_planes
 import numpy as np
 import pytest
@@ -90,12 +89,6 @@ def test_a_plan_beyond_the_range_of_the_mode_is_refused(two, tmp_path):
     request = PowerRequest(plan, flexx2(), tmp_path, draws=2, kinds=KINDS[:1])
     with pytest.raises(InputError, match='--plan: must have recordings within the range of Mode'):
         compute(request, 'x', lambda text, share: None)
-
-
-@pytest.mark.parametrize('kind', [one for one in KINDS if one.never], ids=lambda one: one.name)
-def test_what_ground_truth_hides_is_never_planned_as_found(kind):
-    """Of `never` and the table that ``python -m bench.absorbed`` has measured."""
-    assert set(kind.never) == {name for name, part in absorbed(kind.name).items() if part >= 0.9}
 
 
 def test_shipped_table_says_what_made_it():

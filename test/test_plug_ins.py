@@ -270,7 +270,7 @@ def test_no_module_but_its_own_names_an_effect():
     Kernels of the batch are launched for the effects that they compute. Ground truth names the
     effects that it fits or takes away, and free forms the effects that they belong to.
     """
-    apart = 'batch/', 'truth/', 'gap/forms/', 'gap/planning/truths.py'
+    apart = 'batch/', 'truth/', 'gap/forms/'
     # The offset of a plane is no effect.
     own = {'patch.py': 'residual_patch', 'ray.py': 'along_ray', 'words.py': 'offset'}
     package = ROOT / 'flexx2_sim_ros'

@@ -32,6 +32,11 @@ def absorbed(kind: str) -> dict[str, float]:
     return {name: part for name, part in table[kind].items() if name in registry()}
 
 
+def mostly_hidden(kind: str) -> set[str]:
+    """Return the effects that a kind of ground truth takes nearly all of; none if not measured."""
+    return {name for name, part in _table().get(kind, {}).items() if part >= _HIDDEN}
+
+
 def never_decided(moving: bool, late: bool = False) -> list[dict[str, Any]]:
     """Return rows of ``cannot_decide`` for poses from the recordings; late: of a known clock."""
     rows = [_POSE, _TIME] if moving and not late else [_POSE]

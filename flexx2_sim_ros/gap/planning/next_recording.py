@@ -278,14 +278,14 @@ def _of_still_scene(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _look_out(possible: Possible, known: DiagnosedRecordings) -> Possible | str:
     # A recording with what is expected of it, or the reason why it cannot be used.
-    told, kind = known.simulations, possible.kind
+    told, never = known.simulations, possible.kind.never
     found = check(possible.path, told.profile)
     if not isinstance(found, Found):
         return found
     own = {one.name for one in known.standing if one.effects}
     columns = [
         # What the ground truth always hides shifts nothing.
-        replace(c, effects={k: v for k, v in c.effects.items() if k not in kind.never})
+        replace(c, effects={k: v for k, v in c.effects.items() if k not in never})
         if c.name in own
         else c
         for c in told.columns

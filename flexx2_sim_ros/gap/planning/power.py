@@ -232,9 +232,10 @@ def power(
     candidates = catalogue((), request.modulation)[1]
     draws = request.draws
     hidden = {one.effect for one in undecided(model, candidates) if one.confounded}
-    hidden |= set(kind.never)
+    never = kind.never
+    hidden |= never
     # As in the diagnosis, what the truth takes away wholly explains nothing.
-    candidates = [one for one in candidates if one.effect not in kind.never]
+    candidates = [one for one in candidates if one.effect not in never]
     if not model.own.posed.any():
         candidates = [one for one in candidates if one.kind.role != 'pose']
     if effect in hidden or not any(one.effect == effect for one in candidates):

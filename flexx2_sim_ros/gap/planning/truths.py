@@ -10,6 +10,7 @@ from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.data.given import given_effects, Table
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
 from flexx2_sim_ros.gap.planning.scenes import Panel, render
+from flexx2_sim_ros.truth.absorbed import mostly_hidden
 import numpy as np
 
 _SCAN_ERROR = 0.003  # metres: what `flexx2 gap truth` assumes where recordings do not show it
@@ -26,7 +27,6 @@ class TruthKind:
     * `pose`: whether the pose is known from registration, and surfaces from a scan.
     * `plane`: standard deviations of planes, if only planes are known: metres and radians.
     * `fitted`: whether the planes are fitted to the recording itself.
-    * `never`: effects that this kind of ground truth always hides.
     """
 
     name: str
@@ -34,7 +34,11 @@ class TruthKind:
     pose: bool = False
     plane: tuple[float, float] | None = None
     fitted: bool = False
-    never: tuple[str, ...] = ()
+
+    @property
+    def never(self) -> set[str]:
+        """Return the effects that this kind of ground truth always hides."""
+        return mostly_hidden(self.name)
 
     def suits(self, planned: PlannedRecording) -> bool:
         """Return whether a recording can have this ground truth; planes need a still scene."""
@@ -45,12 +49,7 @@ KINDS = (
     TruthKind(
         'exact', 'clean depth without errors, as of a simulated camera or of motion capture'
     ),
-    TruthKind(
-        'scan',
-        'flexx2 gap truth --scan, of a room known to 3 mm',
-        pose=True,
-        never=('pose_error', 'time_offset', 'stray_light', 'motion_artefact'),
-    ),
+    TruthKind('scan', 'flexx2 gap truth --scan, of a room known to 3 mm', pose=True),
     TruthKind(
         'tape',
         'planes, measured with a tape (3 mm) and a set square (0.3 degrees)',
@@ -61,15 +60,6 @@ KINDS = (
         'planes fitted to the recordings, nothing measured',
         plane=(_LOOSE[0], float(np.radians(_LOOSE[1]))),
         fitted=True,
-        never=(
-            'pose_error',
-            'intrinsics_error',
-            'multipath',
-            'amplitude_bias',
-            'offset',
-            'warm_up_drift',
-            'depth_scale',
-        ),
     ),
 )
 # Kinds of `flexx2 gap next` that the table of the plan does not have.
