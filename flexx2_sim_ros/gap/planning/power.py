@@ -147,7 +147,11 @@ def _of_kind(
     todo = [name for name in request.effects if name not in done]
     if todo:
         evidence, columns = _simulate(request, kind, mapped, progress)
-        work = bind(power, evidence=evidence, columns=columns, kind=kind, request=request)
+        model = Model(evidence, columns, np.repeat(USUAL, 3))
+        confounded = undecided(model, catalogue((), request.modulation)[1])
+        hidden = kind.never | {one.effect for one in confounded if one.confounded}
+        told = {'evidence': evidence, 'columns': columns, 'kind': kind, 'request': request}
+        work = bind(power, hidden=hidden, **told)
         for start in range(0, len(todo), 2 * request.jobs):
             progress(f'{kind.name}: deciding', 0.5 + 0.5 * start / len(todo))
             some = todo[start : start + 2 * request.jobs]
@@ -218,6 +222,7 @@ def power(
     effect: str,
     evidence: Sequence[Evidence],
     columns: Sequence[Column],
+    hidden: Set[str],
     kind: TruthKind,
     request: PowerRequest,
 ) -> dict[str, Any]:
@@ -226,14 +231,12 @@ def power(
 
     The effect is found if the diagnosis names it first, and no effect that the ground truth leaves
     undecided explains about as much. `evidence` has the recordings without effects, `columns` of
-    all effects at all strengths.
+    all effects at all strengths; `hidden` are the effects that the ground truth leaves undecided.
     """
     model = Model(evidence, columns, np.repeat(USUAL, 3))
     candidates = catalogue((), request.modulation)[1]
     draws = request.draws
-    hidden = {one.effect for one in undecided(model, candidates) if one.confounded}
     never = kind.never
-    hidden |= never
     # As in the diagnosis, what the truth takes away wholly explains nothing.
     candidates = [one for one in candidates if one.effect not in never]
     if not model.own.posed.any():
