@@ -74,7 +74,7 @@ def check(
         check_outputs('--out', out, FILES)
     before = read_diagnosis(Path(diagnosis))
     effects = before.effects_to_check()
-    given = {name: dict(one) for name, one in (before.known if known is None else known).items()}
+    given = before.known if known is None else known
     in_one_table(given_effects(given), effects)  # Refuses effects that are in both.
     prior = tuple(np.repeat(before.pose_prior if pose_prior is None else pose_prior, 3))
     progress = progress or (lambda text, fraction: None)

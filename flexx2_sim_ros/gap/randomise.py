@@ -73,11 +73,7 @@ def randomise(diagnosis: str | Path, out: str | Path | None = None) -> Randomise
         check_map_files(Path(out).parent, maps_of_draws(out))
     before = read_diagnosis(Path(diagnosis))
     # Numbers as they were fitted last; curves and maps have no distributions.
-    named = tuple(
-        typical if effect.forms else effect
-        for typical, effect in zip(before.typical_effects(), before.effects, strict=True)
-        if effect.role != 'pose'
-    )
+    named = tuple(one for one in before.typical_effects() if one.role != 'pose')
     held_out = _held_out(before, named)
     _check_form(named, held_out)
     given = parse_effects(before.known)

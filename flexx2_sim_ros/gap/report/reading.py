@@ -62,7 +62,7 @@ class Diagnosed:
 
     def typical_effects(self) -> tuple[Effect, ...]:
         """
-        Return `effects` in the form of the catalogue, those that the diagnosis calibrated as well.
+        Return `effects` with numbers alone: curves and maps in the form of the catalogue.
 
         Raises `InputError` when the calibration is not what a diagnosis writes.
         """
@@ -72,7 +72,7 @@ class Diagnosed:
         except (AttributeError, LookupError, TypeError, ValueError) as error:
             raise InputError(f'DIAGNOSIS: diagnosis.json: calibration: {error}') from error
         by_name = {one.name: one for one in typical}
-        return tuple(by_name.get(one.name, one) for one in self.effects)
+        return tuple(by_name.get(one.name, one) if one.forms else one for one in self.effects)
 
 
 def read_diagnosis(folder: Path) -> Diagnosed:
