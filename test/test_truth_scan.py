@@ -13,7 +13,7 @@ from flexx2_sim_ros.truth.alignment import (
     PosedImage,
     view_of,
 )
-from flexx2_sim_ros.truth.clean import Clean, KNOWN, render
+from flexx2_sim_ros.truth.clean import apart, Clean, KNOWN, render
 from flexx2_sim_ros.truth.from_room import roughness
 from flexx2_sim_ros.truth.joint import Solution, solve
 from flexx2_sim_ros.truth.observation import Observation, observe
@@ -38,6 +38,7 @@ from scans import (
     truth,
     WIDTH,
 )
+from scipy import ndimage
 import trimesh
 
 PHONE = {'deviceScaleFactor': 1, 'mobile': True}
@@ -177,6 +178,20 @@ def test_the_roughness_of_a_scan_is_seen_through_noise_and_bias(rng):
         seen = depth + 0.03 / length + bumps + noise * rng.standard_normal(depth.shape)
         found = roughness(clean, Observation(rays, seen, noise, ()))
         assert found == pytest.approx(scatter, abs=0.0005)
+
+
+def test_noise_that_neighbours_share_is_no_other_thing(rng):
+    """Assert it for a noisy camera with a filter, and a box that is nearer than noise makes it."""
+    rays, flat = np.zeros((60, 80, 2)), np.full((60, 80), 3.0)
+    known = np.full(flat.shape, KNOWN, np.uint8)
+    noise = ndimage.gaussian_filter(rng.standard_normal(flat.shape), 2)
+    depth = flat + 0.1 * noise / noise.std()
+    depth[20:40, 20:40] -= 1.2
+    sigma = np.full(flat.shape, 0.1)
+    found = apart(Clean(flat, flat, None, known, sigma), Observation(rays, depth, sigma, ()))
+    assert (found[22:38, 22:38] == -1).all()
+    found[18:42, 18:42] = 0
+    assert not found.any()
 
 
 def test_a_campaign_is_written_with_what_is_known_of_it(tmp_path, plain, rng, capsys):

@@ -26,15 +26,15 @@ def absorbed(kind: str) -> dict[str, float]:
 
     `kind` is ``scan``; ``single`` (a scan, recordings registered one by one); ``tape`` or
     ``planes`` (planes with and without measured distances). Effects that hardly change mean depth
-    are left out.
+    are left out; of another kind, nothing was measured.
     """
     table = read_section(config_dir() / 'absorbed.yaml', 'absorbed', dict)
-    return {name: part for name, part in table[kind].items() if name in registry()}
+    return {name: part for name, part in table.get(kind, {}).items() if name in registry()}
 
 
 def mostly_hidden(kind: str) -> set[str]:
     """Return the effects that a kind of ground truth takes nearly all of; none if not measured."""
-    return {name for name, part in _table().get(kind, {}).items() if part >= _HIDDEN}
+    return {name for name, part in absorbed(kind).items() if part >= _HIDDEN}
 
 
 def never_decided(moving: bool, late: bool = False) -> list[dict[str, Any]]:

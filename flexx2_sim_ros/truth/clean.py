@@ -18,7 +18,7 @@ _STEEPEST = 0.05  # of the product of normal and ray: a surface along the ray is
 _STEP = 0.03  # fraction of depth: a jump between neighbouring pixels
 # At least 5 x 5 pixels that differ by this much, and wraps do not explain it, are another thing if
 # they are nearer. Nothing is seen through a surface: what is farther is an error.
-_STRANGE, _PATCH = 0.15, 2
+_STRANGE, _STRANGE_NOISE, _PATCH = 0.15, 6.0, 2
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def apart(clean: Clean, image: Observation) -> np.ndarray:
     out = np.zeros(error.shape, np.int8)
     for sign in (-1, 1):
         with np.errstate(invalid='ignore'):
-            far = sign * error > _STRANGE
+            far = sign * error > _STRANGE + _STRANGE_NOISE * image.sigma
         out[grow(~grow(~far, _PATCH), _PATCH) & far] = sign
     return out
 
