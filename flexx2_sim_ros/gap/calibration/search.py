@@ -30,11 +30,12 @@ class Search:
         1.15, 'factor', 'on what harmonics of the profile explain of them', BENCH
     )
     wave_agrees: float = constant(0.85, 'fraction', 'of the recordings that these improve', BENCH)
-    line_errors: float = constant(
-        6.0,
-        'standard errors',
-        'of a constant bias and of a depth scale',
-        'test_gap_search.py and by hand: 8 or more of these causes, 5.3 of a wrong lens',
+    line_chance: float = constant(
+        5e-4,
+        'probability',
+        'that scatter alone makes a constant bias, or a depth scale, as large (Student)',
+        'test_gap_search.py and by hand: 6 standard errors of eight recordings; 8 or more of '
+        'these causes, 5.3 of a wrong lens',
     )
     latencies: tuple[float, float, float] = constant((-0.2, 0.4, 0.01), 's', 'that are tried')
     latency_gains: float = constant(

@@ -15,6 +15,7 @@ from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.physics.frame_state import SPEED_OF_LIGHT
 from flexx2_sim_ros.profiles.modes import Mode
 import numpy as np
+from scipy import stats
 
 Found = Mapping[str, tuple[float, ...]]
 # Reciprocal periods, 1/m, and weights of the waves that a harmonic is made of.
@@ -60,21 +61,20 @@ def wave(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
 
 
 def constant(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
-    """Find a bias that is the same at all distances, metres; empty if it is within its error."""
-    (value, _), (error, _) = _line(clues)
-    least = max(GROUND_TRUTH.usual[0], SEARCH.line_errors * error)
-    return (value,) if abs(value) > least else ()
+    """Find a bias that is the same at all distances, metres; empty if poses or chance make it."""
+    (value, _), (chance, _) = _line(clues)
+    return (value,) if abs(value) > max(GROUND_TRUTH.usual[0], chance) else ()
 
 
 def stretch(clues: Sequence[Clues], mode: Mode) -> tuple[float, ...]:
-    """Find a bias in proportion to distance, as a fraction; empty if it is within its error."""
-    (_, value), (_, error) = _line(clues)
-    return (value,) if abs(value) > SEARCH.line_errors * error else ()
+    """Find a bias in proportion to distance, as a fraction; empty if chance makes it."""
+    (_, value), (_, chance) = _line(clues)
+    return (value,) if abs(value) > chance else ()
 
 
 def _line(clues: Sequence[Clues]) -> np.ndarray:
     # A constant, metres, and a fraction of the depth, fitted beside the pose of each recording;
-    # and their errors (jackknife).
+    # and what chance makes of them, by their scatter over recordings (jackknife).
     own = [i for i in range(clues[0].own.shape[1]) if i not in (RANGE, LINE)]
     parts = _parts(clues, own)
     if len(parts) < 2:
@@ -84,7 +84,8 @@ def _line(clues: Sequence[Clues]) -> np.ndarray:
     ridge = SEARCH.ridge * np.diag(np.diag(normal))
     values = np.linalg.solve(normal + ridge, right)
     without = [np.linalg.solve(normal - n + ridge, right - r) for n, r in each]
-    return np.array([values, np.sqrt(len(parts) - 1) * np.std(without, axis=0)])
+    errors = np.sqrt(len(parts) - 1) * np.std(without, axis=0)
+    return np.array([values, stats.t.isf(SEARCH.line_chance / 2, len(parts) - 1) * errors])
 
 
 def inside_of(effects: Iterable[Effect]) -> Found:
