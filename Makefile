@@ -89,7 +89,7 @@ ifneq ($(MACHINE),x86_64)
 	"install ROS 2 Jazzy in $(JAZZY), or source your own, and run make again." >&2; exit 1; }
 	@echo "There are no wheels of ROS 2 for $(MACHINE): uses the one in $${AMENT_PREFIX_PATH%%:*}."
 endif
-	@echo "Making .venv with $$($(PYTHON) --version): downloads about 450 MB, needs 1.6 GB" \
+	@echo "Making .venv with $$($(PYTHON) --version): downloads about 650 MB, needs 2.2 GB" \
 	"of disk and takes two to four minutes ..."
 	$(PYTHON) -m venv --clear .venv
 	@touch .venv/COLCON_IGNORE
