@@ -250,6 +250,12 @@ def test_the_headline_promises_no_more_than_was_measured(names, shrink, by, said
     assert said in headline(identified(*names, shrink=shrink, measured_by=by, **gap))
 
 
+@pytest.mark.parametrize(('shrink', 'said'), [(0.6, 'remains.'), (0.9, 'may remain.')])
+def test_the_little_that_is_left_is_not_said_to_have_a_cause(shrink, said):
+    partly = identified('offset', shrink=shrink) | {'verdict': 'partly'}
+    assert headline(partly).endswith(f' Another cause {said}')
+
+
 @pytest.mark.parametrize(
     ('names', 'shrink', 'fitted', 'by', 'larger'),
     [

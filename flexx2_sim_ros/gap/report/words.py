@@ -133,9 +133,9 @@ def headline(table: dict[str, Any]) -> str:
         return _HEADLINES[verdict].format(hidden=_names(hidden), nearest=_names(nearest))
     rest = ''
     if verdict == 'partly':
-        # What a typical form leaves may be the form's own fault.
-        sure = 'may remain' if calibrations(table, taken=True) else 'remains'
-        rest = f' Another cause {sure}.'
+        # The little that is left, or what a typical form leaves, may be the form's own fault.
+        most = gap['shrink'] >= THRESHOLDS.identified or calibrations(table, taken=True)
+        rest = f' Another cause {"may remain" if most else "remains"}.'
     if blames_poses(table):
         return f'The poses of the cameras are wrong: correct them first.{rest}'
     simulated = camera_effects(table)
