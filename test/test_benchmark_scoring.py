@@ -92,7 +92,7 @@ def test_many_effects_are_weighed_by_what_they_contribute():
     assert rows['many effects: wrong names a camera'][1] == '1.000 (1)'
     assert rows['many effects: depth error in mm grows'][2] == 'NO'
     unsure = answer('many', dict.fromkeys(true, 1.0), said('unknown', ('offset',)), true)
-    assert (unsure.recall, unsure.wrong_names) == (0, 0)
+    assert (unsure.recall, unsure.wrong_names, unsure.delivered) == (0, 0, 0)
     assert math.isnan(unsure.order)
 
 

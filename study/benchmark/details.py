@@ -56,7 +56,7 @@ def together(scores: Scores) -> Sheet:
                 f'{len(some)}',
                 *(
                     mean([getattr(a, name) for a in some]).split(' ')[0]
-                    for name in ('recall', 'wrong_names', 'predicted', 'realised')
+                    for name in ('recall', 'wrong_names', 'predicted', 'delivered')
                 ),
                 mean([a.prediction_error for a in some]).split(' ')[0],
                 f'{held}/{checked}',

@@ -199,7 +199,7 @@ def _many_goals(scores: Scores) -> list[_Goal | _Number]:
             _Number(
                 f'{count} effects: realised reduction, median',
                 f'>= {gone}',
-                known([a.realised for a in some]),
+                [a.delivered for a in some],
                 np.median,
                 _least(gone),
             ),

@@ -107,6 +107,11 @@ class Answer:
         return recall(self.contributions, self.effects if self.verdict in SAID else ())
 
     @property
+    def delivered(self) -> float:
+        """Return the realised reduction; 0 where none was measured, as nothing was named."""
+        return 0.0 if math.isnan(self.realised) else self.realised
+
+    @property
     def wrong_names(self) -> int:
         """Return how many effects are named that the camera does not have."""
         return len(set(self.effects) - self.truth) if self.verdict in SAID else 0
