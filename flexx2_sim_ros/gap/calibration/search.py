@@ -34,8 +34,7 @@ class Search:
         5e-4,
         'probability',
         'that scatter alone makes a constant bias, or a depth scale, as large (Student)',
-        'test_gap_search.py and by hand: 6 standard errors of eight recordings; 8 or more of '
-        'these causes, 5.3 of a wrong lens',
+        'test_gap_search.py: a wrong lens is not taken for it, and 1 % is found',
     )
     latencies: tuple[float, float, float] = constant((-0.2, 0.4, 0.01), 's', 'that are tried')
     latency_gains: float = constant(
