@@ -1,5 +1,7 @@
 """The traffic of camera nodes that are measured: their input, and what comes back."""
 
+from pathlib import Path
+import re
 import time
 
 from bench.scenes import room
@@ -10,6 +12,10 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CameraInfo, Image
 
+_START_SECONDS = 180.0  # on a busy machine
+# A node may ask for another quality of service once it knows a publisher.
+_SETTLE_SECONDS = 2.0
+
 
 class Traffic:
     """
@@ -17,6 +23,8 @@ class Traffic:
 
     * `cameras`: namespaces of the nodes
     * `rate`: images a second for each
+    * `node`: the node that does both
+    * `sent`: number of images that were published to each camera
     * `stamps`: stamps of the received images, nanoseconds
     * `latencies`: from publishing the input to receiving the image, seconds
     """
@@ -24,19 +32,20 @@ class Traffic:
     def __init__(self, cameras, rate):
         """Create publishers and subscriptions."""
         self._cameras, self._rate = cameras, rate
+        self.sent = 0
         self.stamps = {name: [] for name in cameras}
         self.latencies = []
-        self._sent = {}
-        self._node = rclpy.create_node('bench')
+        self._times = {}
+        self.node = rclpy.create_node('bench')
         self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
+        self._executor.add_node(self.node)
         self._inputs = {}
         for name in cameras:
             self._inputs[name] = (
-                self._node.create_publisher(CameraInfo, f'/{name}/clean/camera_info', 10),
-                self._node.create_publisher(Image, f'/{name}/clean/depth_image', 10),
+                self.node.create_publisher(CameraInfo, f'/{name}/clean/camera_info', 10),
+                self.node.create_publisher(Image, f'/{name}/clean/depth_image', 10),
             )
-            self._node.create_subscription(
+            self.node.create_subscription(
                 Image,
                 f'/{name}/flexx2_camera/depth_image_0',
                 lambda message, name=name: self._receive(name, message),
@@ -45,7 +54,7 @@ class Traffic:
 
     def _receive(self, name, message):
         stamp = stamp_nanoseconds(message.header.stamp)
-        self.latencies.append(time.perf_counter() - self._sent[name, stamp])
+        self.latencies.append(time.perf_counter() - self._times.pop((name, stamp)))
         self.stamps[name].append(stamp)
 
     def _matched(self):
@@ -54,30 +63,46 @@ class Traffic:
             for pair in self._inputs.values()
             for publisher in pair
         ) and all(
-            self._node.count_publishers(f'/{name}/flexx2_camera/depth_image_0')
+            self.node.count_publishers(f'/{name}/flexx2_camera/depth_image_0')
             for name in self._cameras
         )
 
-    def wait_for_nodes(self):
-        """Wait until all publishers and subscriptions are matched, at most a minute."""
-        deadline = time.monotonic() + 60
-        while not self._matched() and time.monotonic() < deadline:
+    def spin_until(self, condition, seconds):
+        """Handle messages until a condition is met, for so many seconds at most."""
+        deadline = time.monotonic() + seconds
+        while not condition() and time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=0.1)
+
+    def wait_for_nodes(self):
+        """Wait until all publishers and subscriptions are matched, at most three minutes."""
+        self.spin_until(self._matched, _START_SECONDS)
+        self.spin_until(lambda: False, _SETTLE_SECONDS)
 
     def feed(self, frames):
         """Publish this many images to each camera and receive theirs."""
         intrinsics, scene = flexx2().intrinsics, room()
-        start = time.perf_counter()
-        for tick in range(1, frames + 1):
-            while (left := start + tick / self._rate - time.perf_counter()) > 0:
+        due = time.perf_counter()
+        for _ in range(frames):
+            while (left := due - time.perf_counter()) > 0:
                 self._executor.spin_once(timeout_sec=left)
-            stamp = tick * 10**9 // self._rate
+            # What is late is not made up for: bursts do not fit into the queues.
+            due = max(due + 1 / self._rate, time.perf_counter())
+            self.sent += 1
+            stamp = self.sent * 10**9 // self._rate
             for name, (info, image) in self._inputs.items():
                 head = messages.header(stamp, 'camera')
                 message = messages.image_message(head, scene, '32FC1')
-                self._sent[name, stamp] = time.perf_counter()
+                self._times[name, stamp] = time.perf_counter()
                 info.publish(messages.camera_info_message(head, intrinsics))
                 image.publish(message)
-        deadline = time.monotonic() + 2
-        while len(self.latencies) < len(self._cameras) * frames and time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=0.05)
+        expected = len(self._cameras) * self.sent
+        self.spin_until(lambda: len(self.latencies) >= expected, 2.0)
+
+
+def megabytes(pid):
+    """Return the memory of a process, MB, NaN when it has ended; what several share is divided."""
+    try:
+        text = Path(f'/proc/{pid}/smaps_rollup').read_text()
+    except OSError:
+        return float('nan')
+    return sum(map(int, re.findall(r'^Pss:\s+(\d+)', text, re.M))) / 1024

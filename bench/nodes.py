@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 import os
 from pathlib import Path
-import re
-import signal
-import subprocess
-import sys
+import tempfile
 import time
 
+from flexx2_sim_ros.cli.ros import nodes
 import numpy as np
 
 _CAMERAS = ('left', 'right')
@@ -40,21 +38,15 @@ def run(seconds=20):
 
 def _run(groups, seconds):
     # Each group of cameras in a process of its own.
-    node = [sys.executable, '-m', 'flexx2_sim_ros.nodes.flexx2_camera']
     options = ['--ros-args', '-p', 'usecase:=Mode_5_60fps', '--log-level', 'warn']
-    processes = [subprocess.Popen([*node, *names, *options]) for names in groups]
-    try:
-        return _measure(processes, seconds)
-    finally:
-        for process in processes:
-            process.send_signal(signal.SIGTERM)
-        for process in processes:
-            process.wait(10)
+    commands = {'_'.join(names): ['flexx2_camera', *names, *options] for names in groups}
+    with tempfile.TemporaryDirectory() as folder, nodes(commands, Path(folder)) as processes:
+        return _measure(list(processes.values()), seconds)
 
 
 def _measure(processes, seconds):
     # ROS is imported where it is needed: other measurements run without it.
-    from bench.node_traffic import Traffic
+    from bench.node_traffic import megabytes, Traffic
     import rclpy
 
     def used():
@@ -97,9 +89,3 @@ def cpu_seconds(pid):
     """Return the CPU time that a process has used."""
     fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-
-def megabytes(pid):
-    """Return the memory of a process, MB; what several share is divided among them."""
-    text = Path(f'/proc/{pid}/smaps_rollup').read_text()
-    return sum(map(int, re.findall(r'^Pss:\s+(\d+)', text, re.M))) / 1024

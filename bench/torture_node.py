@@ -4,18 +4,15 @@ A camera node in a separate process that gets hostile messages and parameter cal
 ``python -m bench.torture_node [MESSAGES [SEED]]``
 """
 
-from contextlib import contextmanager
 import os
 from pathlib import Path
 import random
-import subprocess
 import sys
 import tempfile
 import time
 
-from bench.soak import resident_mb
+from flexx2_sim_ros.cli.ros import camera_command, nodes
 from flexx2_sim_ros.effects import registry
-from flexx2_sim_ros.processes import watched_environment
 from flexx2_sim_ros.profiles.modes import flexx2
 import numpy as np
 
@@ -63,46 +60,20 @@ def run(messages=100_000, seed=0):
     Send a node hostile messages, every third one a parameter call, and a good image every 100.
 
     Returns ``sent`` messages, ``calls`` of parameter services among them and how many were
-    ``answered``, ``received`` images, ``alive`` (whether the node still publishes),
-    ``resident_mb`` at the start and after each tenth, ``resident_growth_mb`` (after the first
-    fifth), ``tracebacks`` in the node's log, and ``seconds``.
+    ``answered``, ``received`` images, ``alive`` (whether the node still publishes), ``megabytes``
+    at the start and after each tenth, ``growth_mb`` (after the first fifth), ``tracebacks`` in the
+    node's log, and ``seconds``.
     """
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
-    with tempfile.TemporaryDirectory() as folder, _node(Path(folder)) as (process, log):
-        result = _torture(process, Path(folder), messages, random.Random(seed))
-        result['tracebacks'] = log.read_text(errors='replace').count('Traceback')
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        with nodes({'node': camera_command('torture')}, folder) as processes:
+            result = _torture(processes['node'], folder, messages, random.Random(seed))
+        log = (folder / 'node.log').read_text(errors='replace')
+    result['tracebacks'] = log.count('Traceback')
     for name, value in result.items():
         print(f'{name:20s} {value}')
     return result
-
-
-@contextmanager
-def _node(folder):
-    log = folder / 'node.log'
-    with log.open('wb') as file:
-        process = subprocess.Popen(
-            [
-                sys.executable,
-                '-m',
-                'flexx2_sim_ros.nodes.flexx2_camera',
-                '--ros-args',
-                '-r',
-                '__ns:=/torture',
-            ],
-            env=watched_environment(),
-            stdin=subprocess.PIPE,
-            stdout=file,
-            stderr=subprocess.STDOUT,
-        )
-    try:
-        yield process, log
-    finally:
-        process.terminate()
-        try:
-            process.wait(30)
-        except subprocess.TimeoutExpired:  # The node is frozen; the result says so.
-            process.kill()
-            process.wait()
 
 
 class _User:
@@ -185,6 +156,7 @@ class _User:
 
 
 def _torture(process, folder, messages, rng):
+    from bench.node_traffic import megabytes
     import rclpy
 
     for name, text in _FILES.items():
@@ -193,24 +165,24 @@ def _torture(process, folder, messages, rng):
     rclpy.init(args=[])
     user = _User(process)
     try:
-        start, sent, resident = time.monotonic(), 0, [resident_mb(process.pid)]
+        start, sent, used = time.monotonic(), 0, [megabytes(process.pid)]
         answers = any(user.ready() for _ in range(3))  # Starting takes long on a busy machine.
         while answers and sent < messages:
             user.send(sent, rng, str(folder))
             sent += 1
             answers = user.all_answered(_WAITING)
-            if sent >= len(resident) * messages / _PARTS:
-                resident.append(resident_mb(process.pid))
+            if sent >= len(used) * messages / _PARTS:
+                used.append(megabytes(process.pid))
         user.all_answered(0)
-        grown = resident[-1] - resident[min(_WARM_UP, len(resident) - 1)]
+        grown = used[-1] - used[min(_WARM_UP, len(used) - 1)]
         return {
             'sent': sent,
             'calls': user.calls,
             'answered': user.answered,
             'received': user.received,
             'alive': user.still_publishes(),
-            'resident_mb': [round(value, 1) for value in resident],
-            'resident_growth_mb': round(grown, 1),
+            'megabytes': [round(value, 1) for value in used],
+            'growth_mb': round(grown, 1),
             'seconds': round(time.monotonic() - start, 1),
         }
     finally:
