@@ -24,7 +24,7 @@ import numpy as np
 MARK = 'FLEXX2_TORTURE'
 _PATIENCE = 30.0  # seconds until children have ended
 _SHARE_KILLED = 0.5  # the others get SIGINT or SIGTERM
-_WRONG = ('orphans', 'damaged', 'leftovers', 'loud')
+WRONG = ('orphans', 'damaged', 'leftovers', 'loud')
 _QUIET = ('Traceback', 'Exception', 'Error', 'Warning')
 
 
@@ -40,9 +40,9 @@ def _whole_png(path):
 
 
 # Command, seconds until it has started everything, and a check of each output.
-_COMMANDS = {
+COMMANDS = {
     'simulate': (
-        ('simulate', 'campaign/a.npz', 'out.npz', '--frames', '4000'),
+        ('simulate', 'campaign/a.npz', 'out.npz', '--frames', '200000'),
         4,
         {'out.npz': _whole_archive},
     ),
@@ -95,31 +95,32 @@ def run(kills=240, seed=0, out=FOLDER):
     journal = Journal(out / 'kills.jsonl', seed=seed)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        _write_inputs(folder, seed)
+        write_inputs(folder)
         for index in range(len(journal), kills):
             rng = random.Random(f'{seed} {index}')
-            command = list(_COMMANDS)[index % len(_COMMANDS)]
+            command = list(COMMANDS)[index % len(COMMANDS)]
             number = (
                 signal.SIGKILL
                 if rng.random() < _SHARE_KILLED
                 else rng.choice((signal.SIGINT, signal.SIGTERM))
             )
-            journal.add(_kill_one(folder, command, number, rng.random()))
+            journal.add(kill_one(folder, command, number, rng.random()))
     entries = list(journal)[:kills]
     result = {
         'kills': len(entries),
         'by_command': dict(Counter(entry['command'] for entry in entries)),
         'by_signal': dict(Counter(entry['signal'] for entry in entries)),
         'finished': sum(entry['finished'] for entry in entries),
-        **{name: [text for entry in entries for text in entry[name]] for name in _WRONG},
+        **{name: [text for entry in entries for text in entry[name]] for name in WRONG},
     }
     for key, value in result.items():
         print(f'{key:12s} {value}')
     return result
 
 
-def _write_inputs(folder, seed):
-    rng = np.random.default_rng(seed)
+def write_inputs(folder):
+    """Write what the commands read: a campaign of two recordings, and a long recording."""
+    rng = np.random.default_rng(1)
     clean = np.full((43, 56), 1.5, np.float32)
     matrix = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
     (folder / 'campaign').mkdir()
@@ -135,8 +136,14 @@ def _write_inputs(folder, seed):
         )
 
 
-def _kill_one(folder, command, number, moment):
-    words, seconds, checks = _COMMANDS[command]
+def kill_one(folder, command, number, moment):
+    """
+    Start a command of `COMMANDS`, and send it a signal.
+
+    `moment` is when, as a part of the time until it has started everything, after it handles
+    signals. Returns the journal's entry: lists of what was wrong, by the names in `WRONG`.
+    """
+    words, seconds, checks = COMMANDS[command]
     for path in folder.glob('out*'):
         shutil.rmtree(path) if path.is_dir() else path.unlink()
     scratch = folder / 'tmp'
@@ -144,7 +151,7 @@ def _kill_one(folder, command, number, moment):
     env = {**os.environ, MARK: str(folder), 'TMPDIR': str(scratch)}
     name = signal.Signals(number).name
     said = f'{command}, {name} after {moment * seconds:.2f} s'
-    result = {'command': command, 'signal': name, **{key: [] for key in _WRONG}}
+    result = {'command': command, 'signal': name, **{key: [] for key in WRONG}}
     with subprocess.Popen(
         [sys.executable, '-m', 'flexx2_sim_ros.cli.main', *words],
         env=env,

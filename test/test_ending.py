@@ -2,14 +2,10 @@
 
 from contextlib import suppress
 import os
-import random
 import signal
 import subprocess
-import time
 
-from bench.torture_kill import family, handles_signals, MARK
-from campaigns import save
-import numpy as np
+from bench.torture_kill import COMMANDS, family, kill_one, MARK, write_inputs, WRONG
 from programs import flexx2_words, PATIENCE, run_python, starting, until
 import pytest
 
@@ -26,58 +22,27 @@ def start(tmp_path):
             os.kill(pid, signal.SIGKILL)
 
 
-def leftovers(folder):
-    """Return scratch files and whatever lies in the folder for temporary files."""
-    return [*folder.rglob('.flexx2-*'), *(folder / 'tmp').iterdir()]
-
-
-@pytest.fixture
-def campaign(tmp_path):
-    """Return a folder with two scenes, one of them long."""
-    folder = tmp_path / 'campaign'
-    folder.mkdir()
-    clean = np.full((43, 56), 1.5, np.float32)
-    matrix = np.array([[52.0, 0.0, 27.5], [0.0, 53.0, 21.0], [0.0, 0.0, 1.0]])
-    depth = clean + np.random.default_rng(1).normal(0, 0.003, (40, 43, 56)).astype('f4')
-    for name in ('a', 'b'):
-        save(folder / f'{name}.npz', depth, clean, matrix)
-    return folder
-
-
-COMMANDS = {
-    'simulate': ('simulate', 'campaign/a.npz', 'out.npz', '--frames', '200000'),
-    'diagnose': ('gap', 'diagnose', 'campaign', '--out', 'out', '--jobs', '2'),
-    'capture': ('characterize', 'capture', 'out', '--jobs', '2', '--frames', '3000'),
-    'fit': ('characterize', 'fit', 'campaign', '--out', 'out', '--jobs', '2'),
-}
-
-
 @pytest.mark.parametrize(
-    ('name', 'number', 'seconds'),
+    ('name', 'number', 'moment'),
     [
         ('simulate', signal.SIGINT, 0.0),
-        ('simulate', signal.SIGTERM, 2.0),
+        ('simulate', signal.SIGTERM, 0.3),
         ('diagnose', signal.SIGTERM, 0.0),
-        ('capture', signal.SIGTERM, 2.0),
+        ('capture', signal.SIGTERM, 0.2),
     ],
 )
-def test_a_signal(tmp_path, start, campaign, name, number, seconds):
+def test_a_signal(tmp_path, name, number, moment):
     """Assert 130 and 143, silence, no leftovers and no processes, however early it comes."""
-    process = start(*COMMANDS[name])
-    until(lambda: handles_signals(process.pid), 'the command does not handle signals')
-    time.sleep(seconds * random.Random(f'{name} {number}').random())
-    process.send_signal(number)
-    _, err = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 128 + number, err
-    for word in ('Traceback', 'Exception', 'Warning', 'Error'):
-        assert word not in err, err
-    until(lambda: not family(tmp_path), 'a worker outlives its command')
-    assert leftovers(tmp_path) == []
+    write_inputs(tmp_path)
+    found = kill_one(tmp_path, name, number, moment)
+    assert not found['finished']
+    assert not any(found[key] for key in WRONG), found
 
 
 @pytest.mark.parametrize('name', ['fit', 'diagnose'])
-def test_workers_end_with_a_killed_command(tmp_path, start, campaign, name):
-    process = start(*COMMANDS[name])
+def test_workers_end_with_a_killed_command(tmp_path, start, name):
+    write_inputs(tmp_path)
+    process = start(*COMMANDS[name][0])
     # The command, its resource tracker and its workers; a diagnosis is one of its jobs itself.
     wanted = 3 if name == 'diagnose' else 4
     until(
