@@ -27,7 +27,6 @@ _LONG = {
     'torture_node': {'messages': 300},
     'torture_files': {'files': 5},
     'torture_kill': {'kills': 1},
-    'torture_record': {'kills': 1},
     'soak': {'minutes': 0.1},
 }
 

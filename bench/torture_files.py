@@ -5,25 +5,23 @@ Damaged and hostile files through every command that reads them.
 """
 
 from collections import Counter
-from concurrent.futures import as_completed, ProcessPoolExecutor
+from concurrent.futures import as_completed
 from contextlib import redirect_stderr, redirect_stdout
 import io
-import multiprocessing
-import os
 from pathlib import Path
-import resource
 import shutil
 import signal
 import sys
 import tempfile
-import threading
 import time
 import traceback
 import zipfile
 
 from bench.journal import FOLDER, Journal
+from bench.timing import peak_megabytes
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.processes import workers
 from flexx2_sim_ros.recording import load_recording
 import numpy as np
 
@@ -31,8 +29,9 @@ sys.path.insert(0, str(Path(__file__).parent.parent / 'test'))
 
 from made_bags import every_kind, unlike  # noqa: E402, I100
 
-# A command with more CPU time than this hangs. Waiting may be due to a busy machine.
-_HANG_SECONDS = 20
+# A command with more CPU time than this hangs; the first ones of a process import and compile.
+# Waiting may be due to a busy machine.
+_HANG_SECONDS = 40
 _WAIT_SECONDS = 120
 _BAD = ('traceback', 'hang', 'wrong')
 # Small recordings are fast to read, and damage is more often in their structure.
@@ -158,19 +157,7 @@ def _one(task):
         folder = Path(name)
         path = folder / 'files' / kinds[kind].name
         path.parent.mkdir()
-        hostile = path.suffix == '.npz' and rng.random() < 0.3
-        if hostile:
-            _hostile(path, kinds[kind], rng)
-        else:
-            file = path
-            if kinds[kind].is_dir():
-                shutil.copytree(kinds[kind], path)
-                file = sorted(path.iterdir())[int(rng.integers(2))]
-            else:
-                shutil.copyfile(kinds[kind], path)
-            data = bytearray(file.read_bytes())
-            _DAMAGES[int(rng.integers(len(_DAMAGES)))](data, rng)
-            file.write_bytes(data)
+        hostile = _damage(path, kinds[kind], rng)
         words = _words(index, kind, path, kinds['stored'], folder)
         begun, before = time.monotonic(), time.process_time()
         outcome, text = _call(words)
@@ -188,11 +175,28 @@ def _one(task):
         'command': command,
         'seconds': round(took, 2),
         'computing': round(computed, 2),
-        'megabytes': round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000, 1),
+        'megabytes': round(peak_megabytes(), 1),
     }
     if outcome in _BAD:
         entry['text'] = f'{index} {kind} {" ".join(words)}: {text}'
     return entry
+
+
+def _damage(path, whole, rng):
+    # Write a damaged copy of a file or folder; return whether it was written on purpose.
+    if path.suffix == '.npz' and rng.random() < 0.3:
+        _hostile(path, whole, rng)
+        return True
+    file = path
+    if whole.is_dir():
+        shutil.copytree(whole, path)
+        file = sorted(path.iterdir())[int(rng.integers(2))]
+    else:
+        shutil.copyfile(whole, path)
+    data = bytearray(file.read_bytes())
+    _DAMAGES[int(rng.integers(len(_DAMAGES)))](data, rng)
+    file.write_bytes(data)
+    return False
 
 
 def _call(words):
@@ -212,34 +216,6 @@ def _call(words):
     return outcome, said.getvalue()
 
 
-def _end_with(parent):
-    # Forked processes keep each other's pipes open, so a pipe does not show that the parent ended.
-    def watch():
-        while os.getppid() == parent:
-            time.sleep(0.5)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _warm(kinds):
-    # What the commands import, and compile, counts for no file. No `replay`: what it starts does
-    # not survive a fork.
-    with tempfile.TemporaryDirectory() as name:
-        for index, words in enumerate(
-            (
-                ['convert', str(kinds['stored']), f'{name}/a.mcap'],
-                ['convert', str(kinds['db3']), f'{name}/b.npz'],
-                ['simulate', str(kinds['stored']), f'{name}/c.npz', '--frames', '2'],
-                ['characterize', 'fit', str(kinds['folder'].parent), '--out', f'{name}/d'],
-                ['gap', 'diagnose', str(kinds['folder'].parent), '--out', f'{name}/e'],
-            )
-        ):
-            jobs = ['--jobs', '1'] if index > 2 else []
-            with redirect_stderr(io.StringIO()), redirect_stdout(io.StringIO()):
-                main([*words, *jobs])
-
-
 def run(files=10_000, seed=0, out=FOLDER):
     """
     Run the commands on damaged files; print and return the outcomes.
@@ -255,16 +231,9 @@ def run(files=10_000, seed=0, out=FOLDER):
     done = {entry['index'] for entry in journal}
     with tempfile.TemporaryDirectory() as name:
         kinds = _kinds(Path(name))
-        _warm(kinds)
-        with ProcessPoolExecutor(
-            _PROCESSES, multiprocessing.get_context('fork'), _end_with, (os.getpid(),)
-        ) as pool:
-            tasks = [
-                pool.submit(_one, (index, seed, kinds))
-                for index in range(files)
-                if index not in done
-            ]
-            for task in as_completed(tasks):
+        tasks = [(index, seed, kinds) for index in range(files) if index not in done]
+        with workers(_PROCESSES) as submit:
+            for task in as_completed(submit(_one, tasks)):
                 journal.add(task.result())
     return _summary([entry for entry in journal if entry['index'] < files], seed)
 
