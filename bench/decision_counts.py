@@ -4,6 +4,7 @@ from bench.decision_fit import first, is_wrong
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED, judge
 
 _UNEXPLAINED = 'unknown', 'partly'  # right where the diagnosis does not know the effect
+_NOTHING = 'none', 'not_decidable', 'too_little'
 _COUNTED = 'false_alarms', 'wrong', 'named', 'covered', 'size', 'unexplained', 'held'
 
 
@@ -20,32 +21,18 @@ def counted(rule, campaigns):
     out = {name: [] for name in (*_COUNTED, 'confidence')}
     for one in campaigns:
         said = judge(one.support, rule)
-        finds, names = said.verdict != 'none', said.verdict in EXPLAINED
-        if not one.present:
-            out['false_alarms'].append(finds)
-        else:
-            listed = {*said.alternatives, *(c.name for c in one.support.chosen)}
-            out['wrong'].append(names and is_wrong(one, listed, said.verdict == 'partly'))
-            if not one.findable:
-                out['unexplained'].append(said.verdict in _UNEXPLAINED)
-        if names:
-            out['confidence'] += [
-                (said.effects[c.name], c.name in one.true) for c in one.support.chosen
-            ]
-        if one.findable:
-            out['named'].append(names and first(one, said.effects) in one.true)
-            if finds:
-                listed = set(said.alternatives)
-                listed |= {c.name for c in one.support.chosen} if names else set()
-                out['covered'].append(bool(listed & one.true))
-                out['size'].append(len(listed))
+        named = []
+        if said.verdict in EXPLAINED:
+            named = [chosen.name for chosen in one.support.chosen]
+            out['confidence'] += [(said.effects[name], name in one.true) for name in named]
+        best = first(one, said.effects) if named else None
+        interval = None
         if one.reduction is not None:
-            middle, low, high, real = one.reduction
-            wide = rule.widened(
+            middle, low, high, _ = one.reduction
+            interval = rule.widened(
                 (low, high), middle, said.verdict, one.support.recordings, one.support.depths
             )
-            if wide is not None:
-                out['held'].append(wide[0] <= real <= wide[1])
+        _count(out, one, said.verdict, best, {*named, *said.alternatives}, interval)
     return out
 
 
@@ -53,22 +40,25 @@ def before(campaigns):
     """Count the same of the rule with which the campaigns were diagnosed."""
     out = {name: [] for name in _COUNTED}
     for one in campaigns:
-        finds = one.verdict not in ('none', 'not_decidable', 'too_little')
-        if not one.present:
-            out['false_alarms'].append(finds)
-        else:
-            listed = {*one.named, *one.alternatives}
-            wrong = bool(one.named) and is_wrong(one, listed, one.verdict == 'partly')
-            out['wrong'].append(wrong)
-            if not one.findable:
-                out['unexplained'].append(one.verdict in _UNEXPLAINED)
-        if one.findable:
-            out['named'].append(bool(one.named) and one.named[0] in one.true)
-            if finds:
-                listed = {*one.named, *one.alternatives}
-                out['covered'].append(bool(listed & one.true))
-                out['size'].append(len(listed))
-        if one.reduction is not None:
-            _, low, high, real = one.reduction
-            out['held'].append(low <= real <= high)
+        interval = None if one.reduction is None else one.reduction[1:3]
+        best = one.named[0] if one.named else None
+        _count(out, one, one.verdict, best, {*one.named, *one.alternatives}, interval)
     return out
+
+
+def _count(out, one, verdict, best, listed, interval):
+    # Add a campaign: the most probable effect that is named, and all that are listed.
+    finds = verdict not in _NOTHING
+    if not one.present:
+        out['false_alarms'].append(finds)
+    else:
+        out['wrong'].append(best is not None and is_wrong(one, listed, verdict == 'partly'))
+        if not one.findable:
+            out['unexplained'].append(verdict in _UNEXPLAINED)
+    if one.findable:
+        out['named'].append(best in one.true)
+        if finds:
+            out['covered'].append(bool(listed & one.true))
+            out['size'].append(len(listed))
+    if interval is not None:
+        out['held'].append(interval[0] <= one.reduction[3] <= interval[1])
