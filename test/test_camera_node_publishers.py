@@ -11,7 +11,7 @@ import pytest
 from rclpy.qos import qos_profile_sensor_data
 from streams import boards, DEPTH, Image, image_message, SECOND, START, Stream, stream
 
-PUBLISHER = ROOT / 'bench' / 'plain_publisher.py'
+PUBLISHER = ROOT / 'test' / 'plain_publisher.py'
 _SPACES = iter(f'/plain_{number}' for number in range(100))
 
 pytestmark = pytest.mark.usefixtures('ros')

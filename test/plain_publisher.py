@@ -1,7 +1,7 @@
 """
 Publish clean depth as another simulator does: with rclpy only, without this package.
 
-``python bench/plain_publisher.py NAMESPACE`` publishes a wall as soon as there is a subscriber.
+``python test/plain_publisher.py NAMESPACE`` publishes a wall as soon as there is a subscriber.
 """
 
 import argparse
