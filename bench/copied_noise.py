@@ -9,10 +9,10 @@ https://github.com/project-instinct/InstinctLab (commit ef1e920), written anew f
 from pathlib import Path
 import sys
 
-from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.batch import depth_noise
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.cli.effects_view import room
+from flexx2_sim_ros.pictures import colours, picture
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
@@ -69,41 +69,33 @@ def table(clean, seen):
 
 def draw(path, clean, seen):
     """Write a picture of the clean image, and of one image and its error for each way."""
-    import matplotlib
-
-    matplotlib.use('Agg')
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(2, 3, figsize=(12, 6.4), layout='constrained')
-    dark = '#3a3a3a'
-    depths = pyplot.get_cmap('turbo_r').with_extremes(bad=dark)
-    errors = pyplot.get_cmap('RdBu').with_extremes(bad=dark)
     images = {'clean': clean}
     images |= {name: depth[0] for name, depth in seen.items()}
-    for axis, (name, image) in zip(axes[0], images.items(), strict=True):
-        valid = np.where(image > 0.1, image, np.nan)
-        shown = axis.imshow(valid, cmap=depths, vmin=0.5, vmax=7, interpolation='nearest')
-        axis.set_title(f'{name}, m', fontsize=10)
-    figure.colorbar(shown, ax=axes[0], shrink=0.8)
-    for axis, (name, depth) in zip(axes[1, 1:], seen.items(), strict=True):
-        error = 1000 * (np.where(depth[0] > 0.1, depth[0], np.nan) - clean)
-        shown = axis.imshow(error, cmap=errors, vmin=-100, vmax=100, interpolation='nearest')
-        axis.set_title(f'{name} minus clean, mm', fontsize=10)
-    figure.colorbar(shown, ax=axes[1], shrink=0.8)
-    row = clean.shape[0] // 2
+    with picture(path, 2, 3, dpi=80, figsize=(12, 6.4)) as (figure, axes):
+        for axis, (name, image) in zip(axes[0], images.items(), strict=True):
+            valid = np.where(image > 0.1, image, np.nan)
+            limits = {'vmin': 0.5, 'vmax': 7, 'interpolation': 'nearest'}
+            shown = axis.imshow(valid, cmap=colours('turbo_r'), **limits)
+            axis.set_title(f'{name}, m', fontsize=10)
+        figure.colorbar(shown, ax=axes[0], shrink=0.8)
+        for axis, (name, depth) in zip(axes[1, 1:], seen.items(), strict=True):
+            error = 1000 * (np.where(depth[0] > 0.1, depth[0], np.nan) - clean)
+            limits = {'vmin': -100, 'vmax': 100, 'interpolation': 'nearest'}
+            shown = axis.imshow(error, cmap=colours('RdBu'), **limits)
+            axis.set_title(f'{name} minus clean, mm', fontsize=10)
+        figure.colorbar(shown, ax=axes[1], shrink=0.8)
+        _draw_row(axes[1, 0], seen)
+        for axis in [*axes[0], *axes[1, 1:]]:
+            axis.set(xticks=[], yticks=[])
+
+
+def _draw_row(axis, seen):
     for name, depth in seen.items():
-        axes[1, 0].plot(1000 * np.nanstd(np.where(depth > 0, depth, np.nan)[:, row], axis=0))
-        axes[1, 0].lines[-1].set_label(name)
-    axes[1, 0].set(title='sigma over time, middle row, mm', ylim=(0, 80), xlabel='column')
-    axes[1, 0].title.set_fontsize(10)
-    axes[1, 0].legend(frameon=False, fontsize=9)
-    for axis in [*axes[0], *axes[1, 1:]]:
-        axis.set(xticks=[], yticks=[])
-    try:
-        with whole(path) as part:
-            figure.savefig(part, dpi=80, format='png')
-    finally:
-        pyplot.close(figure)
+        row = depth[:, depth.shape[1] // 2]
+        axis.plot(1000 * np.nanstd(np.where(row > 0, row, np.nan), axis=0), label=name)
+    axis.set(title='sigma over time, middle row, mm', ylim=(0, 80), xlabel='column')
+    axis.title.set_fontsize(10)
+    axis.legend(frameon=False, fontsize=9)
 
 
 def main(words):

@@ -6,10 +6,11 @@ from pathlib import Path
 import time
 from typing import Any
 
-from flexx2_sim_ros.atomic import checked_target, whole
+from flexx2_sim_ros.atomic import checked_target
 from flexx2_sim_ros.cli.options import SEEDS, whole_number
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import centred
+from flexx2_sim_ros.pictures import colours, picture
 from flexx2_sim_ros.profiles.files import find_profile
 import numpy as np
 from rich import box
@@ -156,7 +157,6 @@ def _table(grids: dict[str, np.ndarray]) -> Table:
     return table
 
 
-_INVALID = '#3a3a3a'
 _EXTENT = (-0.35, 0.35, -0.55, 0.55)  # metres: left, right, behind, ahead of the grid
 
 
@@ -173,30 +173,22 @@ def draw(
     ``clean`` and ``noisy`` are (N, H, W) depth of the left cameras, 0 is invalid; ``truth`` and
     the ``errors`` of the grids are (N, rows, columns) heights, NaN where not seen; all in metres.
     """
-    import matplotlib
-
-    matplotlib.use('Agg')
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(2, 4, figsize=(14, 7.2), layout='constrained')
     robot = int(np.argmax([len(np.unique(np.round(own, 2))) for own in truth]))
-    _draw_images(axes[0, :2], {'clean': clean[robot], 'with noise': noisy[robot]}, robot)
-    _draw_heights(axes[0, 2:], truth[robot], errors['with noise'][robot], robot)
-    _draw_errors(axes[1, :2], {name: one[robot] for name, one in errors.items()}, robot)
     difference = 1e3 * (errors['with noise'] - errors['without noise'])
-    _draw_change(axes[1, 2], difference)
-    _draw_distribution(axes[1, 3], errors, np.isfinite(difference))
-    figure.suptitle(f'Height grids of {len(truth)} Go1 on stairs (gray: not seen)')
-    with whole(path) as part:
-        figure.savefig(part, dpi=100, format='png')
-    pyplot.close(figure)
+    with picture(path, 2, 4, figsize=(14, 7.2)) as (figure, axes):
+        _draw_images(axes[0, :2], {'clean': clean[robot], 'with noise': noisy[robot]}, robot)
+        _draw_heights(axes[0, 2:], truth[robot], errors['with noise'][robot], robot)
+        _draw_errors(axes[1, :2], {name: one[robot] for name, one in errors.items()}, robot)
+        _draw_change(axes[1, 2], difference)
+        _draw_distribution(axes[1, 3], errors, np.isfinite(difference))
+        figure.suptitle(f'Height grids of {len(truth)} Go1 on stairs (gray: not seen)')
 
 
 def _draw_images(axes: Any, images: dict[str, np.ndarray], robot: int) -> None:
     for axis, (title, image) in zip(axes, images.items(), strict=True):
         shown = axis.imshow(
             np.where(image > 0, image, np.nan),
-            cmap=_colours('turbo_r'),
+            cmap=colours('turbo_r'),
             vmin=0.3,
             vmax=4.0,
             interpolation='nearest',
@@ -251,20 +243,14 @@ def _draw_distribution(axis: Any, errors: dict[str, np.ndarray], valid: np.ndarr
     axis.grid(alpha=0.3)
 
 
-def _grid(axis: Any, image: np.ndarray, title: str, colours: str, **limits: float) -> Any:
+def _grid(axis: Any, image: np.ndarray, title: str, colour_map: str, **limits: float) -> Any:
     shown = axis.imshow(
         image,
         origin='lower',
         extent=_EXTENT,
         interpolation='nearest',
-        cmap=_colours(colours),
+        cmap=colours(colour_map),
         **limits,
     )
     axis.set(title=title, xlabel='left [m]', ylabel='ahead [m]', xlim=_EXTENT[1::-1])
     return shown
-
-
-def _colours(name: str) -> Any:
-    from matplotlib import colormaps
-
-    return colormaps[name].with_extremes(bad=_INVALID)

@@ -6,12 +6,13 @@ from pathlib import Path
 import time
 from typing import Any
 
-from flexx2_sim_ros.atomic import output_folder, whole
+from flexx2_sim_ros.atomic import output_folder
 from flexx2_sim_ros.cli.common import plain_table
 from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.cli.ros import camera_command, check, nodes, Processes, ros
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import centred, Reprojection
+from flexx2_sim_ros.pictures import colours, picture
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import Mode, Profile
 import numpy as np
@@ -180,9 +181,6 @@ def _wait_for_streams(
             )
 
 
-_INVALID = '#3a3a3a'
-
-
 def draw(
     path: Path,
     pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.ndarray]],
@@ -195,22 +193,23 @@ def draw(
     ``pictures`` are clean depth as `go1_cameras` renders it for the profile, and simulated depth
     in the camera's pixels, by camera and mode; metres, NaN for invalid.
     """
-    import matplotlib
+    cameras = list(dict.fromkeys(camera for camera, _ in pictures))
+    rows, columns = len(modes), 3 * len(cameras)
+    size = 2.75 * columns + 1.6, 2.15 * rows + 0.7
+    with picture(path, rows, columns, squeeze=False, figsize=size) as (figure, axes):
+        _fill(figure, axes, pictures, cameras, modes, profile)
 
-    matplotlib.use('Agg')
-    from matplotlib import pyplot
+
+def _fill(
+    figure: Any,
+    axes: Any,
+    pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.ndarray]],
+    cameras: list[str],
+    modes: list[Mode],
+    profile: Profile,
+) -> None:
     from matplotlib.colors import LogNorm
 
-    cameras = list(dict.fromkeys(camera for camera, _ in pictures))
-    figure, axes = pyplot.subplots(
-        len(modes),
-        3 * len(cameras),
-        squeeze=False,
-        layout='constrained',
-        figsize=(2.75 * 3 * len(cameras) + 1.6, 2.15 * len(modes) + 0.7),
-    )
-    depths = pyplot.get_cmap('turbo_r').with_extremes(bad=_INVALID)
-    errors = pyplot.get_cmap('RdBu').with_extremes(bad=_INVALID)
     for row, mode in enumerate(modes):
         for column, camera in enumerate(cameras):
             rendered, seen = pictures[camera, mode.name]
@@ -218,10 +217,14 @@ def draw(
             line = axes[row, 3 * column : 3 * column + 3]
             for axis, image in zip(line[:2], (clean, seen), strict=True):
                 depth = axis.imshow(
-                    image, cmap=depths, norm=LogNorm(0.3, 5.0), interpolation='nearest'
+                    image, cmap=colours('turbo_r'), norm=LogNorm(0.3, 5.0), interpolation='nearest'
                 )
             difference = line[2].imshow(
-                1e3 * (seen - clean), cmap=errors, vmin=-20, vmax=20, interpolation='nearest'
+                1e3 * (seen - clean),
+                cmap=colours('RdBu'),
+                vmin=-20,
+                vmax=20,
+                interpolation='nearest',
             )
             for axis, title in zip(line, ('clean', 'simulated', 'simulated - clean'), strict=True):
                 axis.set(xticks=[], yticks=[])
@@ -239,9 +242,6 @@ def draw(
     label = 'simulated - clean [mm]: red is nearer, blue farther'
     figure.colorbar(difference, ax=axes[:, -1], shrink=0.9, label=label)
     figure.suptitle(f'Two simulated {profile.model} on a Go1 (dark gray: no depth)', fontsize=13)
-    with whole(path) as part:
-        figure.savefig(part, dpi=100, format='png')
-    pyplot.close(figure)
 
 
 def as_seen(rendered: np.ndarray, profile: Profile) -> np.ndarray:

@@ -4,7 +4,6 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-from flexx2_sim_ros.atomic import whole
 from flexx2_sim_ros.cli.effects_profiles import DRAW_PROFILE
 from flexx2_sim_ros.cli.effects_view import (
     deviation_over_time,
@@ -16,26 +15,28 @@ from flexx2_sim_ros.cli.effects_view import (
 )
 from flexx2_sim_ros.effects import Effect
 from flexx2_sim_ros.physics.frame_state import Stage
+from flexx2_sim_ros.pictures import colours, picture
 import numpy as np
-
-_INVALID = '#3a3a3a'
 
 
 def draw(path: Path, effect: Effect) -> None:
     """Write the picture of an effect, PNG; raise `InputError` when it cannot be written."""
-    import matplotlib
+    view = look(effect)
+    size = {'figsize': (13.5, 4.3), 'width_ratios': (1, 1, 1.15)}
+    with picture(path, 1, 3, dpi=90, **size) as (figure, axes):
+        _fill(figure, axes, view)
 
-    matplotlib.use('Agg')
-    from matplotlib import pyplot
 
-    view, kind = look(effect), type(effect)
-    figure, axes = pyplot.subplots(
-        1, 3, figsize=(13.5, 4.3), layout='constrained', width_ratios=(1, 1, 1.15)
-    )
+def _fill(figure: Any, axes: Any, view: EffectView) -> None:
+    kind = view.kind
     scene, difference, profile = axes
-    depths = pyplot.get_cmap('turbo_r').with_extremes(bad=_INVALID)
     shown = scene.imshow(
-        view.frame.depth[-1], cmap=depths, norm='log', vmin=0.4, vmax=7, interpolation='nearest'
+        view.frame.depth[-1],
+        cmap=colours('turbo_r'),
+        norm='log',
+        vmin=0.4,
+        vmax=7,
+        interpolation='nearest',
     )
     bar = figure.colorbar(shown, ax=scene, shrink=0.75, ticks=[0.5, 1, 2, 4, 7])
     bar.ax.minorticks_off()
@@ -50,11 +51,6 @@ def draw(path: Path, effect: Effect) -> None:
     if profile.get_legend_handles_labels()[0]:
         profile.legend(frameon=False, fontsize=9)
     figure.suptitle(f'{kind.name}: {fill(kind.title, 110)}', fontsize=12)
-    try:
-        with whole(path) as part:
-            figure.savefig(part, dpi=90, format='png')
-    finally:
-        pyplot.close(figure)
 
 
 def _draw_difference(figure: Any, axis: Any, view: EffectView) -> None:
@@ -92,15 +88,9 @@ def _draw_difference(figure: Any, axis: Any, view: EffectView) -> None:
             image[near_edges(view, 6)] = np.nan  # Moved edges would hide the other changes.
         limit = max(0.5, float(np.nanpercentile(np.abs(image[np.abs(image) > 1e-3]), 97)))
         shown = axis.imshow(
-            image, cmap=_diverging(), vmin=-limit, vmax=limit, interpolation='nearest'
+            image, cmap=colours('RdBu'), vmin=-limit, vmax=limit, interpolation='nearest'
         )
         axis.set_title(
             ('mean' if kind == 'mean' else 'one frame') + ' with minus without, mm', fontsize=10
         )
     figure.colorbar(shown, ax=axis, shrink=0.75)
-
-
-def _diverging() -> Any:
-    from matplotlib import pyplot
-
-    return pyplot.get_cmap('RdBu').with_extremes(bad=_INVALID)

@@ -1,8 +1,10 @@
 """The results of the benchmark: tables in the terminal, a page, a picture."""
 
 from pathlib import Path
+from typing import Any
 
-from flexx2_sim_ros.atomic import whole, write_text
+from flexx2_sim_ros.atomic import write_text
+from flexx2_sim_ros.pictures import picture
 import numpy as np
 from rich import box
 from rich.console import Console
@@ -113,8 +115,6 @@ def _cases(scores: Scores) -> str:
 
 def draw_confusion(scores: Scores, path: Path) -> None:
     """Write a PNG of the confusion matrix over all strengths, as fractions of each row."""
-    from matplotlib import pyplot
-
     truths = [*sorted(CATALOGUE), *sorted(NOVEL), NONE]
     answers = [*sorted(CATALOGUE), UNKNOWN, NONE, 'error']
     counts = np.zeros((len(truths), len(answers)))
@@ -126,17 +126,20 @@ def draw_confusion(scores: Scores, path: Path) -> None:
             counts[truths.index(next(iter(answer.planned.effects), NONE)), column] += 1
     rows = counts.sum(axis=1) > 0
     shown = counts[rows] / counts[rows].sum(axis=1, keepdims=True)
-    figure, axes = pyplot.subplots(figsize=(11, 0.27 * rows.sum() + 2.4), layout='constrained')
-    image = axes.imshow(shown, cmap='Blues', vmin=0, vmax=1, aspect='auto')
+    names = [
+        f'{name} ({int(n)})'
+        for name, n, keep in zip(truths, counts.sum(axis=1), rows, strict=True)
+        if keep
+    ]
+    with picture(path, figsize=(11, 0.27 * rows.sum() + 2.4)) as (figure, axes):
+        _draw_matrix(axes, shown, answers, names)
+        figure.colorbar(axes.images[0], label='fraction of the row', shrink=0.6)
+
+
+def _draw_matrix(axes: Any, shown: np.ndarray, answers: list[str], names: list[str]) -> None:
+    axes.imshow(shown, cmap='Blues', vmin=0, vmax=1, aspect='auto')
     axes.set_xticks(range(len(answers)), answers, rotation=60, ha='right')
-    axes.set_yticks(
-        range(len(shown)),
-        [
-            f'{name} ({int(n)})'
-            for name, n, keep in zip(truths, counts.sum(axis=1), rows, strict=True)
-            if keep
-        ],
-    )
+    axes.set_yticks(range(len(shown)), names)
     for y, x in zip(*np.nonzero(shown), strict=True):
         axes.text(
             x,
@@ -149,10 +152,6 @@ def draw_confusion(scores: Scores, path: Path) -> None:
         )
     axes.set_xlabel('first answer')
     axes.set_ylabel('truth (cases)')
-    figure.colorbar(image, label='fraction of the row', shrink=0.6)
-    with whole(path) as part:
-        figure.savefig(part, dpi=100, format='png')
-    pyplot.close(figure)
 
 
 def _grouped(scores: Scores) -> list[tuple[str, list[Answer]]]:
