@@ -1,7 +1,6 @@
-"""Size and time of recorded depth: zstd in MCAP bags, beside other ways to compress it."""
+"""Size and time of recorded depth: levels of zstd, and bags with and without it."""
 
 from functools import partial
-import io
 from pathlib import Path
 import tempfile
 import time
@@ -15,19 +14,13 @@ from flexx2_sim_ros.recording.checksums import zstd, ZSTD_LEVEL
 from flexx2_sim_ros.rendering.renderer import open_renderer
 from flexx2_sim_ros.rendering.scenes import reflectivity_table
 from flexx2_sim_ros.robots.model import build_model, stand
-import lz4.frame
 import mujoco
 import numpy as np
-from PIL import Image
 
 _CAMERA, _USECASE, _RATE_HZ = 'front_left', 'Mode_5_60fps', 60
 _SPEED = 0.5  # m/s
 _CHUNK = 1 << 20  # bytes, as rosbags closes chunks
 _LEVELS = (1, 3, 9)
-_LOSSY = 'compressedDepth'
-# The defaults of compressed_depth_image_transport: png_level, depth_max (metres) and
-# depth_quantization.
-_PNG_LEVEL, _DEPTH_MAX, _QUANTIZATION = 9, 10.0, 100.0
 
 
 def run(frames=60, rounds=5):
@@ -67,17 +60,12 @@ def _print_image(kind, stack, rounds):
     data = stack.tobytes()
     chunks = [data[at : at + _CHUNK] for at in range(0, len(data), _CHUNK)]
     ways = {f'zstd {level}': partial(zstd.compress, level=level) for level in _LEVELS}
-    ways['lz4'] = lz4.frame.compress
     sizes = {name: sum(len(way(chunk)) for chunk in chunks) for name, way in ways.items()}
     times = side_by_side(
         {name: partial(_each, way, chunks) for name, way in ways.items()},
         rounds,
         time.process_time,
     )
-    if kind != 'reflectivity':
-        started = time.process_time()
-        sizes[_LOSSY] = sum(len(_compressed_depth(image)) for image in stack)
-        times[_LOSSY] = 1e3 * (time.process_time() - started)
     print(f'\n{kind}: {len(data) / len(stack) / 1e3:.0f} kB a frame')
     for name, size in sizes.items():
         print(
@@ -89,17 +77,6 @@ def _print_image(kind, stack, rounds):
 def _each(function, items):
     for item in items:
         function(item)
-
-
-def _compressed_depth(depth):
-    # As compressed_depth_image_transport does: steps of the inverse depth.
-    slope = _QUANTIZATION * (_QUANTIZATION + 1)
-    with np.errstate(divide='ignore', invalid='ignore'):
-        steps = slope / depth + (1 - slope / _DEPTH_MAX)
-    steps = np.where((depth > 0) & (depth < _DEPTH_MAX), steps, 0)
-    buffer = io.BytesIO()
-    Image.fromarray(steps.astype(np.uint16)).save(buffer, 'png', compress_level=_PNG_LEVEL)
-    return buffer.getvalue()
 
 
 def _print_bags(images, rounds):
@@ -115,24 +92,18 @@ def _print_bags(images, rounds):
     with tempfile.TemporaryDirectory() as folder:
         sizes = {}
 
-        def write(storage, compression):
-            path = Path(folder) / f'{storage}_{compression}_{len(list(Path(folder).iterdir()))}'
-            with BagWriter(path, storage, compression) as writer:
+        def write(compression):
+            path = Path(folder) / f'{compression}_{len(list(Path(folder).iterdir()))}'
+            with BagWriter(path, 'mcap', compression) as writer:
                 for topic, stamp, data in encoded:
                     writer.write(topic, messages.IMAGE, stamp, data)
-            sizes[f'{storage}, {compression}'] = sum(
-                file.stat().st_size for file in path.iterdir()
-            )
+            sizes[compression] = sum(file.stat().st_size for file in path.iterdir())
 
-        ways = [('mcap', 'none'), ('mcap', 'zstd'), ('sqlite3', 'none')]
-        times = side_by_side(
-            {', '.join(way): partial(write, *way) for way in ways}, rounds, time.process_time
-        )
-    print(f'\nbags of all three, zstd at level {ZSTD_LEVEL}')
+        ways = {name: partial(write, name) for name in ('none', 'zstd')}
+        times = side_by_side(ways, rounds, time.process_time)
+    print(f'\nMCAP bags of all three, zstd at level {ZSTD_LEVEL}')
     for name, size in sizes.items():
-        ratio = sizes['mcap, none'] / size
-        relative = times[name] / times['mcap, none']
         print(
-            f'  {name:20s} {size / frames / 1e3:6.0f} kB a frame, {ratio:5.2f} times smaller, '
-            f'{times[name] / frames:6.3f} ms a frame ({relative:.2f} x)'
+            f'  {name:20s} {size / frames / 1e3:6.0f} kB a frame, {sizes["none"] / size:5.2f} '
+            f'times smaller, {times[name] / frames:6.3f} ms a frame'
         )

@@ -61,11 +61,6 @@ def _cpu(num_envs, rounds):
         batch = BatchCamera(num_envs, _MODE, effects=effects, step_s=step_s, device='cpu')
         functions[f'{name}, one'] = partial(one_by_one, alone)
         functions[f'{name}, batch'] = lambda batch=batch: batch(moving[next(turns) % 2])
-    torch = imported_torch()
-    if torch:
-        torch.set_num_threads(1)
-        given = torch.from_numpy(scenes)
-        functions['torch'] = lambda: plain_torch(torch, given, matrix)
     with one_core():
         times = side_by_side(functions, rounds, time.process_time)
     print(
@@ -77,13 +72,6 @@ def _cpu(num_envs, rounds):
         one, many = (times[f'{name}, {how}'] / num_envs for how in ('one', 'batch'))
         note = '' if many <= one else '  TOO SLOW'
         print(f'{name:16s} {one:6.2f} {many:12.2f} {many / one:9.2f}{note}')
-    if torch:
-        plain = times['torch'] / num_envs
-        share = times['no effects, batch'] / num_envs / plain
-        print(
-            f'plain torch (sigma, pixels shifted row by row): {plain:.2f}; without effects '
-            f'BatchCamera / plain torch: {share:.2f}'
-        )
     print('wanted: / Camera at most 1')
 
 
@@ -135,38 +123,3 @@ def _resident():
     # MB.
     pages = int(Path('/proc/self/statm').read_text().split()[1])
     return pages * resource.getpagesize() / 1e6
-
-
-def imported_torch():
-    """Return torch, or None where it is not installed."""
-    try:
-        import torch
-    except ImportError:
-        return None
-    return torch
-
-
-def plain_torch(torch, depth, matrix):
-    """
-    Add the noise as one writes it in an hour with torch: the yardstick for speed, not for truth.
-
-    As `bench.model`, but that a row's pixels are shifted alike, as an edge's are.
-    """
-    mode = flexx2().mode(_MODE)
-    noise = mode.noise
-    envs, height, width = depth.shape
-    dzdv, dzdu = torch.gradient(depth, dim=(1, 2))
-    theta = torch.atan(
-        torch.hypot(dzdu * float(matrix[0, 0]) / depth, dzdv * float(matrix[1, 1]) / depth)
-    ).clamp(max=1.48)
-    sigma = (
-        noise.a
-        + noise.b * depth
-        + noise.c * depth**2
-        + noise.d * depth**noise.n * (theta / (np.pi / 2 - theta)) ** 2
-    )
-    shift = torch.round(torch.randn((envs, height, 1), device=depth.device) * noise.sigma_x)
-    columns = torch.arange(width, device=depth.device) - shift.long()
-    seen = torch.gather(depth, 2, columns.clamp(0, width - 1))
-    out = seen + sigma * torch.randn_like(depth)
-    return torch.where((out < mode.range_min) | (out > mode.range_max), torch.nan, out)

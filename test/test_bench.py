@@ -17,7 +17,7 @@ def run(words, folder, env):
 
 
 def test_measurements_run_for_a_moment(child_env, tmp_path):
-    for library in ('warp', 'mujoco', 'rosbags', 'lz4'):
+    for library in ('warp', 'mujoco', 'rosbags'):
         pytest.importorskip(library)
     done = run(['bench', '--short', *SHORT], tmp_path, child_env)
     assert done.returncode == 0, done.stderr
