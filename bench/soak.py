@@ -106,10 +106,9 @@ class _Counters:
 
 
 def _commands(seed):
-    words = ['-p', 'usecase:=Mode_5_60fps', '-p', f'seed:={seed}']
-    for effect in _EFFECTS:
-        words += ['-p', f'effect.{effect}.strength:=1.0']
-    return {name: [*camera_command(name), *words] for name in _CAMERAS}
+    values = {'usecase': 'Mode_5_60fps', 'seed': seed}
+    values |= {f'effect.{effect}.strength': 1.0 for effect in _EFFECTS}
+    return {name: camera_command(name, **values) for name in _CAMERAS}
 
 
 def _sample(seconds, processes, counters):

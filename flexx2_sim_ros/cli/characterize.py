@@ -2,15 +2,14 @@
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder, output_folder
-from flexx2_sim_ros.cli.common import messages
+from flexx2_sim_ros.cli.common import messages, progress_bar
 from flexx2_sim_ros.cli.options import MOST_FRAMES, number, SEEDS, Step, whole_number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import find_profile, save_profile
 from flexx2_sim_ros.profiles.modes import Profile
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 _BACKENDS = ('auto', 'egl', 'osmesa', 'ray')
 _OUT = 'characterization'
@@ -82,45 +81,32 @@ example: flexx2 characterize fit campaign --out result
 _OF_FIT = {'folder': Path, 'out': Path, 'box': whole_number(0, 1_000_000)}
 
 
-def _profile(arguments: argparse.Namespace) -> Profile:
-    return find_profile(arguments.profile)
-
-
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn('{task.description}', markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-    )
-
-
-def _plan(arguments: argparse.Namespace) -> int:
+def _conditions(arguments: argparse.Namespace) -> tuple[Profile, list[Any]]:
     from flexx2_sim_ros.characterize.capture import conditions
-    from flexx2_sim_ros.characterize.conditions import checklist
 
-    profile = _profile(arguments)
+    profile = find_profile(arguments.profile)
     wanted = conditions(
         profile, arguments.usecase, arguments.distances, arguments.angles, arguments.reflectivities
     )
+    return profile, wanted
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from flexx2_sim_ros.characterize.conditions import checklist
+
+    profile, wanted = _conditions(arguments)
     print(checklist(wanted, profile, arguments.frames), end='')
     return 0
 
 
 def _capture(arguments: argparse.Namespace) -> int:
-    from flexx2_sim_ros.characterize.capture import capture, conditions
+    from flexx2_sim_ros.characterize.capture import capture
 
-    profile = _profile(arguments)
-    wanted = conditions(
-        profile, arguments.usecase, arguments.distances, arguments.angles, arguments.reflectivities
-    )
+    profile, wanted = _conditions(arguments)
     console = messages()
     recorded = 0
-    with _progress(console) as progress:
-        task = progress.add_task('recording', total=len(wanted))
-        for _, new in capture(
+    with progress_bar(console) as progress:
+        made = capture(
             arguments.folder,
             wanted,
             profile,
@@ -129,9 +115,10 @@ def _capture(arguments: argparse.Namespace) -> int:
             renderer=arguments.renderer,
             workers=arguments.jobs,
             say=lambda text: console.print(printable(text), style='yellow', soft_wrap=True),
-        ):
+        )
+        for done, (_, new) in enumerate(made, 1):
             recorded += new
-            progress.advance(task)
+            progress(f'recorded {done} of {len(wanted)}', done / len(wanted))
     kept = len(wanted) - recorded
     console.print(
         f'{arguments.folder}: {recorded} recordings of {arguments.frames} frames'
@@ -149,17 +136,16 @@ def _fit(arguments: argparse.Namespace) -> int:
 
     out = arguments.out or arguments.folder / _OUT
     check_folder(out)
-    camera = _profile(arguments)
+    camera = find_profile(arguments.profile)
     console = messages()
-    with _progress(console) as progress:
-        task = progress.add_task('measuring', total=None)
+    with progress_bar(console) as progress:
         result = characterize(
             arguments.folder,
-            box=None if arguments.box is None else tuple(arguments.box),
+            box=arguments.box,
             camera=arguments.camera,
             profile=camera,
             workers=arguments.jobs,
-            on_done=lambda done, total: progress.update(task, completed=done, total=total),
+            on_done=lambda done, total: progress(f'measured {done} of {total}', done / total),
         )
     profile = to_profile(result, arguments.model)
     output_folder(out)

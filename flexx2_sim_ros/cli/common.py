@@ -24,9 +24,18 @@ def simulation(arguments: argparse.Namespace) -> dict[str, Any]:
     return {'profile': find_profile(arguments.profile), **given}
 
 
-def print_json(table: dict[str, Any]) -> None:
-    """Print a table as JSON to standard output."""
-    print(as_json(table), end='')
+def print_result(
+    console: Console,
+    table: dict[str, Any],
+    written: str,
+    show: Callable[[dict[str, Any], Console], None] | None,
+) -> None:
+    """Show a table, and say what was written; without `show`, print it as JSON instead."""
+    if show is None:
+        print(as_json(table), end='')
+        return
+    show(table, console)
+    console.print(f'{written} ({table["seconds"]:.0f} s)')
 
 
 def messages(*, soft_wrap: bool = False) -> Console:

@@ -107,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.clean,
         arguments.infrared,
         arguments.radial,
-        None if arguments.intrinsics is None else tuple(arguments.intrinsics),
+        arguments.intrinsics,
         arguments.rectified,
         None if arguments.profile is None else find_profile(arguments.profile),
         arguments.episode,

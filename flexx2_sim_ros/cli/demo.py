@@ -2,14 +2,15 @@
 
 import argparse
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import output_folder
-from flexx2_sim_ros.cli.common import plain_table
+from flexx2_sim_ros.cli.common import plain_table, progress_bar
 from flexx2_sim_ros.cli.options import number
-from flexx2_sim_ros.cli.ros import camera_command, check, nodes, Processes, ros
+from flexx2_sim_ros.cli.ros import camera_command, check, node_command, nodes, Processes, ros
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import centred, Reprojection
 from flexx2_sim_ros.pictures import colours, picture
@@ -17,7 +18,6 @@ from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import Mode, Profile
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 Pictures = dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]
@@ -61,28 +61,19 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             with (
                 nodes(_commands(arguments), arguments.out) as processes,
-                Progress(
-                    TextColumn('{task.description}', markup=False),
-                    BarColumn(),
-                    TimeElapsedColumn(),
-                    console=console,
-                    transient=True,
-                ) as progress,
+                progress_bar(console) as progress,
             ):
-                task = progress.add_task(
-                    'starting three nodes (the first time compiles)', total=None
-                )
+                progress('starting three nodes (the first time compiles)', 0.0)
                 _wait_for_streams(probe, processes, arguments.out, stopped)
                 for mode in modes:
                     if stopped():
                         break
-                    progress.reset(task, description=f'{mode.name}', total=arguments.seconds)
                     _measure(
                         probe,
                         mode.name,
                         arguments.seconds,
                         lambda: check(processes, arguments.out),
-                        lambda done: progress.update(task, completed=done),
+                        partial(progress, mode.name),
                         stopped,
                     )
                     if not stopped():
@@ -126,7 +117,7 @@ def _measure(
             break
         look_after()
         probe.spin_until(stopped, 0.1)
-        on_progress(min(passed, seconds))
+        on_progress(min(passed / seconds, 1.0))
 
 
 def _keep(probe: Any, usecase: str, table: Table, pictures: Pictures) -> None:
@@ -162,10 +153,9 @@ def _add_row(table: Table, camera: str, usecase: str, capture: Any) -> None:
 
 
 def _commands(arguments: argparse.Namespace) -> dict[str, list[str]]:
-    own = ['-p', f'profile:={arguments.profile}'] if arguments.profile else []
-    go1 = ['go1_cameras', '--ros-args', '-p', f'renderer:={arguments.renderer}', *own]
-    cameras = {camera: [*camera_command(camera), *own] for camera in _CAMERAS}
-    return {'go1_cameras': go1} | cameras
+    own = {'profile': arguments.profile} if arguments.profile else {}
+    robot = node_command('go1_cameras', renderer=arguments.renderer, **own)
+    return {'go1_cameras': robot} | {one: camera_command(one, **own) for one in _CAMERAS}
 
 
 def _wait_for_streams(

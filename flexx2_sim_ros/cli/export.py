@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.usecase or profile.default_usecase,
             effects,
             angles=angles,
-            distances=None if arguments.distances is None else tuple(arguments.distances),
+            distances=arguments.distances,
             progress=lambda done: report('measuring walls', done),
         )
     made = {target: target.write(noise, arguments.cell) for target in chosen}

@@ -42,26 +42,22 @@ def run(arguments: argparse.Namespace) -> int:
 
     console = common.messages()
     out = arguments.out or arguments.diagnosis
-    prior = arguments.pose_prior
     with common.progress_bar(console) as progress:
         table = check(
             arguments.diagnosis,
             arguments.fresh,
             **common.simulation(arguments),
             out=out,
-            pose_prior=(prior[0], prior[1]) if prior else None,
+            pose_prior=arguments.pose_prior,
             known=common.read_known(arguments.known),
             progress=progress,
         )
-    if arguments.json:
-        common.print_json(table)
-    else:
-        _print(table, console)
-        console.print(f'{out}: check.json, check.html ({table["seconds"]:.0f} s)')
+    written = f'{out}: check.json, check.html'
+    common.print_result(console, table, written, None if arguments.json else _show)
     return 0 if table['holds'] else 1
 
 
-def _print(table: dict[str, Any], console: Console) -> None:
+def _show(table: dict[str, Any], console: Console) -> None:
     from flexx2_sim_ros.gap.report.check_page import headline, HEADS, lines, sentences
 
     console.print(printable(headline(table)), style='bold')

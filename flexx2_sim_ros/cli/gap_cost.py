@@ -44,7 +44,6 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.gap import cost
 
     console = common.messages()
-    mounting = arguments.mounting
     with common.progress_bar(console) as progress:
         table = cost(
             arguments.campaign,
@@ -52,19 +51,16 @@ def run(arguments: argparse.Namespace) -> int:
             consumers=arguments.consumer,
             **common.simulation(arguments),
             out=arguments.out,
-            mounting=None if mounting is None else (mounting[0], mounting[1]),
+            mounting=arguments.mounting,
             limit=arguments.limit,
             progress=progress,
         )
-    if arguments.json:
-        common.print_json(table)
-    else:
-        _print(table, console)
-        console.print(f'{arguments.out}: cost.json, cost.html ({table["seconds"]:.0f} s)')
+    written = f'{arguments.out}: cost.json, cost.html'
+    common.print_result(console, table, written, None if arguments.json else _show)
     return 0
 
 
-def _print(table: dict[str, Any], console: Console) -> None:
+def _show(table: dict[str, Any], console: Console) -> None:
     from flexx2_sim_ros.gap.report.cost_page import (
         headline,
         lines,

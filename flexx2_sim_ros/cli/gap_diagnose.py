@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
             without=arguments.without,
             **common.simulation(arguments),
             out=arguments.out,
-            pose_prior=arguments.pose_prior and tuple(arguments.pose_prior),
+            pose_prior=arguments.pose_prior,
             known=common.read_known(arguments.known),
             cost=arguments.cost,
             forms=arguments.forms,

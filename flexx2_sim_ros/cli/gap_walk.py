@@ -6,6 +6,7 @@ from typing import Any
 from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.options import number, whole_number
 from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.table import Column, Table
 
 OPTIONS = """
@@ -51,18 +52,12 @@ def run(arguments: argparse.Namespace) -> int:
             out=arguments.out,
             progress=progress,
         )
-    if arguments.json:
-        common.print_json(table)
-    else:
-        console.print(_table(table))
-        if table['left_out']:
-            names = ', '.join(table['left_out'])
-            console.print(f'left out, as walks have no time since power-on: {names}')
-        console.print(f'{arguments.out}: walk.json, walk.png ({table["seconds"]:.0f} s)')
+    written = f'{arguments.out}: walk.json, walk.png'
+    common.print_result(console, table, written, None if arguments.json else _show)
     return 0
 
 
-def _table(table: dict[str, Any]) -> Table:
+def _show(table: dict[str, Any], console: Console) -> None:
     cameras = list(dict.fromkeys(row['camera'] for row in table['rows']))
     shown = Table(
         'terrain',
@@ -78,4 +73,7 @@ def _table(table: dict[str, Any]) -> Table:
         lines.setdefault((row['terrain'], row['step']), []).append(text)
     for (terrain, step), texts in lines.items():
         shown.add_row(terrain, f'{100 * step:g} cm', *texts)
-    return shown
+    console.print(shown)
+    if table['left_out']:
+        names = ', '.join(table['left_out'])
+        console.print(f'left out, as walks have no time since power-on: {names}')

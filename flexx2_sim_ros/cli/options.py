@@ -82,6 +82,13 @@ class Step(NamedTuple):
     values: Mapping[str, Any] = {}
 
 
+class _Several(argparse.Action):
+    # Keeps several values as a tuple, as functions of the package take them.
+
+    def __call__(self, _parser: Any, namespace: Any, values: Any, _option: Any = None) -> None:
+        setattr(namespace, self.dest, tuple(values))
+
+
 def add_table(parser: argparse.ArgumentParser, table: str, **more: Any) -> None:
     """
     Add what a table lists to a parser.
@@ -119,7 +126,7 @@ def add_table(parser: argparse.ArgumentParser, table: str, **more: Any) -> None:
             given['choices'] = tuple(values.split('|'))
         elif ' ' in values:
             given['metavar'] = tuple(values.split(' '))
-            given['nargs'] = len(given['metavar'])
+            given |= {'nargs': len(given['metavar']), 'action': _Several}
         elif values:
             given['metavar'] = values
         elif name.startswith('-'):

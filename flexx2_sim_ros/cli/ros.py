@@ -8,6 +8,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes.runtime import make_room_for_images
@@ -64,9 +65,19 @@ def ros() -> Iterator[Stop]:
 Processes = dict[str, 'subprocess.Popen[bytes]']
 
 
-def camera_command(camera: str) -> list[str]:
+def node_command(node: str, *remappings: str, **parameters: Any) -> list[str]:
+    """Return the module of a node and its arguments: remappings, as ``from:=to``, and values."""
+    words = [node, '--ros-args']
+    for one in remappings:
+        words += ['-r', one]
+    for name, value in parameters.items():
+        words += ['-p', f'{name}:={value}']
+    return words
+
+
+def camera_command(camera: str, **parameters: Any) -> list[str]:
     """Return the command that starts the camera node of a robot's camera."""
-    return ['flexx2_camera', '--ros-args', '-r', f'__ns:=/{camera}']
+    return node_command('flexx2_camera', f'__ns:=/{camera}', **parameters)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import zlib
 
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
-from flexx2_sim_ros.cli.common import messages
+from flexx2_sim_ros.cli.common import messages, progress_bar
 from flexx2_sim_ros.cli.options import MOST_FRAMES, MOST_SEED, SEEDS, whole_number
 from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
@@ -19,7 +19,6 @@ from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
 from flexx2_sim_ros.recording import load_scene, RecordingWriter, Scene
 import numpy as np
 from rich.console import Console
-from rich.progress import Progress
 
 _DEFAULT_FRAMES = 300
 _CHUNK = 30
@@ -94,9 +93,10 @@ def run(arguments: argparse.Namespace) -> int:
     invalid = 0
     with (
         RecordingWriter(arguments.output, count, *scene.clean_depth.shape[-2:]) as writer,
-        Progress(console=console, transient=True) as progress,
+        progress_bar(console) as progress,
     ):
-        for start in progress.track(range(0, count, _CHUNK), description='simulating'):
+        for start in range(0, count, _CHUNK):
+            progress('simulating', start / count)
             part = slice(start, min(start + _CHUNK, count))
             frame = camera.capture(
                 _frames(scene.clean_depth, part),

@@ -16,7 +16,7 @@ from typing import Any
 import webbrowser
 
 from flexx2_sim_ros.cli.options import whole_number
-from flexx2_sim_ros.cli.ros import camera_command, check, nodes, ros
+from flexx2_sim_ros.cli.ros import camera_command, check, node_command, nodes, ros
 from flexx2_sim_ros.errors import InputError, shown
 
 _CAMERAS = ('front_left', 'front_right')
@@ -128,21 +128,14 @@ def _demo(arguments: argparse.Namespace) -> Iterator[Callable[[], None]]:
     if not arguments.demo:
         yield lambda: None
         return
-    commands = {
-        'go1_cameras': [
-            'go1_cameras',
-            '--ros-args',
-            '-p',
-            'motion:=cmd_vel',
-            '-p',
-            f'scene:={arguments.scene or "lab"}',
-            '-p',
-            f'renderer:={arguments.renderer}',
-            '-r',
-            f'cmd_vel:={arguments.cmd_vel}',
-        ]
-    }
-    commands |= {camera: camera_command(camera) for camera in _CAMERAS}
+    robot = node_command(
+        'go1_cameras',
+        f'cmd_vel:={arguments.cmd_vel}',
+        motion='cmd_vel',
+        scene=arguments.scene or 'lab',
+        renderer=arguments.renderer,
+    )
+    commands = {'go1_cameras': robot} | {one: camera_command(one) for one in _CAMERAS}
     folder = Path(tempfile.mkdtemp(prefix='flexx2_view_'))
     with nodes(commands, folder) as processes:
         yield partial(check, processes, folder)
