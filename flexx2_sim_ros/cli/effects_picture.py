@@ -55,42 +55,34 @@ def _fill(figure: Any, axes: Any, view: EffectView) -> None:
 
 def _draw_difference(figure: Any, axis: Any, view: EffectView) -> None:
     kind = view.kind.picture.difference_for(view.kind.changes)
+    frame, rest = view.frame.depth, view.rest.depth
     if kind == 'lost':
-        lost = np.isnan(view.frame.depth) & np.isfinite(view.rest.depth)
-        shown = axis.imshow(
-            100 * lost.mean(axis=0), cmap='magma', vmin=0, vmax=100, interpolation='nearest'
-        )
-        axis.set_title('invalid pixels, % of frames', fontsize=10)
+        image = 100 * (np.isnan(frame) & np.isfinite(rest)).mean(axis=0)
+        style = {'cmap': 'magma', 'vmin': 0, 'vmax': 100}
+        title = 'invalid pixels, % of frames'
     elif kind == 'beyond':
-        new = np.where(
-            np.isfinite(view.frame.depth[-1]) & np.isnan(view.rest.depth[-1]),
-            view.frame.depth[-1] - view.clean[-1],
-            np.nan,
-        )
-        shown = axis.imshow(new, cmap='viridis', interpolation='nearest')
-        axis.set_title('depth of pixels that should be invalid, minus true depth, m', fontsize=10)
+        new = np.isfinite(frame[-1]) & np.isnan(rest[-1])
+        image, style = np.where(new, frame[-1] - view.clean[-1], np.nan), {'cmap': 'viridis'}
+        title = 'depth of pixels that should be invalid, minus true depth, m'
     elif kind == 'spread':
         with np.errstate(divide='ignore', invalid='ignore'):
-            ratio = np.log2(
-                deviation_over_time(view.frame.depth) / deviation_over_time(view.rest.depth)
-            )
-        limit = max(0.5, float(np.nanpercentile(np.abs(ratio), 98)))
-        shown = axis.imshow(ratio, cmap='PuOr_r', vmin=-limit, vmax=limit, interpolation='nearest')
-        axis.set_title('standard deviation over frames: log2 of with / without', fontsize=10)
+            image = np.log2(deviation_over_time(frame) / deviation_over_time(rest))
+        style = _around_zero('PuOr_r', float(np.nanpercentile(np.abs(image), 98)))
+        title = 'standard deviation over frames: log2 of with / without'
     else:
         fastest = int(speed(view.seconds).argmax())
-        image = (
-            mean_over_time(view.change)
-            if kind == 'mean'
-            else view.change[0 if kind == 'first' else fastest]
-        )
+        one = view.change[0 if kind == 'first' else fastest]
+        image = mean_over_time(view.change) if kind == 'mean' else one
         if view.kind.stage == Stage.GEOMETRY:
             image[near_edges(view, 6)] = np.nan  # Moved edges would hide the other changes.
-        limit = max(0.5, float(np.nanpercentile(np.abs(image[np.abs(image) > 1e-3]), 97)))
-        shown = axis.imshow(
-            image, cmap=colours('RdBu'), vmin=-limit, vmax=limit, interpolation='nearest'
-        )
-        axis.set_title(
-            ('mean' if kind == 'mean' else 'one frame') + ' with minus without, mm', fontsize=10
-        )
+        changed = np.abs(image[np.abs(image) > 1e-3])
+        style = _around_zero(colours('RdBu'), float(np.nanpercentile(changed, 97)))
+        title = ('mean' if kind == 'mean' else 'one frame') + ' with minus without, mm'
+    shown = axis.imshow(image, interpolation='nearest', **style)
+    axis.set_title(title, fontsize=10)
     figure.colorbar(shown, ax=axis, shrink=0.75)
+
+
+def _around_zero(cmap: Any, limit: float) -> dict[str, Any]:
+    most = max(0.5, limit)
+    return {'cmap': cmap, 'vmin': -most, 'vmax': most}

@@ -1,6 +1,7 @@
 """The third panel of an effect's picture: the change over distance, time or another covariate."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from flexx2_sim_ros.camera import Camera, flexx2
@@ -13,6 +14,7 @@ from flexx2_sim_ros.cli.effects_view import (
     speed,
     STEEP,
 )
+from flexx2_sim_ros.effects import Effect
 import numpy as np
 
 GRAY = '#8a8a8a'
@@ -22,13 +24,10 @@ _BOTH = ('with', 'C0'), ('without', GRAY)  # names and colours
 def _covariate(view: EffectView) -> tuple[str, np.ndarray, np.ndarray]:
     # The covariate's label, its value in every pixel, and the edges of bins.
     amplitude = view.scene.reflectivity * view.surface.cos_incidence / view.scene.depth**2
+    incidence = np.degrees(view.surface.incidence)
     return {
         'distance': ('distance, m', view.scene.depth, np.linspace(0.4, 2.5, 80)),
-        'incidence': (
-            'incidence, degrees',
-            np.degrees(view.surface.incidence),
-            np.arange(0, 91, 3.0),
-        ),
+        'incidence': ('incidence, degrees', incidence, np.arange(0, 91, 3.0)),
         'amplitude': ('amplitude, 1/m²', amplitude, np.geomspace(3e-3, 5, 28)),
     }.get(view.kind.covariate, ('distance, m', view.scene.depth, np.linspace(0.4, 6.8, 60)))
 
@@ -66,79 +65,43 @@ def _by_covariate(axis: Any, view: EffectView) -> None:
         text, styles = 'standard deviation over frames, mm', ('with', 'without')
         axis.set_yscale('log')
     else:
-        lines, text, styles = (
-            [mean_over_time(view.change)],
-            'with minus without, mm',
-            ('median', ''),
-        )
+        lines, styles = [mean_over_time(view.change)], ('median', '')
+        text = 'with minus without, mm'
         low, high = (
-            _binned(
-                lines[0][calm],
-                x[calm],
-                edges,
-                lambda part, q=q: float(np.percentile(part, q)),  # type: ignore[misc]
-            )
-            for q in (10, 90)
+            _binned(lines[0][calm], x[calm], edges, partial(np.percentile, q=q)) for q in (10, 90)
         )
-        known = np.isfinite(low)
-        axis.fill_between(
-            middles[known],
-            low[known],
-            high[known],
-            alpha=0.2,
-            linewidth=0,
-            label='10 to 90 % of the pixels',
-        )
+        band = np.stack([middles, low, high])[:, np.isfinite(low)]
+        axis.fill_between(*band, alpha=0.2, linewidth=0, label='10 to 90 % of the pixels')
         axis.axhline(0, color=GRAY, linewidth=1)
     for values, name in zip(lines, styles, strict=False):
         mean = _binned(values[calm], x[calm], edges, np.median if name == 'median' else np.mean)
         known = np.isfinite(mean)
-        axis.plot(
-            middles[known],
-            mean[known],
-            '.-',
-            label=name,
-            color=GRAY if name == 'without' else 'C0',
-        )
+        colour = GRAY if name == 'without' else 'C0'
+        axis.plot(middles[known], mean[known], '.-', label=name, color=colour)
     axis.set(xlabel=label, ylabel=text)
 
 
 def _along_row(axis: Any, view: EffectView) -> None:
     row = 14  # across the corner
-    axis.plot(
-        np.where(near_edges(view, 6), np.nan, mean_over_time(view.change))[row],
-        '.-',
-        label=f'row {row}',
-    )
+    change = np.where(near_edges(view, 6), np.nan, mean_over_time(view.change))
+    axis.plot(change[row], '.-', label=f'row {row}')
     axis.axhline(0, color=GRAY, linewidth=1)
     axis.set(xlabel='column', ylabel='with minus without, mm')
+
+
+def _capture(depth: np.ndarray, *effects: Effect) -> np.ndarray:
+    camera = Camera('Mode_9_30fps', effects=effects, seed=1)
+    return camera.capture(depth, flexx2().intrinsics.matrix, 0).depth
 
 
 def _two_scenes(axis: Any, view: EffectView) -> None:
     row, columns = 86, np.arange(90, 150)
     wall = np.full(view.scene.depth.shape, 1.0)
-    with_it, without = (
-        Camera('Mode_9_30fps', effects=effects, seed=1)
-        .capture(wall, flexx2().intrinsics.matrix, 0)
-        .depth
-        for effects in ((view.effect,), ())
-    )
-    axis.plot(
-        columns,
-        mean_over_time(view.change)[row, columns],
-        'o-',
-        markersize=3,
-        label=f'row {row} of this scene',
-    )
-    axis.plot(
-        columns,
-        1e3 * (with_it - without)[row, columns],
-        '.',
-        color='C1',
-        zorder=3,
-        markersize=4,
-        label='on a plain wall',
-    )
+    alone = 1e3 * (_capture(wall, view.effect) - _capture(wall))[row, columns]
+    change = mean_over_time(view.change)[row, columns]
+    axis.plot(columns, change, 'o-', markersize=3, label=f'row {row} of this scene')
+    style = {'color': 'C1', 'zorder': 3, 'markersize': 4}
+    axis.plot(columns, alone, '.', label='on a plain wall', **style)
     axis.axhline(0, color=GRAY, linewidth=1)
     axis.set(xlabel='column', ylabel='with minus without, mm')
 
@@ -151,13 +114,8 @@ def _histogram(axis: Any, view: EffectView) -> None:
         values = error[:, calm] / scale
         shown = values[np.isfinite(values)]
         _outline(axis, shown, np.linspace(-limit, limit, 161), name, colour)
-    axis.set(
-        xlabel='error / modelled sigma',
-        ylabel='density',
-        yscale='log',
-        ylim=(1e-5, 1),
-        xlim=(-limit, limit),
-    )
+    axis.set(yscale='log', ylim=(1e-5, 1), xlim=(-limit, limit))
+    axis.set(xlabel='error / modelled sigma', ylabel='density')
 
 
 def _outline(axis: Any, values: np.ndarray, bins: np.ndarray, name: str, colour: str) -> None:
@@ -178,12 +136,8 @@ def _across_edge(axis: Any, view: EffectView) -> None:
         depth = seen.depth[::8, _EDGE_ROWS, _EDGE_COLUMNS]
         x = np.broadcast_to(np.arange(depth.shape[2]) - _true_edge(view) + aside, depth.shape)
         axis.plot(x.ravel(), depth.ravel(), '.', color=colour, markersize=3, label=name)
-    axis.set(
-        xlabel='columns from the edge of the chart',
-        ylabel='depth, m',
-        xlim=(-9, 9),
-        ylim=(1.4, 2.3),
-    )
+    labels = {'xlabel': 'columns from the edge of the chart', 'ylabel': 'depth, m'}
+    axis.set(xlim=(-9, 9), ylim=(1.4, 2.3), **labels)
 
 
 def _edge_positions(axis: Any, view: EffectView) -> None:
@@ -206,53 +160,38 @@ def _warming_up(axis: Any, view: EffectView) -> None:
 def _moving(axis: Any, view: EffectView) -> None:
     # The camera moves towards the far wall and the chart and back.
     calm = ~near_edges(view, 20) & (np.abs(view.surface.cos_incidence - 1) < 0.1)
-    axis.plot(
-        view.seconds,
-        [np.nanmedian(one[calm]) for one in view.change],
-        '.-',
-        label='with minus without, mm',
-    )
+    change = [np.nanmedian(one[calm]) for one in view.change]
+    axis.plot(view.seconds, change, '.-', label='with minus without, mm')
     axis.plot(view.seconds, 10 * speed(view.seconds), color=GRAY, label='speed forward, 0.1 m/s')
     axis.axhline(0, color=GRAY, linewidth=0.5)
     axis.set(xlabel='time, s', ylabel='median over surfaces that face the camera')
 
 
-def _correlation(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[float]:
-    result = []
-    for one, other in pairs:
-        both = np.isfinite(one) & np.isfinite(other)
-        result.append(float(np.corrcoef(one[both], other[both])[0, 1]))
-    return result
-
-
 def _frames_alike(axis: Any, view: EffectView) -> None:
-    _correlations(
-        axis, view, 'frames', lambda noise, lag: (noise[lag + 5 :], noise[5 : len(noise) - lag])
-    )
+    _correlations(axis, view, 'frames', lambda noise: noise[5:])
 
 
 def _neighbours_alike(axis: Any, view: EffectView) -> None:
-    _correlations(
-        axis,
-        view,
-        'pixels',
-        lambda noise, lag: (noise[:, :, lag:], noise[:, :, : noise.shape[2] - lag]),
-    )
+    _correlations(axis, view, 'pixels', lambda noise: np.moveaxis(noise, 2, 0))
 
 
 def _correlations(
-    axis: Any,
-    view: EffectView,
-    what: str,
-    pair: Callable[[np.ndarray, int], tuple[np.ndarray, np.ndarray]],
+    axis: Any, view: EffectView, what: str, along: Callable[[np.ndarray], np.ndarray]
 ) -> None:
+    # `along` returns the noise with what is apart as its first axis.
     calm = view.calm(12, 45.0)
     lags = range(6)
     for error, (name, colour) in zip(view.error, _BOTH, strict=True):
         noise = np.where(calm, error - mean_over_time(error), np.nan) / (1e3 * view.rest.sigma)
-        values = _correlation([pair(noise, lag) for lag in lags])
+        line = along(noise)
+        values = [_correlation(line[lag:], line[: len(line) - lag]) for lag in lags]
         axis.plot(lags, values, 'o-', color=colour, label=name)
     axis.set(xlabel=f'{what} apart', ylabel='correlation of the noise')
+
+
+def _correlation(one: np.ndarray, other: np.ndarray) -> float:
+    both = np.isfinite(one) & np.isfinite(other)
+    return float(np.corrcoef(one[both], other[both])[0, 1])
 
 
 def _wrapped(axis: Any, view: EffectView) -> None:
@@ -260,11 +199,7 @@ def _wrapped(axis: Any, view: EffectView) -> None:
     calm = view.calm(9, 78.0)
     x = np.broadcast_to(view.clean, view.frame.depth.shape)[-1][calm]
     axis.plot(x, view.frame.depth[-1][calm], '.', markersize=2, label=view.kind.picture.usecase)
-    far = (
-        Camera('Mode_9_30fps', effects=(view.effect,), seed=1)
-        .capture(view.scene.depth, flexx2().intrinsics.matrix, 0)
-        .depth
-    )
+    far = _capture(view.scene.depth, view.effect)
     axis.plot(x, far[calm], '.', markersize=2, color='C1', zorder=1, label='Mode_9_30fps')
     axis.set(xlabel='true distance, m', ylabel='depth, m')
 
