@@ -28,10 +28,18 @@ def test_measurements_run_for_a_moment(child_env, tmp_path):
     assert (tmp_path / 'build' / 'torture' / 'kills.jsonl').is_file()
 
 
-def test_the_answers_of_the_published_benchmark_are_listed(child_env, tmp_path):
-    done = run(['bench.benchmark_answers'], tmp_path, child_env)
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (['benchmark_answers'], 'slowest: '),
+        (['mount', 'none'], '| `none` | '),
+        (['absorbed', '--effects', 'offset', '--only', 'corners'], '| offset | 0.00 | 1.00 |'),
+    ],
+)
+def test_a_measurement_with_options_of_its_own_prints_figures(words, said, child_env, tmp_path):
+    done = run([f'bench.{words[0]}', *words[1:]], tmp_path, child_env)
     assert done.returncode == 0, done.stderr
-    assert 'slowest: ' in done.stdout
+    assert said in done.stdout
 
 
 def test_copied_noise_is_drawn_beside_that_of_the_camera(child_env, tmp_path):

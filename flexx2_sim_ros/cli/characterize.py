@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from flexx2_sim_ros.atomic import check_folder, output_folder
-from flexx2_sim_ros.cli.common import messages, progress_bar
+from flexx2_sim_ros.cli.common import call, messages, progress_bar
 from flexx2_sim_ros.cli.options import MOST_FRAMES, number, SEEDS, Step, whole_number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.profiles.files import find_profile, save_profile
@@ -106,13 +106,11 @@ def _capture(arguments: argparse.Namespace) -> int:
     console = messages()
     recorded = 0
     with progress_bar(console) as progress:
-        made = capture(
-            arguments.folder,
-            wanted,
-            profile,
-            frames=arguments.frames,
-            seed=arguments.seed,
-            renderer=arguments.renderer,
+        made = call(
+            capture,
+            arguments,
+            wanted=wanted,
+            profile=profile,
             workers=arguments.jobs,
             say=lambda text: console.print(printable(text), style='yellow', soft_wrap=True),
         )
@@ -136,14 +134,11 @@ def _fit(arguments: argparse.Namespace) -> int:
 
     out = arguments.out or arguments.folder / _OUT
     check_folder(out)
-    camera = find_profile(arguments.profile)
     console = messages()
     with progress_bar(console) as progress:
-        result = characterize(
-            arguments.folder,
-            box=arguments.box,
-            camera=arguments.camera,
-            profile=camera,
+        result = call(
+            characterize,
+            arguments,
             workers=arguments.jobs,
             on_done=lambda done, total: progress(f'measured {done} of {total}', done / total),
         )

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager
+import inspect
 import shlex
 import sys
 from typing import Any
@@ -16,12 +17,19 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 
-def simulation(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the options of a command that simulates recordings, as functions of `gap` take it."""
-    given = {name: getattr(arguments, name) for name in ('seed', 'jobs')}
-    if 'scheduler' in arguments:
-        given['scheduler'] = arguments.scheduler
-    return {'profile': find_profile(arguments.profile), **given}
+def call(function: Callable[..., Any], arguments: argparse.Namespace, **more: Any) -> Any:
+    """
+    Call a function, or make a value, with those options of a command that are its parameters.
+
+    An option that was left out and has no default is left out here, too. `--profile` becomes a
+    profile. `more` goes before the options.
+    """
+    names = inspect.signature(function).parameters.keys() & vars(arguments).keys()
+    given = {name: getattr(arguments, name) for name in names - more.keys()}
+    given = {name: value for name, value in given.items() if value is not None}
+    if 'profile' in given:
+        given['profile'] = find_profile(given['profile'])
+    return function(**given, **more)
 
 
 def print_result(

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.cli.common import messages, progress_bar
+from flexx2_sim_ros.cli.common import call, messages, progress_bar
 from flexx2_sim_ros.cli.options import number, whole_number
 from flexx2_sim_ros.errors import InputError, printable, shown
 
@@ -92,26 +92,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Convert with a progress bar, and print what was converted."""
     from flexx2_sim_ros.processing import Chain, load_chain
     from flexx2_sim_ros.processing.processed_recording import ProcessedRecording
-    from flexx2_sim_ros.profiles.files import find_profile
     from flexx2_sim_ros.recording.convert import convert, convert_views
     from flexx2_sim_ros.recording.corrections import Given
 
-    given = Given(
-        arguments.usecase,
-        arguments.mask,
-        arguments.rate,
-        arguments.calibration,
-        arguments.unit,
-        _keys(arguments.key),
-        arguments.partial_truth,
-        arguments.clean,
-        arguments.infrared,
-        arguments.radial,
-        arguments.intrinsics,
-        arguments.rectified,
-        None if arguments.profile is None else find_profile(arguments.profile),
-        arguments.episode,
-    )
+    given = call(Given, arguments, rate_hz=arguments.rate, keys=_keys(arguments.key))
     chain = Chain(()) if arguments.process is None else load_chain(arguments.process)
     console = messages(soft_wrap=True)
     with progress_bar(console) as progress:
@@ -122,15 +106,7 @@ def run(arguments: argparse.Namespace) -> int:
             paths = Path(arguments.source), Path(arguments.target)
             written = convert_views(*paths, given, progress, processed, arguments.camera)
         else:
-            written = convert(
-                arguments.source,
-                arguments.target,
-                arguments.camera,
-                arguments.storage,
-                given,
-                progress,
-                processed,
-            )
+            written = call(convert, arguments, given=given, progress=progress, processed=processed)
     for note in dict.fromkeys(note for reader, _ in written for note in reader.notes):
         console.print(printable(note), style='yellow')
     for reader, path in written:

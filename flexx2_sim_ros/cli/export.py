@@ -11,7 +11,7 @@ from flexx2_sim_ros.atomic import (
     whole_files,
     write_text,
 )
-from flexx2_sim_ros.cli.common import messages, progress_bar
+from flexx2_sim_ros.cli.common import call, messages, progress_bar
 from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.effects import load_effects
 from flexx2_sim_ros.errors import InputError, printable, shown_path
@@ -69,12 +69,13 @@ def run(arguments: argparse.Namespace) -> int:
     effects = load_effects(arguments.effects) if arguments.effects else ()
     angles = ANGLES if arguments.incidence is None else (arguments.incidence,)
     with progress_bar(messages()) as report:
-        noise = measure_noise(
-            profile,
-            arguments.usecase or profile.default_usecase,
-            effects,
+        noise = call(
+            measure_noise,
+            arguments,
+            profile=profile,
+            usecase=arguments.usecase or profile.default_usecase,
+            effects=effects,
             angles=angles,
-            distances=arguments.distances,
             progress=lambda done: report('measuring walls', done),
         )
     made = {target: target.write(noise, arguments.cell) for target in chosen}

@@ -43,15 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     console = common.messages()
     out = arguments.out or arguments.diagnosis
     with common.progress_bar(console) as progress:
-        table = check(
-            arguments.diagnosis,
-            arguments.fresh,
-            **common.simulation(arguments),
-            out=out,
-            pose_prior=arguments.pose_prior,
-            known=common.read_known(arguments.known),
-            progress=progress,
-        )
+        known = common.read_known(arguments.known)
+        table = common.call(check, arguments, out=out, known=known, progress=progress)
     written = f'{out}: check.json, check.html'
     common.print_result(console, table, written, None if arguments.json else _show)
     return 0 if table['holds'] else 1

@@ -45,14 +45,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     console = common.messages()
     with common.progress_bar(console) as progress:
-        table = cost(
-            arguments.campaign,
-            arguments.diagnosis,
+        table = common.call(
+            cost,
+            arguments,
+            campaign_dir=arguments.campaign,
             consumers=arguments.consumer,
-            **common.simulation(arguments),
-            out=arguments.out,
-            mounting=arguments.mounting,
-            limit=arguments.limit,
             progress=progress,
         )
     written = f'{arguments.out}: cost.json, cost.html'

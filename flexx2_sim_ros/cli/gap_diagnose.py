@@ -64,15 +64,11 @@ def run(arguments: argparse.Namespace) -> int:
     console = common.messages()
     compiling = compiling_said(lambda: console.print(_COMPILING))
     with common.progress_bar(console) as progress, compiling:
-        table = diagnose(
-            arguments.campaign,
-            without=arguments.without,
-            **common.simulation(arguments),
-            out=arguments.out,
-            pose_prior=arguments.pose_prior,
+        table = common.call(
+            diagnose,
+            arguments,
+            campaign_dir=arguments.campaign,
             known=common.read_known(arguments.known),
-            cost=arguments.cost,
-            forms=arguments.forms,
             process=arguments.process and load_chain(arguments.process),
             progress=progress,
         )

@@ -54,15 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
     check_outputs('--out', out, [_FILE, _PAGE])
     profile = find_profile(arguments.profile)
     with common.progress_bar(console) as progress:
-        table, views = suggest(
-            arguments.diagnosis,
-            arguments.campaign,
-            read_plan(arguments.plan and Path(arguments.plan)),
+        table, views = common.call(
+            suggest,
+            arguments,
+            plan=read_plan(arguments.plan and Path(arguments.plan)),
             kinds=arguments.truth,
             scenes=arguments.scene,
             profile=profile,
-            seed=arguments.seed,
-            jobs=arguments.jobs,
             progress=progress,
         )
     write_texts(out, {_FILE: as_json(table), _PAGE: suggestions(table, views, profile.intrinsics)})

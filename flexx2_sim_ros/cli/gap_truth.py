@@ -1,6 +1,7 @@
 """`flexx2 gap truth`: ground truth for recordings of a real camera."""
 
 import argparse
+from collections.abc import Iterator
 import math
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,6 @@ from typing import Any
 from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.errors import each_once, InputError, printable, shown
-from flexx2_sim_ros.profiles.files import find_profile
 
 # Options and those that they are given with: where the camera is, how poses were measured, and how
 # accurate the room and the lens are.
@@ -103,31 +103,31 @@ def run(arguments: argparse.Namespace) -> int:
     notes = [(row['source'], note) for row in table['recordings'] for note in row.get('notes', ())]
     for note in each_once(notes):
         console.print(printable(note), style='yellow')
-    for row in table['recordings']:
-        reasons = f': {"; ".join(row["reasons"])}' if row['reasons'] else ''
-        console.print(printable(f'{row["name"]}: {row["verdict"]}{reasons}'))
-    for row in table['cannot_decide']:
-        console.print(printable(f'cannot decide {row["effect"]}: {row["reason"]}'))
-    if 'room_rough_mm' in table:
-        console.print(_room_words(table))
-    if clock := table.get('clock_offset'):
-        console.print(printable(_clock_words(clock)))
-    for name, found in table.get('shared', {}).items():
-        if found['verdict'] == 'found':
-            console.print(printable(f'{name}: {found["reason"]}'))
-    for name in table.get('not_given', []):
-        console.print(
-            printable(f'{table["planes"]}: {name} is not among the recordings, and is ignored')
-        )
-    for name in table.get('not_of_this_run', []):
-        console.print(
-            printable(
-                f'{name}: is in {arguments.out}, but not of this run; a diagnosis reads it, so '
-                'remove it if you removed its recording'
-            )
-        )
+    common.print_lines(console, _lines(table, arguments.out))
     console.print(f'{arguments.out}: truth.yaml, truth.html')
     return 0
+
+
+def _lines(table: dict[str, Any], out: str) -> Iterator[str]:
+    for row in table['recordings']:
+        reasons = f': {"; ".join(row["reasons"])}' if row['reasons'] else ''
+        yield f'{row["name"]}: {row["verdict"]}{reasons}'
+    for row in table['cannot_decide']:
+        yield f'cannot decide {row["effect"]}: {row["reason"]}'
+    if 'room_rough_mm' in table:
+        yield _room_words(table)
+    if clock := table.get('clock_offset'):
+        yield _clock_words(clock)
+    for name, found in table.get('shared', {}).items():
+        if found['verdict'] == 'found':
+            yield f'{name}: {found["reason"]}'
+    for name in table.get('not_given', []):
+        yield f'{table["planes"]}: {name} is not among the recordings, and is ignored'
+    for name in table.get('not_of_this_run', []):
+        yield (
+            f'{name}: is in {out}, but not of this run; a diagnosis reads it, so '
+            'remove it if you removed its recording'
+        )
 
 
 def _room_words(table: dict[str, Any]) -> str:
@@ -160,23 +160,24 @@ def _request(arguments: argparse.Namespace) -> Any:
         _check_suffix(Path(arguments.scan or arguments.scene), arguments.scan is not None)
     for names, others in _ONLY_WITH:
         _check_unused(arguments, names, others)
-    shared = _shared(arguments)
+    own: dict[str, Any] = {
+        'recordings': tuple(map(Path, arguments.recordings)),
+        'out': Path(arguments.out),
+        'command': common.command_line('gap', 'truth'),
+    }
     if arguments.board:
-        lens_error = 0.003 if arguments.lens_error is None else arguments.lens_error
-        return BoardRequest(
-            **shared, board=arguments.board, lens_error=lens_error, wall=arguments.wall
-        )
+        return common.call(BoardRequest, arguments, **own)
     if arguments.planes:
-        planes = Path(arguments.planes)
-        return PlaneRequest(**shared, planes=planes, room_error=arguments.room_error or 0.0)
+        return common.call(PlaneRequest, arguments, **own, planes=Path(arguments.planes))
     room = Path(arguments.scan or arguments.scene)
-    return RoomRequest(
-        **shared,
+    return common.call(
+        RoomRequest,
+        arguments,
+        **own,
         room=room,
         poses=tuple(_pose('--pose', text) for text in arguments.pose),
         told=_told(arguments),
         up=arguments.up or ('+y' if room.suffix.lower() == '.glb' else '+z'),
-        room_error=arguments.room_error,
     )
 
 
@@ -193,20 +194,6 @@ def _check_unused(
         if not (value is None or value is False or value == []):
             option = f'--{name.replace("_", "-")}'
             raise InputError(f'{option}: must be given with {fitting} only')
-
-
-def _shared(arguments: argparse.Namespace) -> dict[str, Any]:
-    return {
-        'recordings': tuple(map(Path, arguments.recordings)),
-        'out': Path(arguments.out),
-        'camera': arguments.camera,
-        'profile': find_profile(arguments.profile),
-        'motion': arguments.motion,
-        'jobs': arguments.jobs,
-        'scheduler': arguments.scheduler,
-        'uptime': arguments.uptime,
-        'command': common.command_line('gap', 'truth'),
-    }
 
 
 def _told(arguments: argparse.Namespace) -> Any:
@@ -241,10 +228,7 @@ def _told(arguments: argparse.Namespace) -> Any:
 def _accuracy(text: str | None) -> tuple[float, float] | None:
     if text is None:
         return None
-    try:
-        metres, degrees = (float(word) for word in text.split(','))
-    except ValueError:
-        metres, degrees = math.nan, math.nan
+    metres, degrees = _numbers(text, 2)
     if not (0 < metres < 1 and 0 < degrees < 90):
         raise InputError(
             f'--pose-accuracy: must be METRES,DEGREES, such as 0.002,0.2, got {shown(text)}'
@@ -261,14 +245,19 @@ def _check_suffix(room: Path, scan: bool) -> None:
 
 
 def _pose(option: str, text: str) -> tuple[float, ...]:
-    try:
-        numbers = tuple(float(word) for word in text.split(','))
-    except ValueError:
-        numbers = ()
-    good = len(numbers) == 7 and all(math.isfinite(n) and abs(n) < 1e6 for n in numbers)
-    if not good or math.hypot(*numbers[3:]) < 1e-6:
+    numbers = _numbers(text, 7)
+    if not all(abs(n) < 1e6 for n in numbers) or math.hypot(*numbers[3:]) < 1e-6:
         raise InputError(
             f'{option}: must be x,y,z,qx,qy,qz,qw: three metres and a quaternion, got '
             f'{shown(text)}'
         )
     return numbers
+
+
+def _numbers(text: str, count: int) -> tuple[float, ...]:
+    # So many numbers between commas; NaN for anything else.
+    try:
+        numbers = tuple(float(word) for word in text.split(','))
+    except ValueError:
+        numbers = ()
+    return numbers if len(numbers) == count else (math.nan,) * count

@@ -43,15 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     console = common.messages()
     with common.progress_bar(console) as progress:
-        table = walk(
-            arguments.diagnosis,
-            robot=arguments.robot,
-            walks=arguments.walks,
-            **({} if arguments.steps is None else {'steps': arguments.steps}),
-            **common.simulation(arguments),
-            out=arguments.out,
-            progress=progress,
-        )
+        table = common.call(walk, arguments, progress=progress)
     written = f'{arguments.out}: walk.json, walk.png'
     common.print_result(console, table, written, None if arguments.json else _show)
     return 0

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from flexx2_sim_ros.cli.common import command_line
+from flexx2_sim_ros.cli.common import call, command_line
 from flexx2_sim_ros.cli.options import MOST_JOBS, whole_number
 from rich.console import Console
 
@@ -47,15 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.score:
         scores: Scores | None = score(out, partly=True)
     else:
-        scores = run_benchmark(
-            out,
-            quick=arguments.quick,
-            seed_set=arguments.seed_set,
-            release=arguments.release,
-            jobs=arguments.jobs,
-            earlier=earlier,
-            console=Console(stderr=True, markup=False),
-        )
+        console = Console(stderr=True, markup=False)
+        scores = call(run_benchmark, arguments, out=out, earlier=earlier, console=console)
     if scores is None:
         return 1
     scores = joined(earlier, scores)
