@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.frame import Frame, OPTIONS, padded, place, Surfaces
-from flexx2_sim_ros.batch.history import each_with, FrameHistory
+from flexx2_sim_ros.batch.history import each_with, FrameHistory, needs_of
 from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.batch.kernels import slopes
 from flexx2_sim_ros.camera import Intrinsics, Profile
@@ -216,7 +216,7 @@ class SceneGeometry:
         """Put the parameters on the device and allocate the images."""
         device = rows.stamps.device
         self._images = images
-        needs = {need for own in effects for effect in own for need in effect.batched or ()}
+        needs = needs_of(effects)
 
         def image() -> wp.array:
             return wp.zeros(images.pixels, dtype=wp.float32, device=device)

@@ -203,6 +203,11 @@ class FrameHistory:
         return seen
 
 
+def needs_of(effects: Sequence[Sequence[Effect]]) -> set[str]:
+    """Return all that the effects need in the kernels; see ``Effect.batched``."""
+    return {need for own in effects for effect in own for need in effect.batched or ()}
+
+
 def each_with(need: str, effects: Sequence[Sequence[Effect]]) -> list[Any]:
     """Return of every environment the effect with this entry in ``batched``, or None."""
     return [

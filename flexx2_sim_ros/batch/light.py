@@ -28,7 +28,7 @@ from flexx2_sim_ros.batch.frame import (
     place,
     Surfaces,
 )
-from flexx2_sim_ros.batch.history import each_with
+from flexx2_sim_ros.batch.history import each_with, needs_of
 from flexx2_sim_ros.batch.images import Images
 from flexx2_sim_ros.batch.kernels import add_to_list, distance
 from flexx2_sim_ros.batch.scatter import ScatteredLight
@@ -262,7 +262,7 @@ class PixelLight:
         bounces = [one is not None for one in each_with('bounce', effects)]
         widths = [None if one is None else one.width for one in each_with('scatter', effects)]
         self._indirect = self._scattered = None
-        self._mixes = any(one.name == 'flying_pixels' for own in effects for one in own)
+        self._mixes = 'footprint' in needs_of(effects)
         if any(bounces):
             self._indirect = IndirectLight(bounces, frequencies, images, device)
         if any(widths):

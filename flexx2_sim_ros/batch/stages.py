@@ -6,14 +6,11 @@ from typing import Any
 from flexx2_sim_ros.batch import effect_kernels, kernels, light, motion
 from flexx2_sim_ros.batch.geometry import SceneGeometry
 from flexx2_sim_ros.batch.grain import make_grain
+from flexx2_sim_ros.batch.history import needs_of
 from flexx2_sim_ros.batch.images import Images, launch, Rows
 from flexx2_sim_ros.camera import Intrinsics, Profile
 from flexx2_sim_ros.effects import Effect
 import warp as wp
-
-# Effects whose kernels run only where an environment has one of them.
-_SHIFTS_ALIKE = {'offset', 'depth_scale', 'warm_up_drift', 'fixed_pattern', 'amplitude_bias'}
-_CHANGES_NOISE = {'excess_noise', 'ambient_light'}
 
 
 class BatchStages:
@@ -36,16 +33,21 @@ class BatchStages:
         """Put the parameters on the device and allocate the images."""
         self.images = images
         num_envs, device = len(effects), rows.stamps.device
-        self._names = {effect.name for own in effects for effect in own}
+        self._loses = [
+            lose
+            for name, lose in effect_kernels.LOSES.items()
+            if any(effect.name == name for own in effects for effect in own)
+        ]
+        self._needs = needs_of(effects)
         self._depends_on_surfaces = any(mode.noise.surfaces is not None for mode in profile.modes)
         self._allocate(num_envs, device)
         rows.was_reset.fill_(1)
         self._geometry = SceneGeometry(effects, latest_ns, profile, images, rows, camera)
         self._light = light.PixelLight(effects, profile, images, device)
-        if 'motion_artefact' in self._names:
+        if 'motion' in self._needs:
             motion.prepare(images, num_envs, device)
         wp.load_module(effect_kernels, device=device)
-        if 'fixed_pattern' in self._names:
+        if 'grain' in self._needs:
             make_grain(images, num_envs)
 
     def _allocate(self, num_envs: int, device: Any) -> None:
@@ -55,13 +57,12 @@ class BatchStages:
         sizes = dict.fromkeys(
             ('facing', 'expected', 'measured', 'sigma', 'cosine', 'signal', 'depth'), images.pixels
         )
-        sizes['kept'] = kept if 'temporal_filter' in self._names else 0
-        sizes['grain'] = kept if 'fixed_pattern' in self._names else 0
-        loses = self._names & effect_kernels.LOSES.keys()
-        sizes['chances'] = 4 * images.most * images.blocks if loses else 0
+        sizes['kept'] = kept if 'measured' in self._needs else 0
+        sizes['grain'] = kept if 'grain' in self._needs else 0
+        sizes['chances'] = 4 * images.most * images.blocks if self._loses else 0
         for name, size in sizes.items():
             setattr(frame, name, wp.zeros(size, dtype=wp.float32, device=device))
-        filters = 'spatial_filter' in self._names
+        filters = 'neighbours' in self._needs
         frame.filtered = wp.zeros_like(frame.measured) if filters else frame.measured
 
     def forget(self, mask: wp.array) -> None:
@@ -77,7 +78,7 @@ class BatchStages:
 
     def observe(self, depth: wp.array) -> None:
         """Make the frames of the pass, from (N * H * W,) float32 depth of all environments."""
-        images, names = self.images, self._names
+        images, needs = self.images, self._needs
         self._geometry.look(depth)
         images.move_edges()
         images.each_pixel(kernels.describe)
@@ -85,25 +86,24 @@ class BatchStages:
         if self._depends_on_surfaces and images.frame.surfaces.reflectivity.size:
             images.each_pixel(light.scale_by_surface)
         # What effects add to the light and the noise of each pixel's own surface:
-        if 'motion_artefact' in names:
+        if 'motion' in needs:
             motion.shift(images)
-        if 'wiggling' in names:
+        if 'harmonics' in needs:
             images.each_pixel(light.wiggle)
-        if names & _SHIFTS_ALIKE:
+        if 'shift' in needs:
             images.each_pixel(light.shift_alike)
-        if names & _CHANGES_NOISE:
+        if 'sigma' in needs:
             images.each_pixel(light.change_noise)
         images.draw_normals()
-        if 'heavy_tails' in names:
+        if 'tails' in needs:
             images.each_block(light.widen_tails)
         images.each_pixel(effect_kernels.measure)
         # And to what each pixel sees:
-        if 'spatial_filter' in names:
+        if 'neighbours' in needs:
             images.blank_measured()
             images.each_pixel(effect_kernels.filter_neighbours)
-        if 'temporal_filter' in names:
+        if 'measured' in needs:
             images.each_pixel(effect_kernels.filter_in_time)
         images.each_pixel(effect_kernels.finish)
-        for name, lose in effect_kernels.LOSES.items():
-            if name in names:
-                images.each_pixel(lose)
+        for lose in self._loses:
+            images.each_pixel(lose)

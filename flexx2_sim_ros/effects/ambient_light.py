@@ -55,7 +55,7 @@ class AmbientLight(Effect):
     nuisances: ClassVar[tuple[str, ...]] = ('reflectivity', 'sigma')
     family: ClassVar[str] = 'function of amplitude'
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('spread', 'amplitude'),)
-    batched: ClassVar[tuple[str, ...] | None] = ()
+    batched: ClassVar[tuple[str, ...] | None] = ('sigma',)
 
     k: float = parameter(0.0008, 0.0, 0.1, '1/m', 'noise at unit amplitude on white surfaces')
     reflected: float = parameter(

@@ -64,7 +64,7 @@ class AmplitudeBias(Effect):
     nuisances: ClassVar[tuple[str, ...]] = ('pose', 'reflectivity')
     family: ClassVar[str] = 'function of amplitude'
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('bias', 'amplitude'),)
-    batched: ClassVar[tuple[str, ...] | None] = ()
+    batched: ClassVar[tuple[str, ...] | None] = ('shift',)
 
     intercept: float = parameter(0.0, -0.1, 0.1, 'm', 'added to every depth')
     slope: float = parameter(

@@ -40,7 +40,7 @@ class DepthScale(Effect):
     family: ClassVar[str] = 'line over distance'
     compared: ClassVar[str] = 'fraction'
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('bias', 'distance'),)
-    batched: ClassVar[tuple[str, ...] | None] = ()
+    batched: ClassVar[tuple[str, ...] | None] = ('shift',)
 
     fraction: float = parameter(
         0.02, -_LARGEST, _LARGEST, '', 'of each depth, by which it is too long'

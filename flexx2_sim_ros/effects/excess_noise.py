@@ -38,7 +38,7 @@ class ExcessNoise(Effect):
     compared: ClassVar[str] = 'factor'
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('spread', ''),)
     picture: ClassVar[Picture] = Picture('histogram')
-    batched: ClassVar[tuple[str, ...] | None] = ()
+    batched: ClassVar[tuple[str, ...] | None] = ('sigma',)
 
     factor: float = parameter(1.3, 0.2, 5.0, '', 'factor on sigma_z, at strength 1')
 

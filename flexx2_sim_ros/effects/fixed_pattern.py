@@ -88,7 +88,7 @@ class FixedPattern(Effect):
     compared: ClassVar[str] = 'rms'
     picture: ClassVar[Picture] = Picture('two_scenes')
     stream: ClassVar[int] = 3
-    batched: ClassVar[tuple[str, ...] | None] = ('grain',)
+    batched: ClassVar[tuple[str, ...] | None] = ('shift', 'grain')
 
     rms: float = parameter(0.0015, 0.0, 0.1, 'm', 'root mean square over the pixels')
 

@@ -89,7 +89,7 @@ class FlyingPixels(Effect):
     picture: ClassVar[Picture] = Picture('across_edge')
     stream: ClassVar[int] = 11
     column_stream: ClassVar[int] = 12
-    batched: ClassVar[tuple[str, ...] | None] = ()
+    batched: ClassVar[tuple[str, ...] | None] = ('footprint',)
 
     footprint: float = parameter(
         1.5,

@@ -36,7 +36,7 @@ class HeavyTails(Effect):
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('gross', ''),)
     picture: ClassVar[Picture] = Picture('histogram', 'frame')
     stream: ClassVar[int] = 4
-    batched: ClassVar[tuple[str, ...] | None] = ()
+    batched: ClassVar[tuple[str, ...] | None] = ('tails',)
 
     share: float = parameter(0.02, 0.0, 0.25, '', 'fraction of the samples, at strength 1')
     width: float = parameter(5.0, 1.0, 20.0, '', 'factor on the sigma of these samples')

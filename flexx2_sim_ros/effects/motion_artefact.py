@@ -163,7 +163,7 @@ class MotionArtefact(Effect):
     family: ClassVar[str] = 'sequence of raw frames'
     picture: ClassVar[Picture] = Picture('moving')
     stream: ClassVar[int] = 10
-    batched: ClassVar[tuple[str, ...] | None] = ('surfaces',)
+    batched: ClassVar[tuple[str, ...] | None] = ('motion',)
 
     stretch: float = parameter(1.0, 0.0, 20.0, '', 'factor on the duration of the raw frames')
     stamp_at: float = parameter(

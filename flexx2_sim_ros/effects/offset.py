@@ -47,7 +47,7 @@ class Offset(Effect):
     family: ClassVar[str] = 'constant'
     compared: ClassVar[str] = 'bias'
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('bias', ''),)
-    batched: ClassVar[tuple[str, ...] | None] = ()
+    batched: ClassVar[tuple[str, ...] | None] = ('shift',)
 
     bias: float = parameter(0.005, -_LARGEST, _LARGEST, 'm', 'added to every depth')
     curve: Curve | None = curve_over(

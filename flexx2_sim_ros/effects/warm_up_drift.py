@@ -58,7 +58,7 @@ class WarmUpDrift(Effect):
     compared: ClassVar[str] = 'bias'
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('bias', 'uptime'),)
     picture: ClassVar[Picture] = Picture('warming_up', 'first', seconds=3600.0)
-    batched: ClassVar[tuple[str, ...] | None] = ()
+    batched: ClassVar[tuple[str, ...] | None] = ('shift',)
 
     bias: float = parameter(0.010, -0.2, 0.2, 'm', 'bias at power-on')
     tau: float = parameter(900.0, 1.0, 36000.0, 's', 'time constant')

@@ -116,7 +116,7 @@ class Wiggling(Effect):
     family: ClassVar[str] = 'periodic in distance'
     reads_as: ClassVar[tuple[tuple[str, str], ...]] = (('bias', 'distance'),)
     picture: ClassVar[Picture] = Picture(usecase='Mode_5_30fps')
-    batched: ClassVar[tuple[str, ...] | None] = ()
+    batched: ClassVar[tuple[str, ...] | None] = ('harmonics',)
 
     a1: float = parameter(0.0, -0.1, 0.1, 'm', 'sine, one period per c/2f')
     b1: float = parameter(0.0, -0.1, 0.1, 'm', 'cosine, one period per c/2f')
