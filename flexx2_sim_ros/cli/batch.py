@@ -174,57 +174,53 @@ def draw(
     the ``errors`` of the grids are (N, rows, columns) heights, NaN where not seen; all in metres.
     """
     robot = int(np.argmax([len(np.unique(np.round(own, 2))) for own in truth]))
-    difference = 1e3 * (errors['with noise'] - errors['without noise'])
+    own = f'robot {robot}'
+    images = {f'{own}, left: clean': clean, f'{own}, left: with noise': noisy}
+    depths = {title: np.where(one[robot] > 0, one[robot], np.nan) for title, one in images.items()}
+    true, error = truth[robot], errors['with noise'][robot]
+    heights = {f'{own}: true heights': true, f'{own}: seen with noise': true + error}
+    limits = {'vmin': np.nanmin(true), 'vmax': np.nanmax(true) + 1e-3}
+    wrong = {f'{own}: error {name}': 1e3 * one[robot] for name, one in errors.items()}
+    change = 1e3 * (errors['with noise'] - errors['without noise'])
+    spread = {'all robots: change by noise': _spread(change)}
     with picture(path, 2, 4, figsize=(14, 7.2)) as (figure, axes):
-        _draw_images(axes[0, :2], {'clean': clean[robot], 'with noise': noisy[robot]}, robot)
-        _draw_heights(axes[0, 2:], truth[robot], errors['with noise'][robot], robot)
-        _draw_errors(axes[1, :2], {name: one[robot] for name, one in errors.items()}, robot)
-        _draw_change(axes[1, 2], difference)
-        _draw_distribution(axes[1, 3], errors, np.isfinite(difference))
+        _draw(axes[0, :2], depths, 'depth [m]', 'turbo_r', vmin=0.3, vmax=4.0)
+        for axis in axes[0, :2]:
+            axis.set(xticks=[], yticks=[])
+        _draw_grids(axes[0, 2:], heights, 'height [m]', 'viridis', **limits)
+        _draw_grids(axes[1, :2], wrong, 'height error [mm]', 'RdBu', vmin=-20, vmax=20)
+        _draw_grids(axes[1, 2:3], spread, 'RMS [mm]', 'magma')
+        _draw_distribution(axes[1, 3], errors, np.isfinite(change))
         figure.suptitle(f'Height grids of {len(truth)} Go1 on stairs (gray: not seen)')
 
 
-def _draw_images(axes: Any, images: dict[str, np.ndarray], robot: int) -> None:
+def _draw(
+    axes: Any, images: dict[str, np.ndarray], label: str, colour_map: str, **style: Any
+) -> None:
+    # An image in each panel, by its title, and a bar of colours beside the last one.
     for axis, (title, image) in zip(axes, images.items(), strict=True):
-        shown = axis.imshow(
-            np.where(image > 0, image, np.nan),
-            cmap=colours('turbo_r'),
-            vmin=0.3,
-            vmax=4.0,
-            interpolation='nearest',
-        )
-        axis.set(xticks=[], yticks=[], title=f'robot {robot}, left: {title}')
-    axes[-1].figure.colorbar(shown, ax=axes[-1], label='depth [m]')
+        shown = axis.imshow(image, interpolation='nearest', cmap=colours(colour_map), **style)
+        axis.set(title=title)
+    axes[-1].figure.colorbar(shown, ax=axes[-1], label=label)
 
 
-def _draw_heights(axes: Any, truth: np.ndarray, error: np.ndarray, robot: int) -> None:
-    limits = {'vmin': np.nanmin(truth), 'vmax': np.nanmax(truth) + 1e-3}
-    for axis, image, title in zip(
-        axes, (truth, truth + error), ('true heights', 'seen with noise'), strict=True
-    ):
-        shown = _grid(axis, image, f'robot {robot}: {title}', 'viridis', **limits)
-    axes[-1].figure.colorbar(shown, ax=axes[-1], label='height [m]')
+def _draw_grids(axes: Any, *shown: Any, **limits: Any) -> None:
+    _draw(axes, *shown, origin='lower', extent=_EXTENT, **limits)
+    for axis in axes:
+        axis.set(xlabel='left [m]', ylabel='ahead [m]', xlim=_EXTENT[1::-1])
 
 
-def _draw_errors(axes: Any, errors: dict[str, np.ndarray], robot: int) -> None:
-    for axis, (name, error) in zip(axes, errors.items(), strict=True):
-        title = f'robot {robot}: error {name}'
-        shown = _grid(axis, 1e3 * error, title, 'RdBu', vmin=-20, vmax=20)
-    axes[-1].figure.colorbar(shown, ax=axes[-1], label='height error [mm]')
-
-
-def _draw_change(axis: Any, difference: np.ndarray) -> None:
-    valid = np.isfinite(difference)
-    spread = np.sqrt(
+def _spread(change: np.ndarray) -> np.ndarray:
+    # The root mean square of each cell over the robots that see it; NaN where none does.
+    seen = np.isfinite(change)
+    return np.sqrt(
         np.divide(
-            np.where(valid, difference**2, 0).sum(axis=0),
-            valid.sum(axis=0),
-            where=valid.any(axis=0),
-            out=np.full(difference.shape[1:], np.nan),
+            np.where(seen, change**2, 0).sum(axis=0),
+            seen.sum(axis=0),
+            where=seen.any(axis=0),
+            out=np.full(change.shape[1:], np.nan),
         )
     )
-    shown = _grid(axis, spread, 'all robots: change by noise', 'magma')
-    axis.figure.colorbar(shown, ax=axis, label='RMS [mm]')
 
 
 def _draw_distribution(axis: Any, errors: dict[str, np.ndarray], valid: np.ndarray) -> None:
@@ -241,16 +237,3 @@ def _draw_distribution(axis: Any, errors: dict[str, np.ndarray], valid: np.ndarr
     )
     axis.legend(loc='lower right')
     axis.grid(alpha=0.3)
-
-
-def _grid(axis: Any, image: np.ndarray, title: str, colour_map: str, **limits: float) -> Any:
-    shown = axis.imshow(
-        image,
-        origin='lower',
-        extent=_EXTENT,
-        interpolation='nearest',
-        cmap=colours(colour_map),
-        **limits,
-    )
-    axis.set(title=title, xlabel='left [m]', ylabel='ahead [m]', xlim=_EXTENT[1::-1])
-    return shown
