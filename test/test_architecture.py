@@ -133,7 +133,7 @@ def test_only_loop_keeps_what_is_compiled():
 # Lines of Python in each room, in hundreds, and files below 60 lines. A commit that needs more
 # raises its number and says why; one that needs less lowers it.
 BUDGETS = {
-    'base': 20, 'batch': 60, 'camera': 10, 'characterize': 46, 'cli': 42, 'consumers': 11,
+    'base': 20, 'batch': 60, 'camera': 10, 'characterize': 46, 'cli': 41, 'consumers': 11,
     'effects': 63, 'export': 9, 'formulas': 7, 'gap': 184, 'messages': 5, 'nodes': 54,
     'physics': 15, 'processing': 9, 'profiles': 14, 'recording': 55, 'rendering': 10, 'robots': 17,
     'truth': 68, 'view': 13, 'walking': 10,

@@ -1,7 +1,7 @@
 """`flexx2 demo`: run the whole chain on real topics, measure it and draw a picture."""
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 import time
@@ -22,6 +22,7 @@ from rich.table import Table
 
 Pictures = dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]
 _CAMERAS = ['front_left', 'front_right']
+_KINDS = 'clean', 'simulated', 'simulated - clean'
 _START_SECONDS = 180.0
 # How long to wait for frames of a mode, and how many: sigma needs three.
 _FRAME_SECONDS, _FRAMES = 60.0, 3
@@ -171,12 +172,7 @@ def _wait_for_streams(
             )
 
 
-def draw(
-    path: Path,
-    pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.ndarray]],
-    modes: list[Mode],
-    profile: Profile,
-) -> None:
+def draw(path: Path, pictures: Pictures, modes: list[Mode], profile: Profile) -> None:
     """
     Write the picture, PNG, with a row for each mode.
 
@@ -187,51 +183,37 @@ def draw(
     rows, columns = len(modes), 3 * len(cameras)
     size = 2.75 * columns + 1.6, 2.15 * rows + 0.7
     with picture(path, rows, columns, squeeze=False, figsize=size) as (figure, axes):
-        _fill(figure, axes, pictures, cameras, modes, profile)
-
-
-def _fill(
-    figure: Any,
-    axes: Any,
-    pictures: Mapping[tuple[str, str], tuple[np.ndarray, np.ndarray]],
-    cameras: list[str],
-    modes: list[Mode],
-    profile: Profile,
-) -> None:
-    from matplotlib.colors import LogNorm
-
-    for row, mode in enumerate(modes):
-        for column, camera in enumerate(cameras):
-            rendered, seen = pictures[camera, mode.name]
-            clean = as_seen(rendered, profile)
-            line = axes[row, 3 * column : 3 * column + 3]
-            for axis, image in zip(line[:2], (clean, seen), strict=True):
-                depth = axis.imshow(
-                    image, cmap=colours('turbo_r'), norm=LogNorm(0.3, 5.0), interpolation='nearest'
-                )
-            difference = line[2].imshow(
-                1e3 * (seen - clean),
-                cmap=colours('RdBu'),
-                vmin=-20,
-                vmax=20,
-                interpolation='nearest',
+        for line, mode in zip(axes, modes, strict=True):
+            for camera, three in zip(cameras, np.split(line, len(cameras)), strict=True):
+                rendered, seen = pictures[camera, mode.name]
+                depth, difference = _draw_three(three, as_seen(rendered, profile), seen)
+            line[0].set_ylabel(
+                f'{mode.name}\n{mode.range_min:g} to {mode.range_max:g} m\n'
+                f'sigma_x {mode.noise.sigma_x:.2f} px',
+                fontsize=11,
             )
-            for axis, title in zip(line, ('clean', 'simulated', 'simulated - clean'), strict=True):
-                axis.set(xticks=[], yticks=[])
-                if row == 0:
-                    axis.set_title(f'{camera}: {title}', fontsize=11)
-        axes[row, 0].set_ylabel(
-            f'{mode.name}\n{mode.range_min:g} to {mode.range_max:g} m\n'
-            f'sigma_x {mode.noise.sigma_x:.2f} px',
-            fontsize=11,
-        )
-    ticks = [0.3, 0.5, 1, 2, 3, 5]
-    bar = figure.colorbar(depth, ax=axes[:, -1], shrink=0.9, ticks=ticks, label='depth [m]')
-    bar.ax.minorticks_off()
-    bar.ax.set_yticklabels([f'{tick:g}' for tick in ticks])
-    label = 'simulated - clean [mm]: red is nearer, blue farther'
-    figure.colorbar(difference, ax=axes[:, -1], shrink=0.9, label=label)
-    figure.suptitle(f'Two simulated {profile.model} on a Go1 (dark gray: no depth)', fontsize=13)
+        titles = [f'{one}: {kind}' for one in cameras for kind in _KINDS]
+        for axis, title in zip(axes[0], titles, strict=True):
+            axis.set_title(title, fontsize=11)
+        ticks = [0.3, 0.5, 1, 2, 3, 5]
+        bar = figure.colorbar(depth, ax=axes[:, -1], shrink=0.9, ticks=ticks, label='depth [m]')
+        bar.ax.minorticks_off()
+        bar.ax.set_yticklabels([f'{tick:g}' for tick in ticks])
+        label = 'simulated - clean [mm]: red is nearer, blue farther'
+        figure.colorbar(difference, ax=axes[:, -1], shrink=0.9, label=label)
+        title = f'Two simulated {profile.model} on a Go1 (dark gray: no depth)'
+        figure.suptitle(title, fontsize=13)
+
+
+def _draw_three(axes: Any, clean: np.ndarray, seen: np.ndarray) -> tuple[Any, Any]:
+    # Returns what the bars of colours are of: depth and difference.
+    logarithmic = {'cmap': colours('turbo_r'), 'norm': 'log', 'vmin': 0.3, 'vmax': 5.0}
+    linear = {'cmap': colours('RdBu'), 'vmin': -20, 'vmax': 20}
+    images = (clean, logarithmic), (seen, logarithmic), (1e3 * (seen - clean), linear)
+    for axis, (image, style) in zip(axes, images, strict=True):
+        shown = axis.imshow(image, interpolation='nearest', **style)
+        axis.set(xticks=[], yticks=[])
+    return axes[1].images[0], shown
 
 
 def as_seen(rendered: np.ndarray, profile: Profile) -> np.ndarray:
