@@ -21,7 +21,7 @@ from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.profiles.modes import Profile
 from rich import box
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 
 _ALL = 'all'
 _CELL = 0.05  # metres, the default of octomap_server and nvblox
@@ -114,23 +114,21 @@ def _write(
             (part / target.file_of(profile)).write_text(parameters.text, encoding='utf-8')
 
 
+def _table(title: str, first: str, *others: str) -> Table:
+    columns = [Column(name, overflow='fold') for name in others]
+    return Table(Column(first, no_wrap=True), *columns, box=box.SIMPLE, title=title)
+
+
 def _targets() -> Table:
-    table = Table(box=box.SIMPLE, title='Targets')
-    table.add_column('target', no_wrap=True)
-    for column in ('file', 'holds'):
-        table.add_column(column, overflow='fold')
+    table = _table('Targets', 'target', 'file', 'holds')
     for target in TARGETS.values():
         table.add_row(target.name, target.file, target.holds)
     return table
 
 
 def _fits(made: dict[ExportTarget, Parameters]) -> Table:
-    table = Table(
-        box=box.SIMPLE, title='What is written, as a ratio to the camera where it is worst'
-    )
-    table.add_column('target', no_wrap=True)
-    for column in ('parameter', 'form', 'ratio', 'at'):
-        table.add_column(column, overflow='fold')
+    title = 'What is written, as a ratio to the camera where it is worst'
+    table = _table(title, 'target', 'parameter', 'form', 'ratio', 'at')
     for target, parameters in made.items():
         for name, fit in parameters.fits:
             table.add_row(target.name, name, fit.form, f'{fit.worst:.2f}', f'{fit.at:.2f} m')

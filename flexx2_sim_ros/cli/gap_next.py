@@ -36,6 +36,7 @@ example: flexx2 gap next diagnosis/ campaign/ --truth tape
 """
 VALUES = {
     'out': {'required': False},
+    'plan': Path,
     'truth': {'action': 'append', 'default': []},
     'scene': {'action': 'append', 'default': []},
 }
@@ -57,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
         table, views = common.call(
             suggest,
             arguments,
-            plan=read_plan(arguments.plan and Path(arguments.plan)),
+            plan=read_plan(arguments.plan),
             kinds=arguments.truth,
             scenes=arguments.scene,
             profile=profile,

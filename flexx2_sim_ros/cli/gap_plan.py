@@ -25,7 +25,7 @@ may be and still be found. See docs/diagnose_your_flexx2.md.
 
 example: flexx2 gap plan --out plan/
 """
-VALUES = {'out': {'required': True}, 'seed': whole_number(0, 10**6)}
+VALUES = {'out': {'required': True}, 'plan': Path, 'seed': whole_number(0, 10**6)}
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     from flexx2_sim_ros.gap.planning.power import compute, PowerRequest, shipped_table, to_yaml
     from flexx2_sim_ros.profiles.files import find_profile
 
-    plan = read_plan(arguments.plan and Path(arguments.plan))
+    plan = read_plan(arguments.plan)
     profile = find_profile(arguments.profile)
     if arguments.usecase is not None:
         plan = replace(plan, usecase=profile.mode(arguments.usecase).name)

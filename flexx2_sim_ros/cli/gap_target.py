@@ -19,7 +19,7 @@ docs/truth.md.
 example: flexx2 gap target --out target.pdf --size A3
 """
 VALUES = {
-    'out': {'required': True},
+    'out': {'required': True, 'type': Path},
     'size': {'choices': SIZES, 'default': 'A3', 'action': 'store'},
 }
 
@@ -28,7 +28,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write the PDF and its description."""
     from flexx2_sim_ros.truth.target import draw_pdf, target_of
 
-    out = Path(arguments.out)
+    out = arguments.out
     if out.suffix.lower() != '.pdf':
         raise InputError(f'--out: must end with .pdf, got {shown_path(out)}')
     description = out.with_suffix('.yaml')
