@@ -1,7 +1,11 @@
 """A computed room with many edges, for measurements of speed."""
 
-from flexx2_sim_ros.profiles.modes import flexx2
+from itertools import count
+
+from flexx2_sim_ros.camera import Camera, flexx2
 import numpy as np
+
+_PERIOD = 33_333_333  # nanoseconds
 
 
 def room(boxes=12):
@@ -18,3 +22,22 @@ def room(boxes=12):
         face = generator.uniform(0.8, 3.5) + 0.002 * (u[box] - x)
         depth[box] = np.minimum(depth[box], face)
     return depth.astype(np.float32)
+
+
+def moving():
+    """Return the room at two moments, for effects of motion, and its reflectivity."""
+    scene = room()
+    shades = np.random.default_rng(1).uniform(0.2, 0.9, scene.shape).astype(np.float32)
+    return [scene, scene - np.float32(0.01)], shades
+
+
+def frames_of(mode, effects, still=False):
+    """Return a function that captures the next frame of the moving room, or of one that stands."""
+    camera, matrix = Camera(mode, effects=effects, seed=1), flexx2().intrinsics.matrix
+    (scenes, shades), ticks = moving(), count()
+
+    def frame():
+        tick = next(ticks)
+        return camera.capture(scenes[0 if still else tick % 2], matrix, tick * _PERIOD, shades)
+
+    return frame

@@ -7,15 +7,13 @@ import sys
 import tempfile
 import time
 
-from bench.scenes import room
+from bench.scenes import frames_of, moving
 from bench.timing import one_core
 from flexx2_sim_ros.batch import BatchCamera
-from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import registry
 import numpy as np
 import warp as wp
 
-_PERIOD = 33_333_333  # nanoseconds
 _ENVS = 8
 _COMPARED_MODES = 'Mode_9_30fps', 'Mode_5_30fps'
 _COMPARED_FRAMES = 4
@@ -52,27 +50,14 @@ def _makers():
         yield f'BatchCamera: {name}', partial(_many, effects)
 
 
-def _scenes():
-    # A scene at two moments, so that effects of motion have something to do, and reflectivity.
-    scene = room()
-    shades = np.random.default_rng(1).uniform(0.2, 0.9, scene.shape).astype(np.float32)
-    return [scene, scene - np.float32(0.01)], shades
-
-
 def _one(effects, mode):
-    camera, matrix = Camera(mode, effects=effects, seed=1), flexx2().intrinsics.matrix
-    (scenes, shades), ticks = _scenes(), count()
-
-    def frame():
-        tick = next(ticks)
-        return camera.capture(scenes[tick % 2], matrix, tick * _PERIOD, shades).depth
-
-    return frame
+    frame = frames_of(mode, effects)
+    return lambda: frame().depth
 
 
 def _many(effects, mode):
     camera = BatchCamera(_ENVS, mode, effects=effects, seed=1, device='cpu')
-    (scenes, shades), ticks = _scenes(), count()
+    (scenes, shades), ticks = moving(), count()
     depth = [np.repeat(scene[None], _ENVS, axis=0) for scene in scenes]
     reflectivity = np.repeat(shades[None], _ENVS, axis=0)
 
