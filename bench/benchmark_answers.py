@@ -17,7 +17,6 @@ from pathlib import Path
 import tempfile
 
 import numpy as np
-from scipy.stats import fisher_exact
 from study.benchmark.answers import read_answers
 
 _PUBLISHED = Path(__file__).with_name('benchmark_answers.jsonl.xz')
@@ -28,15 +27,12 @@ def main():
     """Print the lists."""
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
     parser.add_argument('--answers', type=Path, default=_PUBLISHED)
-    parser.add_argument('--before', type=int, default=3, help='wrong answers of the run before')
-    arguments = parser.parse_args()
-    answers = _read(arguments.answers)
+    answers = _read(parser.parse_args().answers)
     single = [one for one in answers if one.planned.group == 'single' and _usual(one)]
     wrong = [one for one in single if one.wrong]
     for one in wrong:
         print(f'wrong: {_name(one)}: {one.verdict} {", ".join(one.effects)}')
-    counts = [[n, len(single) - n] for n in (len(wrong), arguments.before)]
-    print(f'{len(wrong)} of {len(single)} wrong; Fisher p {fisher_exact(counts).pvalue:.2f}')
+    print(f'{len(wrong)} of {len(single)} wrong')
     for one in answers:
         if one.planned.group == 'none' and one.verdict != 'none':
             named = zip(one.effects, one.confidences, strict=True)

@@ -6,9 +6,7 @@ prints what the diagnosis said, whether the first row of `where` is of the effec
 reduction it predicts, which one happens on fresh scenes, and the time on one core. Cases that the
 same code has answered in ``--out`` are not run again.
 
-With ``--scenes``, as many cases have scenes and cameras of their own, in place of those of the
-design. With ``--alike``, scenes are those of 400 in which the errors of the poses are most alike,
-by chance. With ``--inside``, all cameras have these values of `Internals` beside their own.
+With ``--inside``, all cameras have these values of `Internals` beside their own.
 
 python -m bench.benchmark_cases --effects intrinsics_error,wiggling --strengths 1 --jobs 2
 """
@@ -21,15 +19,11 @@ from pathlib import Path
 
 from flexx2_sim_ros import processes
 from flexx2_sim_ros.atomic import output_folder
-import numpy as np
 from study.benchmark.answers import code_digest
-from study.benchmark.design import make_design, MODES
+from study.benchmark.design import make_design
 from study.benchmark.physics import is_physical
 from study.benchmark.runner import DIAGNOSE, MEASURE, run_case
 from study.benchmark.seeds import DEVELOPMENT
-from study.blind import SceneKey, SceneSet
-
-_SCENES = range(2000, 2400)  # development seeds that no case of the benchmark uses
 
 
 def main():
@@ -39,10 +33,6 @@ def main():
     parser.add_argument('--strengths', default='1')
     parser.add_argument('--groups', default='single,none')
     parser.add_argument('--pose-mm', type=float, default=2.0)
-    parser.add_argument('--alike', action='store_true', help='poses that err alike')
-    parser.add_argument(
-        '--scenes', type=int, default=0, help='so many other scenes and cameras, one case each'
-    )
     parser.add_argument('--inside', type=json.loads, default={}, help='JSON: values by field')
     parser.add_argument('--jobs', type=int, default=2)
     parser.add_argument('--out', default='build/benchmark_cases')
@@ -67,30 +57,18 @@ def main():
         print(_line(name, planned, json.loads((results / f'{name}.json').read_text())))
 
 
-def _elsewhere(cases, count):
-    # The cases in turn, each with scenes and a camera that no case of the benchmark has.
-    for i, scene_seed in enumerate(_SCENES[: count if cases else 0]):
-        planned = cases[i % len(cases)]
-        yield replace(planned, seed=planned.seed + i, scene_seed=scene_seed)
-
-
 def _chosen(arguments):
     names = set(arguments.effects.split(','))
     strengths = {float(one) for one in arguments.strengths.split(',')}
     groups = set(arguments.groups.split(','))
-    alike = _alike(arguments.pose_mm) if arguments.alike else []
-    chosen = [
-        planned
-        for planned in make_design(DEVELOPMENT, quick=False)
-        if planned.group in groups
-        and planned.pose_mm == arguments.pose_mm
-        and (not planned.effects or planned.strength in strengths)
-        and names & (set(planned.effects) or {'none'})
-    ]
-    for planned in _elsewhere(chosen, arguments.scenes) if arguments.scenes else chosen:
-        if arguments.alike:
-            seed = alike[planned.seed % len(alike)]
-            planned = replace(planned, scene_seed=seed)
+    for planned in make_design(DEVELOPMENT, quick=False):
+        if (
+            planned.group not in groups
+            or planned.pose_mm != arguments.pose_mm
+            or (planned.effects and planned.strength not in strengths)
+            or not names & (set(planned.effects) or {'none'})
+        ):
+            continue
         told = '+'.join(planned.effects) or 'none'
         scene = f'{planned.seed}-{planned.scene_seed}'
         name = f'{planned.group}-{told}-{planned.strength:g}-{scene}'
@@ -98,15 +76,6 @@ def _chosen(arguments):
         inside = {**planned.internals, **arguments.inside}
         realise = bool(planned.effects) and not planned.without
         yield name, replace(planned, internals=inside, realise=realise)
-
-
-def _alike(pose_mm):
-    # The seeds of the two sets of scenes whose mean pose error is largest beside its scatter.
-    def likeness(seed):
-        twists = SceneSet(SceneKey(MODES[0], seed, pose_mm)).twists
-        return float(np.max(np.abs(twists.mean(axis=0)) / twists.std(axis=0, ddof=1)))
-
-    return sorted(_SCENES, key=likeness)[-2:]
 
 
 def _run(call):
