@@ -1,7 +1,5 @@
 """The traffic of camera nodes that are measured: their input, and what comes back."""
 
-from pathlib import Path
-import re
 import time
 
 from bench.scenes import room
@@ -97,12 +95,3 @@ class Traffic:
                 image.publish(message)
         expected = len(self._cameras) * self.sent
         self.spin_until(lambda: len(self.latencies) >= expected, 2.0)
-
-
-def megabytes(pid):
-    """Return the memory of a process, MB, NaN when it has ended; what several share is divided."""
-    try:
-        text = Path(f'/proc/{pid}/smaps_rollup').read_text()
-    except OSError:
-        return float('nan')
-    return sum(map(int, re.findall(r'^Pss:\s+(\d+)', text, re.M))) / 1024

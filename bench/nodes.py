@@ -6,6 +6,7 @@ from pathlib import Path
 import tempfile
 import time
 
+from bench.timing import cpu_seconds, megabytes
 from flexx2_sim_ros.cli.ros import nodes
 import numpy as np
 
@@ -46,7 +47,7 @@ def _run(groups, seconds):
 
 def _measure(processes, seconds):
     # ROS is imported where it is needed: other measurements run without it.
-    from bench.node_traffic import megabytes, Traffic
+    from bench.node_traffic import Traffic
     import rclpy
 
     def used():
@@ -83,9 +84,3 @@ def _measure(processes, seconds):
         )
     )
     return cost
-
-
-def cpu_seconds(pid):
-    """Return the CPU time that a process has used."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')

@@ -12,6 +12,7 @@ import sys
 import time
 
 from bench.journal import FOLDER
+from bench.timing import megabytes
 from flexx2_sim_ros.cli.ros import camera_command, check, nodes
 import numpy as np
 
@@ -112,8 +113,6 @@ def _commands(seed):
 
 
 def _sample(seconds, processes, counters):
-    from bench.node_traffic import megabytes
-
     cameras = {}
     sent = counters.traffic.sent
     for name in _CAMERAS:

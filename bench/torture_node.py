@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 
+from bench.timing import megabytes
 from flexx2_sim_ros.cli.ros import camera_command, nodes
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.profiles.modes import flexx2
@@ -156,7 +157,6 @@ class _User:
 
 
 def _torture(process, folder, messages, rng):
-    from bench.node_traffic import megabytes
     import rclpy
 
     for name, text in _FILES.items():

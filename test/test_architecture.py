@@ -139,7 +139,7 @@ BUDGETS = {
     'truth': 68, 'view': 13, 'walking': 10,
 }  # fmt: skip
 SMALL_FILES = 29
-TESTS = 322  # hundreds of lines in test/
+TESTS, BENCH = 322, 49  # hundreds of lines in test/ and bench/
 
 
 def test_the_house_stays_small():
@@ -152,5 +152,6 @@ def test_the_house_stays_small():
     too_large = {key: n for key, n in lines.items() if n > 100 * BUDGETS[key]}
     assert not too_large
     assert small <= SMALL_FILES
-    tests = (ROOT / 'test').rglob('*.py')
-    assert sum(len(one.read_text().splitlines()) for one in tests) <= 100 * TESTS
+    for folder, most in (('test', TESTS), ('bench', BENCH)):
+        files = (ROOT / folder).rglob('*.py')
+        assert sum(len(one.read_text().splitlines()) for one in files) <= 100 * most
