@@ -2,7 +2,8 @@
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping
-import math
+from contextlib import suppress
+from functools import partial
 from typing import Any, NamedTuple
 
 from flexx2_sim_ros.processes import available_cores
@@ -16,34 +17,29 @@ _LONGEST = 20  # characters of a value that an error repeats
 
 def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:
     """Return an argument type: a whole number from `low`, up to `high` if there is one."""
+    limit = f'of at least {low}' if high is None else f'from {low} to {high}'
 
-    def convert(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if value < low or (high is not None and value > high):
-            limit = f'of at least {low}' if high is None else f'from {low} to {high}'
-            raise argparse.ArgumentTypeError(f'must be a whole number {limit}, got {_short(text)}')
-        return value
+    def holds(value: int) -> bool:
+        return low <= value and (high is None or value <= high)
 
-    return convert
+    return partial(_checked, int, holds, f'a whole number {limit}')
 
 
 def number(low: float, high: float, *, above: bool = False) -> Callable[[str], float]:
     """Return an argument type: a number from `low` (or ``above`` it) to `high`."""
+    limit = f'above {low:g}, up to {high:g}' if above else f'from {low:g} to {high:g}'
 
-    def convert(text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not (low <= value <= high) or (above and value == low):
-            limit = f'above {low:g}, up to {high:g}' if above else f'from {low:g} to {high:g}'
-            raise argparse.ArgumentTypeError(f'must be a number {limit}, got {_short(text)}')
-        return value
+    def holds(value: float) -> bool:
+        return low <= value <= high and not (above and value == low)
 
-    return convert
+    return partial(_checked, float, holds, f'a number {limit}')
+
+
+def _checked(kind: Any, holds: Callable[[Any], bool], what: str, text: str) -> Any:
+    with suppress(ValueError):
+        if holds(value := kind(text)):
+            return value
+    raise argparse.ArgumentTypeError(f'must be {what}, got {_short(text)}')
 
 
 def _short(text: str) -> str:
