@@ -4,6 +4,7 @@ A camera node in a separate process that gets hostile messages and parameter cal
 ``python -m bench.torture_node [MESSAGES [SEED]]``
 """
 
+from contextlib import chdir
 import os
 from pathlib import Path
 import random
@@ -23,37 +24,91 @@ _WAITING = 8
 _ANSWER_SECONDS = 60.0
 # Number of memory samples; and number of those that are warm-up.
 _PARTS, _WARM_UP = 10, 2
-_ENCODINGS = ('32FC1', '64FC1', '16UC1', 'mono8', 'rgb8', '', 'x' * 300, '\x1b[31m', '32FC2')
 _SIZES = (0, 1, 2, 7, 172, 224, 4096, 2**16, 2**31, 2**32 - 1)
 _NUMBERS = (0.0, 1.0, -1.0, 1e-300, 1e300, float('nan'), float('inf'), -float('inf'), 111.5, 210.6)
-_TEXTS = (
-    '',
-    'x',
-    'typical',
-    'typical*',
-    '*',
-    'nan',
-    'zero',
-    'radial',
-    'Mode_9_5fps',
-    'Mode_5_60fps',
-    'x' * 300,
-    'x' * 20_000,
-    '\x1b[31m',
-    '~',
-    '/dev/zero',
-    '/dev/tty',
-    '.',
-    '{date}',
-    '{deep}',
-    '{aliases}',
-    '{pipe}',
-)
+_ODD = ('', 'x', '.', '\x1b[31m', 'x' * 300, 'x' * 5000)
+# Files are in the folder in which the node runs.
 _FILES = {
     'date': 'schema: 1\na: 2024-13-45',
     'deep': '[' * 3000,
     'aliases': 'a: &a [x, x]\nb: [*a, *a]',
 }
+_TEXTS = (
+    *(*_ODD, 'x' * 20_000, 'typical', 'typical*', '*', 'nan', 'zero', 'radial', 'Mode_9_5fps'),
+    *('Mode_5_60fps', '~', '/dev/zero', '/dev/tty', *_FILES, 'pipe'),
+)
+_NAMES = (
+    *(*_ODD, 'usecase', 'effects', 'auto_exposure_0', 'exposure_time_0', 'frame_id', 'usecas'),
+    *('invalid_value', 'input_depth', 'use_sim_time', 'serial', 'seed'),
+)
+
+
+def _name(rng):
+    effect = f'effect.{rng.choice(list(registry()))}.strength'
+    return rng.choice((*_NAMES, effect))
+
+
+def _parameters(rng):
+    from rcl_interfaces.msg import Parameter
+
+    return [_filled(Parameter(), rng) for _ in range(rng.randrange(4))]
+
+
+def _several(choices, *counts):
+    return lambda rng: [rng.choice(choices)] * rng.choice(counts)
+
+
+# What the fields of messages and requests get, by name: one of these, or what a function returns.
+_FIELDS = {
+    'sec': (-(2**31), -1, 0, 1000, 2**31 - 1),
+    'nanosec': (0, 1, 10**9 - 1, 10**9, 2**32 - 1),
+    'frame_id': ('camera', *_ODD),
+    'width': _SIZES,
+    'height': _SIZES,
+    'step': _SIZES,
+    'encoding': ('32FC1', '64FC1', '16UC1', 'mono8', 'rgb8', '32FC2', *_ODD),
+    'is_bigendian': (0, 1, 255),
+    'distortion_model': ('plumb_bob', 'equidistant', *_ODD),
+    'd': _several(_NUMBERS, 0, 5, 8, 2000),
+    'k': lambda rng: rng.choices(_NUMBERS, k=9),
+    'name': _name,
+    'type': (*range(11), 255, 1, 2, 3, 4, 4, 4),
+    'bool_value': (False, True),
+    'integer_value': (0, 1, 90, 370, -1, 2**63 - 1, -(2**63)),
+    'double_value': _NUMBERS,
+    'string_value': _TEXTS,
+    'double_array_value': _several(_NUMBERS, 0, 1, 2),
+    'string_array_value': _several(_TEXTS, 0, 1, 2),
+    'byte_array_value': _several((b'\xff',), 0, 1, 2),
+    'parameters': _parameters,
+    'names': lambda rng: [_name(rng) for _ in range(rng.choice((0, 1, 3, 2000)))],
+    'prefixes': lambda rng: [_name(rng) for _ in range(rng.randrange(3))],
+    'depth': (0, 1, 2, 2**63, 2**64 - 1),
+}
+
+
+def _filled(message, rng):
+    # The message, its fields and those of messages inside filled.
+    for name in message.get_fields_and_field_types():
+        inside = getattr(message, name)
+        if name in _FIELDS:
+            values = _FIELDS[name]
+            setattr(message, name, values(rng) if callable(values) else rng.choice(values))
+        elif hasattr(inside, 'get_fields_and_field_types'):
+            _filled(inside, rng)
+    return message
+
+
+def _image(rng):
+    from sensor_msgs.msg import Image
+
+    message, size = _filled(Image(), rng), rng.choice((0, 1, 999))
+    if rng.random() < 0.3:
+        message.width, message.height, size = 224, 172, 4 * 224 * 172
+    if rng.random() < 0.3:
+        message.step = 4 * message.width % 2**32
+    message.data.frombytes(rng.randbytes(size) if rng.random() < 0.2 else bytes(size))
+    return message
 
 
 def run(messages=100_000, seed=0):
@@ -66,11 +121,13 @@ def run(messages=100_000, seed=0):
     node's log, and ``seconds``.
     """
     os.environ.setdefault('ROS_DOMAIN_ID', str(50 + os.getpid() % 50))
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        with nodes({'node': camera_command('torture')}, folder) as processes:
-            result = _torture(processes['node'], folder, messages, random.Random(seed))
-        log = (folder / 'node.log').read_text(errors='replace')
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        for name, text in _FILES.items():
+            Path(name).write_text(text)
+        os.mkfifo('pipe')
+        with nodes({'node': camera_command('torture')}, Path()) as processes:
+            result = _torture(processes['node'], messages, random.Random(seed))
+        log = Path('node.log').read_text(errors='replace')
     result['tracebacks'] = log.count('Traceback')
     for name, value in result.items():
         print(f'{name:20s} {value}')
@@ -123,16 +180,19 @@ class _User:
         self.topics['camera_info'].publish(messages.camera_info_message(head, flexx2().intrinsics))
         self.topics['depth_image'].publish(messages.image_message(head, wall, '32FC1'))
 
-    def send(self, count, rng, folder):
+    def send(self, count, rng):
+        from sensor_msgs.msg import CameraInfo
+
         if count % 3 == 0:
-            client, make = self.clients[self.calls % len(self.clients)]
-            self.waiting.append(client.call_async(make(rng, folder)))
+            client, request = self.clients[self.calls % len(self.clients)]
+            self.waiting.append(client.call_async(_filled(request(), rng)))
             self.calls += 1
         elif count % 100 == 1:
             self.show(count * 10**9)
         else:
             name = rng.choice(list(self.topics))
-            self.topics[name].publish(_info(rng) if name == 'camera_info' else _image(rng))
+            info = name == 'camera_info'
+            self.topics[name].publish(_filled(CameraInfo(), rng) if info else _image(rng))
         self._spin_once(self.node, timeout_sec=0)
         self.received += len(self.heard)
         self.heard.clear()
@@ -156,19 +216,16 @@ class _User:
         return self.spin_until(came)
 
 
-def _torture(process, folder, messages, rng):
+def _torture(process, messages, rng):
     import rclpy
 
-    for name, text in _FILES.items():
-        (folder / name).write_text(text)
-    os.mkfifo(folder / 'pipe')
     rclpy.init(args=[])
     user = _User(process)
     try:
         start, sent, used = time.monotonic(), 0, [megabytes(process.pid)]
         answers = any(user.ready() for _ in range(3))  # Starting takes long on a busy machine.
         while answers and sent < messages:
-            user.send(sent, rng, str(folder))
+            user.send(sent, rng)
             sent += 1
             answers = user.all_answered(_WAITING)
             if sent >= len(used) * messages / _PARTS:
@@ -191,118 +248,21 @@ def _torture(process, folder, messages, rng):
 
 
 def _clients(node):
+    # Of each service of the node's parameters, and the kind of its requests.
     from rcl_interfaces import srv
 
-    def values(kind):
-        return lambda rng, folder: kind.Request(
-            parameters=[_parameter(rng, folder) for _ in range(rng.randrange(4))]
-        )
-
-    def names(kind):
-        return lambda rng, folder: kind.Request(
-            names=[_name(rng) for _ in range(rng.choice((0, 1, 3, 2000)))]
-        )
-
-    def listed(rng, folder):
-        return srv.ListParameters.Request(
-            prefixes=[_name(rng) for _ in range(rng.randrange(3))],
-            depth=rng.choice((0, 1, 2, 2**63, 2**64 - 1)),
-        )
-
-    made = [
-        ('set_parameters', srv.SetParameters, values(srv.SetParameters)),
-        (
-            'set_parameters_atomically',
-            srv.SetParametersAtomically,
-            values(srv.SetParametersAtomically),
-        ),
-        ('get_parameters', srv.GetParameters, names(srv.GetParameters)),
-        ('get_parameter_types', srv.GetParameterTypes, names(srv.GetParameterTypes)),
-        ('describe_parameters', srv.DescribeParameters, names(srv.DescribeParameters)),
-        ('list_parameters', srv.ListParameters, listed),
+    kinds = {
+        'set_parameters': srv.SetParameters,
+        'set_parameters_atomically': srv.SetParametersAtomically,
+        'get_parameters': srv.GetParameters,
+        'get_parameter_types': srv.GetParameterTypes,
+        'describe_parameters': srv.DescribeParameters,
+        'list_parameters': srv.ListParameters,
+    }
+    return [
+        (node.create_client(kind, f'/{_NODE}/{name}'), kind.Request)
+        for name, kind in kinds.items()
     ]
-    return [(node.create_client(kind, f'/{_NODE}/{name}'), make) for name, kind, make in made]
-
-
-def _name(rng):
-    effect = f'effect.{rng.choice(list(registry()))}.strength'
-    return rng.choice(
-        (
-            'usecase',
-            'effects',
-            'auto_exposure_0',
-            'exposure_time_0',
-            'frame_id',
-            'invalid_value',
-            'input_depth',
-            'use_sim_time',
-            'serial',
-            'seed',
-            effect,
-            '',
-            '.',
-            'usecas',
-            '\x1b[31m',
-            'x' * 5000,
-        )
-    )
-
-
-def _parameter(rng, folder):
-    from rcl_interfaces.msg import Parameter, ParameterValue
-
-    text = rng.choice(_TEXTS)
-    if text.startswith('{'):
-        text = f'{folder}/{text[1:-1]}'
-    return Parameter(
-        name=_name(rng),
-        value=ParameterValue(
-            type=rng.choice((*range(11), 255, 1, 2, 3, 4, 4, 4)),
-            bool_value=rng.random() < 0.5,
-            integer_value=rng.choice((0, 1, 90, 370, -1, 2**63 - 1, -(2**63))),
-            double_value=rng.choice(_NUMBERS),
-            string_value=text,
-            double_array_value=[rng.choice(_NUMBERS)] * rng.randrange(3),
-            string_array_value=[text] * rng.randrange(3),
-            byte_array_value=[b'\xff'] * rng.randrange(3),
-        ),
-    )
-
-
-def _header(rng, message):
-    message.header.stamp.sec = rng.choice((-(2**31), -1, 0, rng.randrange(10**6), 2**31 - 1))
-    message.header.stamp.nanosec = rng.choice((0, 1, 10**9 - 1, 10**9, 2**32 - 1))
-    message.header.frame_id = rng.choice(('camera', '', '\x1b[31m', 'x' * 3000))
-    return message
-
-
-def _image(rng):
-    from sensor_msgs.msg import Image
-
-    width, height = (224, 172) if rng.random() < 0.3 else (rng.choice(_SIZES), rng.choice(_SIZES))
-    fits = (width * 4 * height) if (width, height) == (224, 172) else rng.choice((0, 1, 999))
-    message = Image(
-        width=width,
-        height=height,
-        encoding=rng.choice(_ENCODINGS),
-        step=rng.choice((width * 4 % 2**32, *_SIZES)),
-        is_bigendian=rng.choice((0, 1, 255)),
-    )
-    message.data.frombytes(rng.randbytes(fits) if rng.random() < 0.2 else bytes(fits))
-    return _header(rng, message)
-
-
-def _info(rng):
-    from sensor_msgs.msg import CameraInfo
-
-    message = CameraInfo(
-        width=rng.choice(_SIZES),
-        height=rng.choice(_SIZES),
-        distortion_model=rng.choice(('plumb_bob', '', 'equidistant', 'x' * 3000)),
-        d=[rng.choice(_NUMBERS)] * rng.choice((0, 5, 8, 2000)),
-        k=[rng.choice(_NUMBERS) for _ in range(9)],
-    )
-    return _header(rng, message)
 
 
 if __name__ == '__main__':
