@@ -133,13 +133,13 @@ def test_only_loop_keeps_what_is_compiled():
 # Lines of Python in each room, in hundreds, and files below 60 lines. A commit that needs more
 # raises its number and says why; one that needs less lowers it.
 BUDGETS = {
-    'base': 20, 'batch': 60, 'camera': 10, 'characterize': 46, 'cli': 41, 'consumers': 11,
-    'effects': 63, 'export': 9, 'formulas': 7, 'gap': 184, 'messages': 5, 'nodes': 54,
+    'base': 20, 'batch': 61, 'camera': 10, 'characterize': 46, 'cli': 41, 'consumers': 11,
+    'effects': 65, 'export': 9, 'formulas': 7, 'gap': 184, 'messages': 5, 'nodes': 54,
     'physics': 15, 'processing': 9, 'profiles': 14, 'recording': 55, 'rendering': 10, 'robots': 17,
     'truth': 68, 'view': 13, 'walking': 10,
 }  # fmt: skip
 SMALL_FILES = 29
-TESTS, BENCH = 322, 49  # hundreds of lines in test/ and bench/
+TESTS, BENCH = 323, 49  # hundreds of lines in test/ and bench/
 
 
 def test_the_house_stays_small():

@@ -29,13 +29,17 @@ EVERYTHING = tuple(registry()[name]() for name in BATCHED)
 
 
 def film(frames):
-    """Return frames of 3 scenes that come nearer: clean depth, reflectivity; each (3, H, W)."""
+    """Return frames of 3 scenes that pass by: clean depth, reflectivity; each (3, H, W)."""
     still = scenes(3)
     generator = np.random.default_rng(1)
     shades = generator.uniform(0, 1, still.shape).astype(np.float32)
     shades[:, 60:90] *= 0.02
     shades[:, 100] = np.nan
-    return [(still + np.float32(0.02 * step) * (still < 1.2), shades) for step in range(frames)]
+    depths = [still + np.float32(0.02 * step) * (still < 1.2) for step in range(frames)]
+    return [
+        (np.roll(one, 2 * t, axis=2), np.roll(shades, 2 * t, axis=2))
+        for t, one in enumerate(depths)
+    ]
 
 
 def disagreement(device, effects, frames):

@@ -26,9 +26,9 @@ PERIOD = 33_333_333
 ORDER = [
     'pose_error', 'intrinsics_error', 'time_offset', 'flying_pixels', 'multipath', 'stray_light',
     'motion_artefact', 'wiggling', 'fixed_pattern', 'amplitude_bias', 'offset', 'warm_up_drift',
-    'depth_scale', 'excess_noise', 'ambient_light', 'heavy_tails', 'lateral_noise', 'range_wrap',
-    'spatial_filter', 'temporal_filter', 'quantisation', 'low_signal_dropout', 'grazing_dropout',
-    'saturation', 'random_dropout',
+    'depth_scale', 'excess_noise', 'ambient_light', 'heavy_tails', 'lateral_noise',
+    'phase_noise_wiggling', 'range_wrap', 'spatial_filter', 'temporal_filter', 'quantisation',
+    'low_signal_dropout', 'grazing_dropout', 'saturation', 'random_dropout', 'motion_dropout',
 ]  # fmt: skip
 
 

@@ -39,6 +39,7 @@ from flexx2_sim_ros.effects import (
     Effect,
     excess_noise,
     heavy_tails,
+    phase_noise_wiggling,
     warm_up_drift,
     wiggling,
 )
@@ -66,6 +67,7 @@ _drift = compiled(warm_up_drift.drift)
 _scaled_noise = compiled(excess_noise.scaled_noise)
 _with_tails = compiled(heavy_tails.with_tails)
 _with_shot_noise = compiled(ambient_light.with_shot_noise)
+_variance_factor = compiled(phase_noise_wiggling.variance_factor)
 _surface_factor = compiled(surface_formulas.surface_factor)
 
 
@@ -204,7 +206,7 @@ def shift_alike(f: Frame, own: Own, k: wp.int32, n: wp.int32, y: wp.int32, x: wp
 
 @of_pixels()
 def change_noise(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
-    """Change sigma_z: the effects excess_noise and ambient_light."""
+    """Change sigma_z: effects that scale it, or add to its square."""
     e = own.effects
     i = place(f.lens, n, y, x)
     sigma = at(f.expected, i)
@@ -218,6 +220,18 @@ def change_noise(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
             e.ambient_light_k,
             e.ambient_light_reflected,
         )
+    if e.phase_noise_wiggling_strength > 0.0:
+        z = distance(at(f.surfaces.p, padded(f.lens, n, y, x)), 0.0)
+        variance = wp.float32(0.0)
+        for k in range(own.light.frequencies):
+            factor = _variance_factor(
+                own.light.turns[k] * (z + at(f.shifts, k * f.pitch + i)),
+                e.phase_noise_wiggling_sine,
+                e.phase_noise_wiggling_cosine,
+                e.phase_noise_wiggling_periods,
+            )
+            variance += own.light.weights[k] * factor
+        sigma *= wp.sqrt(variance)
     put(f.expected, i, sigma)
 
 

@@ -1,4 +1,4 @@
-"""The effect motion_artefact in a batch; see `effects.motion_artefact`."""
+"""The effects motion_artefact and motion_dropout in a batch; see `effects.moving`."""
 
 from typing import Any
 
@@ -17,14 +17,15 @@ from flexx2_sim_ros.batch.frame import (
 )
 from flexx2_sim_ros.batch.images import Images
 from flexx2_sim_ros.batch.kernels import distance
-from flexx2_sim_ros.effects import motion_artefact, passing
+from flexx2_sim_ros.effects import motion_artefact, motion_dropout, moving, passing
 import warp as wp
 
 wp.set_module_options(OPTIONS)
 
-_DARKEST = wp.constant(wp.float32(motion_artefact.DARKEST))
+_DARKEST = wp.constant(wp.float32(moving.DARKEST))
 _STREAM = wp.constant(wp.uint32(motion_artefact.MotionArtefact.stream))
-_TAPS = wp.constant(motion_artefact.TAPS)
+_DROPOUT_STREAM = wp.constant(wp.uint32(motion_dropout.MotionDropout.stream))
+_TAPS = wp.constant(moving.TAPS)
 _NAN = wp.constant(wp.float32(float('nan')))
 _PER_NANOSECOND = wp.constant(wp.float32(1e-9))
 
@@ -32,29 +33,32 @@ _edge_reach = compiled(passing.edge_reach)
 _is_edge = compiled(passing.is_edge)
 _own_change = compiled(passing.own_change)
 _find_passing = compiled(passing.find_passing)
-_tap_moment = compiled(motion_artefact.tap_moment)
+_tap_moment = compiled(moving.tap_moment)
 _motion_shift = compiled(motion_artefact.motion_shift)
 
 
 @wp.func
 def seconds_between(own: Own) -> wp.float32:
-    """Return the time since the frame before; 0 without the effect and in the first frame."""
-    idle = own.effects.motion_artefact_strength <= 0.0 or own.is_first
-    return wp.where(idle, 0.0, wp.float32(own.interval) * _PER_NANOSECOND)
+    """Return the time since the frame before; 0 in the first frame."""
+    return wp.where(own.is_first, 0.0, wp.float32(own.interval) * _PER_NANOSECOND)
 
 
 @wp.func
 def _has_moved(f: Frame, own: Own) -> wp.bool:
-    return seconds_between(own) > 0.0
+    return own.effects.motion_artefact_strength > 0.0 and seconds_between(own) > 0.0
 
 
 @wp.func
-def moment(tap: wp.float32, own: Own) -> wp.float32:
+def _drops(f: Frame, own: Own) -> wp.bool:
+    return own.effects.motion_dropout_strength > 0.0 and seconds_between(own) > 0.0
+
+
+@wp.func
+def moment(tap: wp.float32, own: Own, stretch: wp.float32, stamp_at: wp.float32) -> wp.float32:
     """Return when a raw frame is taken, see `tap_moment`."""
-    stretched = own.effects.motion_artefact_stretch * own.light.acquisition
     taps = wp.float32(_TAPS * own.light.frequencies)
-    stamp_at = own.effects.motion_artefact_stamp_at
-    return _tap_moment(tap, taps, stretched / seconds_between(own), stamp_at)
+    acquisition = stretch * own.light.acquisition / seconds_between(own)
+    return _tap_moment(tap, taps, acquisition, stamp_at)
 
 
 @of_pixels()
@@ -108,23 +112,26 @@ def edge_distance(
     return found
 
 
-@of_pixels(when=_has_moved, launch_bounds=(256, 4))  # docs/batch.md#on-a-gpu
-def find_motion(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
-    """Write how each pixel moves between two frames, and which edge passes it."""
+@wp.func
+def passing_edge(
+    f: Frame,
+    own: Own,
+    n: wp.int32,
+    y: wp.int32,
+    x: wp.int32,
+    stretch: wp.float32,
+    stamp_at: wp.float32,
+    stream: wp.uint32,
+) -> wp.vec3f:
+    """Return depth, light and time of what is beyond the edge that passes a pixel."""
     motion = f.motion
     height, width = f.lens.height, f.lens.width
     i = place(f.lens, n, y, x)
     before = place(f.lens, own.env, y, x)
-    earliest = 1.0 - moment(0.0, own)
-    latest = moment(wp.float32(_TAPS * own.light.frequencies - 1), own) - 1.0
+    last = wp.float32(_TAPS * own.light.frequencies - 1)
+    earliest = 1.0 - moment(0.0, own, stretch, stamp_at)
+    latest = moment(last, own, stretch, stamp_at) - 1.0
     reach = _edge_reach(earliest, latest)
-    start, gain = _own_change(
-        at(motion.depth, before),
-        at(motion.late, i),
-        at(motion.reflectivity, before),
-        at(motion.late_reflectivity, i),
-        seconds_between(own),
-    )
     other, light_there, when = _find_passing(
         motion.depth,
         motion.late,
@@ -142,13 +149,45 @@ def find_motion(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
         width,
         earliest,
         latest,
-        draw(y * width + x, _STREAM, own.stamp, own.key),
+        draw(y * width + x, stream, own.stamp, own.key),
+    )
+    return wp.vec3f(other, light_there, when)
+
+
+@of_pixels(when=_has_moved, launch_bounds=(256, 4))  # docs/batch.md#on-a-gpu
+def find_motion(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
+    """Write how each pixel moves between two frames, and which edge passes it."""
+    motion = f.motion
+    i = place(f.lens, n, y, x)
+    before = place(f.lens, own.env, y, x)
+    start, gain = _own_change(
+        at(motion.depth, before),
+        at(motion.late, i),
+        at(motion.reflectivity, before),
+        at(motion.late_reflectivity, i),
+        seconds_between(own),
+    )
+    e = own.effects
+    passing = passing_edge(
+        f, own, n, y, x, e.motion_artefact_stretch, e.motion_artefact_stamp_at, _STREAM
     )
     put(motion.start, i, start)
     put(motion.gain, i, gain)
-    put(motion.other, i, other)
-    put(motion.light, i, light_there)
-    put(motion.when, i, when)
+    put(motion.other, i, passing[0])
+    put(motion.light, i, passing[1])
+    put(motion.when, i, passing[2])
+
+
+@of_pixels(when=_drops)
+def drop(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
+    """Lose the pixels that an edge passes: the effect motion_dropout."""
+    e = own.effects
+    passing = passing_edge(
+        f, own, n, y, x, e.motion_dropout_stretch, e.motion_dropout_stamp_at, _DROPOUT_STREAM
+    )
+    apart = wp.abs(passing[0] - at(f.motion.late, place(f.lens, n, y, x)))
+    if passing[2] != 1.0 and apart > e.motion_dropout_step:
+        put(f.out, place(f.lens, own.env, y, x), f.lens.invalid)
 
 
 @wp.func
@@ -171,6 +210,8 @@ def shift_phases(f: Frame, own: Own, k: wp.int32, n: wp.int32, y: wp.int32, x: w
     motion = f.motion
     i = place(f.lens, n, y, x)
     tap = wp.float32(_TAPS * k)
+    stretch = own.effects.motion_artefact_stretch
+    stamp_at = own.effects.motion_artefact_stamp_at
     z = at(motion.late, i)
     shift = at(f.shifts, k * f.pitch + i)
     more = _motion_shift(
@@ -180,10 +221,10 @@ def shift_phases(f: Frame, own: Own, k: wp.int32, n: wp.int32, y: wp.int32, x: w
         at(motion.other, i),
         at(motion.light, i),
         at(motion.when, i),
-        moment(tap, own),
-        moment(tap + 1.0, own),
-        moment(tap + 2.0, own),
-        moment(tap + 3.0, own),
+        moment(tap, own, stretch, stamp_at),
+        moment(tap + 1.0, own, stretch, stamp_at),
+        moment(tap + 2.0, own, stretch, stamp_at),
+        moment(tap + 3.0, own, stretch, stamp_at),
         TURN * own.turns,
         shift,
     )
@@ -192,7 +233,7 @@ def shift_phases(f: Frame, own: Own, k: wp.int32, n: wp.int32, y: wp.int32, x: w
 
 @wp.func
 def _unwraps(f: Frame, own: Own) -> wp.bool:
-    return seconds_between(own) > 0.0 and own.light.frequencies > 1
+    return _has_moved(f, own) and own.light.frequencies > 1
 
 
 @of_pixels(when=_unwraps)
@@ -221,7 +262,13 @@ def prepare(images: Images, num_envs: int, device: Any) -> None:
     wp.load_module(__name__, device=device)
 
 
+def see(images: Images) -> None:
+    """Write what each pixel sees now, and where its edges are."""
+    images.each_pixel(look)
+    images.each_pixel(mark_edges)
+
+
 def shift(images: Images) -> None:
-    """Shift the phases of what moves between two frames, and keep the frames."""
-    for kernel in (look, mark_edges, find_motion, shift_phases, unwrap, keep):
+    """Shift the phases of what moves between two frames."""
+    for kernel in (find_motion, shift_phases, unwrap):
         images.each_pixel(kernel)

@@ -87,6 +87,8 @@ class BatchStages:
             images.each_pixel(light.scale_by_surface)
         # What effects add to the light and the noise of each pixel's own surface:
         if 'motion' in needs:
+            motion.see(images)
+        if 'taps' in needs:
             motion.shift(images)
         if 'harmonics' in needs:
             images.each_pixel(light.wiggle)
@@ -107,3 +109,7 @@ class BatchStages:
         images.each_pixel(effect_kernels.finish)
         for lose in self._loses:
             images.each_pixel(lose)
+        if 'passing' in needs:
+            images.each_pixel(motion.drop)
+        if 'motion' in needs:
+            images.each_pixel(motion.keep)

@@ -58,7 +58,7 @@ def _draw_difference(figure: Any, axis: Any, view: EffectView) -> None:
     frame, rest = view.frame.depth, view.rest.depth
     if kind == 'lost':
         image = 100 * (np.isnan(frame) & np.isfinite(rest)).mean(axis=0)
-        style = {'cmap': 'magma', 'vmin': 0, 'vmax': 100}
+        style = {'cmap': 'magma', 'vmin': 0, 'vmax': max(float(image.max()), 1.0)}
         title = 'invalid pixels, % of frames'
     elif kind == 'beyond':
         new = np.isfinite(frame[-1]) & np.isnan(rest[-1])

@@ -113,8 +113,9 @@ class Effect:
     batched : tuple of str or None
         Which memory and passes its formula needs in the kernels of `flexx2_sim_ros.batch`:
         ``pose``, ``view``, ``history``, ``edges``, ``footprint``, ``bounce``, ``scatter``,
-        ``motion``, ``harmonics``, ``shift``, ``grain``, ``sigma``, ``tails``, ``neighbours``,
-        ``measured``. None: it has no kernel, and `apply` runs for one environment after the other.
+        ``motion``, ``taps``, ``passing``, ``harmonics``, ``shift``, ``grain``, ``sigma``,
+        ``tails``, ``neighbours``, ``measured``. None: it has no kernel, and `apply` runs for one
+        environment after the other.
     hypotheses : tuple of Hypothesis
         The variants in which a diagnosis looks for it.
     shapes : tuple of Shape

@@ -1,18 +1,15 @@
 """Motion artefact: raw frames taken one after the other."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 import math
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from flexx2_sim_ros.effects import passing
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
+from flexx2_sim_ros.effects.moving import find_motion, TAPS
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.shapes import Scale
 from flexx2_sim_ros.effects.unwrapping import agree
-from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.fastmath import direction, shift_between
 from flexx2_sim_ros.formulas.scalars import f32, most, where
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -20,23 +17,9 @@ from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
 import numpy as np
 
-TAPS = 4
-DARKEST = f32(1e-3)  # reflectivity that the light of raw frames is compared with
 _ZERO = f32(0.0)
-_HALF = f32(0.5)
 _ONE = f32(1.0)
 _TWO_PI = f32(2.0 * math.pi)
-_STILL, _MOVING = np.uint8(1), np.uint8(2)
-
-
-def tap_moment(tap: float, taps: float, acquisition: float, stamp_at: float) -> float:
-    """
-    Return when raw frame `tap` of `taps` is taken: 0 at the frame before, 1 at this one.
-
-    It is never before 0. ``acquisition`` is the time that all of them take, over the time between
-    two frames; ``stamp_at`` is when in it the stamp is, 0..1.
-    """
-    return most(_ONE - acquisition * (stamp_at - (tap + _HALF) / taps), _ZERO)
 
 
 def tap_at(
@@ -115,11 +98,6 @@ def motion_shift(
     return shift_between(c0 + c2, s1 + s3, cosine, sine, wave_number)
 
 
-_find_passing = compiled(passing.find_passing)
-_is_edge = compiled(passing.is_edge)
-_is_level = compiled(passing.is_level)
-_own_change = compiled(passing.own_change)
-_resembles = compiled(passing.resembles)
 _motion_shift = compiled(motion_shift)
 
 
@@ -163,15 +141,11 @@ class MotionArtefact(Effect):
     family: ClassVar[str] = 'sequence of raw frames'
     picture: ClassVar[Picture] = Picture('moving')
     stream: ClassVar[int] = 10
-    batched: ClassVar[tuple[str, ...] | None] = ('motion',)
+    batched: ClassVar[tuple[str, ...] | None] = ('motion', 'taps')
 
     stretch: float = parameter(1.0, 0.0, 20.0, '', 'factor on the duration of the raw frames')
     stamp_at: float = parameter(
-        1.0,
-        0.0,
-        1.0,
-        '',
-        'when in that time the stamp is: 0 before the first raw frame, 1 after the last',
+        1.0, 0.0, 1.0, '', 'when in that time the stamp is: 0 at its beginning, 1 at its end'
     )
 
     def constants(self) -> dict[str, float]:
@@ -180,118 +154,16 @@ class MotionArtefact(Effect):
 
     def apply(self, state: FrameState) -> None:
         """Take each frequency's four taps at their own moments, and unwrap what comes out."""
-        before: Any = state.memory.kept.get(self.name)
-        shown = state.depth.shape
-        rho = np.maximum(state.reflectivity, DARKEST)
-        state.memory.kept[self.name] = (state.stamp, state.depth.copy(), rho)
-        if (
-            before is None
-            or before[0] >= state.stamp
-            or before[1].shape != shown
-            or (
-                np.array_equal(before[1].view(np.uint32), state.depth.view(np.uint32))
-                and np.array_equal(before[2], rho)
-            )
-        ):
+        stretch, stamp_at = self.constants().values()
+        found = find_motion(state, state.depth, (self.name, self.stream), stretch, stamp_at)
+        if found is None:
             return
-        interval = (state.stamp - before[0]) * 1e-9
-        duration = self.constants()['stretch'] * state.acquisition_seconds
-        taps = TAPS * len(state.shifts)
-        moments = on_images(tap_moment)(np.arange(taps), taps, duration / interval, self.stamp_at)
-        moments = moments.astype(np.float32)
-        images = tuple(
-            np.ascontiguousarray(
-                image if image.shape == shown else np.broadcast_to(image, shown), np.float32
-            ).reshape(-1)
-            for image in (before[1], state.depth, before[2], rho)
-        )
-        motion = np.empty((5, *shown), np.float32)
-        # Where in its pixel an edge is, is not known: a random place.
-        draw = partial(state.uniforms, self.stream)
-        _find_motion(images, draw, np.float32(interval), moments[[0, -1]], motion)
+        moments, motion = found
         for index, (k, shift) in enumerate(zip(state.wave_numbers, state.shifts, strict=True)):
             own = moments[index * TAPS : (index + 1) * TAPS]
             _demodulate(state.depth, motion, own, np.float32(k), shift)
         # Frequencies that saw different surfaces.
         agree(state, np.flatnonzero(motion[-1] != _ONE))
-
-
-def _find_motion(
-    images: tuple[np.ndarray, ...],
-    draw: Callable[[], np.ndarray],
-    seconds: np.float32,
-    ends: np.ndarray,
-    motion: np.ndarray,
-) -> None:
-    # The images are flat: depth before and now, reflectivity before and now. Few edges move, and
-    # only pixels near them are looked into.
-    late, shape = images[1], motion.shape[1:]
-    earliest, latest = _ONE - ends[0], ends[1] - _ONE
-    _find_change(*images, seconds, motion.reshape(5, -1))
-    edges = np.zeros((2, late.size), np.uint8)
-    steps = 1, shape[1]
-    for one, step in zip(edges, steps, strict=True):
-        _find_edges(*images, step, one)
-    edges[0].reshape(shape)[:, -1] = _STILL  # The next row is not beside it.
-    moving = [np.flatnonzero(one == _MOVING) for one in edges]
-    if not any(one.size for one in moving):
-        return
-    near = np.zeros((late.size, 4), np.uint16)
-    reach = passing.edge_reach(earliest, latest)
-    for side, step in enumerate(steps):
-        _reach_out(edges[side], moving[side], step, reach, near[:, 2 * side : 2 * side + 2])
-    pixels = np.flatnonzero(near.view(np.uint64))
-    _pass_edges(*images, pixels, near, draw(), earliest, latest, motion)
-
-
-@loop(error_model='numpy', fastmath=FAST)
-def _find_change(early, late, early_rho, late_rho, seconds, motion):
-    # No edge passes yet.
-    for i in range(late.size):
-        motion[0, i], motion[1, i] = _own_change(
-            early[i], late[i], early_rho[i], late_rho[i], seconds
-        )
-        motion[2, i], motion[3, i], motion[4, i] = late[i], _ONE, _ONE
-
-
-@loop(error_model='numpy', fastmath=FAST)
-def _find_edges(early, late, early_rho, late_rho, step, edges):
-    # Between each pixel and the one a step further.
-    other, other_rho = late[step:], late_rho[step:]
-    before, before_rho = early[step:], early_rho[step:]
-    for i in range(other.size):
-        by_colour = _is_level(late[i], other[i])
-        still = _resembles(early[i], early_rho[i], late[i], late_rho[i], by_colour)
-        still &= _resembles(before[i], before_rho[i], other[i], other_rho[i], by_colour)
-        edge = _is_edge(late[i], other[i], late_rho[i], other_rho[i])
-        edges[i] = (_STILL if still else _MOVING) if edge else 0
-
-
-@loop()
-def _reach_out(edges, moving, step, reach, near):
-    # How many pixels away an edge that moves is, before and after it, if none is between.
-    for i in moving:
-        for k in range(1, reach + 1):
-            j = i - (k - 1) * step
-            if j < 0 or (k > 1 and edges[j]):
-                break
-            near[j, 0] = k
-        for k in range(1, reach + 1):
-            j = i + k * step
-            if j >= edges.size or (k > 1 and edges[j - step]):
-                break
-            near[j, 1] = k
-
-
-@loop(error_model='numpy', fastmath=FAST)
-def _pass_edges(was, now, was_rho, now_rho, pixels, near, places, first, last, motion):
-    h, w = places.shape
-    for i in pixels:
-        y, x, place = i // w, i % w, places[i // w, i % w]
-        right, left, down, up = near[i, 0], near[i, 1], near[i, 2], near[i, 3]
-        motion[2, y, x], motion[3, y, x], motion[4, y, x] = _find_passing(
-            was, now, was_rho, now_rho, right, left, down, up, i, i, y, x, h, w, first, last, place
-        )
 
 
 @loop(error_model='numpy', fastmath=FAST)

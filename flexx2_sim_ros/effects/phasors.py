@@ -46,15 +46,13 @@ def phases(state: FrameState, wave_number: float, shift: np.ndarray) -> np.ndarr
 def own_frequency() -> Any:
     """Declare the modulation frequency that an effect works at; see `waves`."""
     return optional_number(
-        'MHz', 1.0, 500.0, 'modulation frequency of the range along the ray, in place of the mode'
+        'MHz', 1.0, 500.0, 'modulation frequency along the ray, in place of the mode'
     )
 
 
 def frequency_factor() -> Any:
     """Declare a factor on the mode's frequencies; see `waves`."""
-    return optional_number(
-        '', 0.1, 10.0, "factor on the mode's modulation frequencies, of the range along the ray"
-    )
+    return optional_number('', 0.1, 10.0, "factor on the mode's frequencies, along the ray")
 
 
 @dataclass(frozen=True)

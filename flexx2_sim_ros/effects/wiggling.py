@@ -132,7 +132,7 @@ class Wiggling(Effect):
     )
 
     mhz: float | None = optional_number(
-        'MHz', 1.0, 500.0, 'modulation frequency of the range along the ray, in place of the mode'
+        'MHz', 1.0, 500.0, 'modulation frequency along the ray, in place of the mode'
     )
 
     def constants(self) -> dict[str, float]:

@@ -21,8 +21,10 @@ DEPENDS_ON: dict[str, tuple[str, ...]] = {
     'lateral_noise': ('edge',),
     'low_signal_dropout': ('amplitude',),
     'motion_artefact': ('speed', 'edge'),
+    'motion_dropout': ('speed', 'edge'),
     'multipath': ('concavity', 'amplitude'),  # indirect light, relative to the direct light
     'offset': ('all',),
+    'phase_noise_wiggling': ('distance',),
     'pose_error': ('recording', 'edge'),
     'quantisation': ('all',),
     'random_dropout': ('all',),

@@ -191,6 +191,30 @@ class AmbientLight(Effect):
         frame.noise_gain = np.sqrt(np.square(frame.noise_gain) + np.square(extra))
 
 
+class PhaseNoiseWiggling(Effect):
+    """The pairs of taps differ in noise, so that the noise of the range varies with the phase."""
+
+    name = 'phase_noise_wiggling'
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Draw how much the pairs differ, and where each frequency has its lowest noise."""
+        self._share = min(0.5 * self.strength, 0.95)
+        self._turns = rng.uniform(0, 2 * math.pi, len(self.optics.wavenumbers))
+        self.parameters = {'share': self._share}
+
+    def before(self, frame: Frame) -> None:
+        """Scale the variance of each frequency by its phase."""
+        K = self.optics.wavenumbers
+        variance = (
+            sum(
+                k**2 * (1 + self._share * np.cos(2 * k * frame.view.path + turn))
+                for k, turn in zip(K, self._turns, strict=True)
+            )
+            / (K**2).sum()
+        )
+        frame.noise_gain = frame.noise_gain * np.sqrt(np.nan_to_num(variance, nan=1.0))
+
+
 class HeavyTails(Effect):
     """A few random pixels get a packet of charge in one tap."""
 

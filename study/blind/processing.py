@@ -88,6 +88,24 @@ class RandomDropout(Effect):
         frame.invalid |= frame.dice.random(self.optics.shape) < self._lost
 
 
+class MotionDropout(Effect):
+    """Pixels that see another surface when the frame ends than when it began are dropped."""
+
+    name = 'motion_dropout'
+    _APART = 0.06  # metres between two surfaces
+
+    def draw(self, rng: np.random.Generator) -> None:
+        """Set how long a frame takes, seconds."""
+        self._seconds = 0.015 * self.strength
+        self.parameters = {'seconds': self._seconds}
+
+    def mix(self, frame: Frame) -> None:
+        """Drop pixels that changed their surface, half a frame before or after its stamp."""
+        first, last = (frame.look_later(t).depth for t in (-self._seconds / 2, self._seconds / 2))
+        with np.errstate(invalid='ignore'):
+            frame.invalid |= np.abs(last - first) > self._APART
+
+
 class GrazingDropout(Effect):
     """Pixels whose footprint spans too much depth lose contrast and are dropped."""
 

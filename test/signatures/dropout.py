@@ -3,9 +3,10 @@
 import math
 
 from boards import board
+from flexx2_sim_ros.camera import flexx2
 import numpy as np
 
-from signatures.tools import close, pair, RAY_X, RAY_Y, SHAPE, signature, U, wall
+from signatures.tools import close, pair, RAY_X, RAY_Y, SHAPE, signature, STEP_5, U, wall
 
 
 def logistic(logit, strength):
@@ -70,6 +71,28 @@ def random_dropout():
     frame, base = pair('random_dropout', wall(1.5), np.arange(4), dead=dead)
     assert np.isnan(frame.depth[:, dead == 1]).all()
     np.testing.assert_allclose(frame.depth[:, dead == 0], base.depth[:, dead == 0], rtol=1e-6)
+
+
+@signature
+def motion_dropout():
+    # A board before a wall grows by six columns a frame.
+    mode, frames, speed = flexx2().mode('Mode_5_30fps'), np.arange(25), 6
+    edges = 20 + speed * frames
+    clean = np.where(edges[:, None, None] > U, 1.0, 1.5)
+    taps = 4
+    seconds = mode.raw_frames * (mode.exposure_us[1] + 600) * 1e-6 * (taps - 1) / taps
+    columns = np.arange(SHAPE[1]) - edges[1:, None]  # beyond the edge
+    for stretch, strength, stamp_at in ((2.0, 1.0, 1.0), (2.0, 1.0, 0.0), (1.0, 3.0, 0.5)):
+        settings = {'stretch': stretch, 'strength': strength, 'stamp_at': stamp_at}
+        frame, base = pair('motion_dropout', clean, frames * STEP_5, **settings)
+        gone = np.isnan(frame.depth) & np.isfinite(base.depth)
+        assert not gone[0].any()
+        passed = stretch * strength * seconds * speed * 30  # columns
+        close(gone[1:].sum() / gone[1:, :, 0].size, passed, rel=0.03)
+        # What has seen the wall in this frame, and what will see the board.
+        close(gone[1:, :][:, 0][columns >= 0].sum() / gone[1:, 0].sum(), 1 - stamp_at, within=0.08)
+    frame, base = pair('motion_dropout', clean, frames * STEP_5, step=0.6, strength=4.0)
+    assert np.array_equal(np.isnan(frame.depth), np.isnan(base.depth))
 
 
 @signature

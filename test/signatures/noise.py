@@ -1,9 +1,10 @@
 """More noise, other noise, and edges that move further."""
 
 from boards import board, edge_sigma
+from flexx2_sim_ros.camera import flexx2
 import numpy as np
 
-from signatures.tools import close, pair, RAY_X, RAY_Y, SHAPE, signature, spread, wall
+from signatures.tools import close, pair, RAY_X, RAY_Y, SHAPE, signature, spread, wall, wave_number
 
 
 @signature
@@ -41,6 +42,29 @@ def heavy_tails():
         close(changed.mean(), share * strength, rel=0.05)
         close(wild[changed], width * plain[changed], rel=1e-3, within=1e-3)
         close(wild.var() / plain.var(), 1 + share * strength * (width**2 - 1))
+
+
+@signature
+def phase_noise_wiggling():
+    # The variance of a wall over that without the effect. Both have the same random numbers.
+    for mode in ('Mode_5_30fps', 'Mode_9_30fps'):
+        frequencies = flexx2().mode(mode).modulation_hz
+        weights = np.square(frequencies) / np.square(frequencies).sum()
+        for given, strength in (((0.0, 0.4, 2.0), 1.0), ((0.3, -0.2, 4.0), 2.0)):
+            sine, cosine, periods = given
+            for distance in (1.0, 1.2, 1.5):
+                settings = {'sine': sine, 'cosine': cosine, 'periods': periods}
+                noisy, plain = spread(
+                    'phase_noise_wiggling',
+                    wall(distance),
+                    frames=20,
+                    strength=strength,
+                    usecase=mode,
+                    **settings,
+                )
+                phases = periods * np.array([wave_number(f) for f in frequencies]) * distance
+                wave = strength * (sine * np.sin(phases) + cosine * np.cos(phases))
+                close(noisy.var() / plain.var(), weights @ (1 + wave), rel=0.01)
 
 
 @signature
