@@ -2,62 +2,36 @@
 Calibrate the decisions of the diagnosis: ``config/decisions.yaml``.
 
 Draws campaigns (see `bench.decision_campaigns`), diagnoses each and writes one line of JSON for
-each; an interrupted run resumes. With ``--write``, fits the rule of the verdict to all lines and
-writes ``config/decisions.yaml`` and ``docs/decisions.png``. What is printed, and written as
+each; an interrupted run resumes. ``--campaigns`` says how many of each part: small ones, large
+ones, large ones without an effect, and small ones with many effects. With ``--write``, fits the
+rule of the verdict to all lines and writes ``config/decisions.yaml`` and ``docs/decisions.png``,
+and what was used of all lines to ``bench/decisions.jsonl.xz``. What is printed, and written as
 ``checked``, was measured on campaigns that the rule was not fitted to: it is fitted to four
 fifths of the campaigns and checked on the last one, five times.
 
-python -m bench.calibrate_decisions --campaigns 1000 --minutes 15 --jobs 2
-python -m bench.calibrate_decisions --campaigns 1000 --write
+python -m bench.calibrate_decisions --campaigns 500,160,80,160 --minutes 15 --jobs 2
+python -m bench.calibrate_decisions --campaigns 500,160,80,160 --write
 
-``--quiet`` adds campaigns of full size without an effect, in a file of their own.
-
-``--write`` also writes what was used of all lines to ``bench/decisions.jsonl.xz``. ``--kept``
-reads them from there and diagnoses nothing:
+``--kept`` reads the lines of the last fit from ``bench/decisions.jsonl.xz`` and diagnoses nothing:
 
 python -m bench.calibrate_decisions --kept
-
-With ``--again``, campaigns of full size and those with a measured reduction are diagnosed again,
-after a change of the method. Their lines are in a second file, and replace the first.
-
-With ``--kept --anew``, the campaigns in which only some effects were named, and whose reduction
-was measured, are diagnosed again, after a change that concerns these effects alone:
-
-python -m bench.calibrate_decisions --kept --anew heavy_tails,random_dropout --jobs 2 --write
-
-With ``--any`` besides, it is those in which any of them was named, alone or with others. With
-``--anew all`` it is all campaigns, those with large images first; ``--minutes`` limits it.
 """
 
 import argparse
 from concurrent.futures import ProcessPoolExecutor
 import datetime
+import json
 from multiprocessing import get_context
 from pathlib import Path
 import time
 
-from bench.decision_campaigns import (
-    code,
-    counts_anew,
-    DESIGN,
-    INSIDE,
-    LARGE,
-    LARGE_STRENGTHS,
-    MOST,
-    NO_EFFECT,
-    plan,
-    QUIET,
-    run,
-    SMALL,
-    STRENGTHS,
-)
+from bench.decision_campaigns import MOST, PARTS, run
 from bench.decision_counts import before, counted
 from bench.decision_fit import calibrate, campaign, COVERED
 from bench.decision_lines import keep, KEPT, kept_arguments
 from bench.journal import entries, Journal
 from flexx2_sim_ros import __version__
 from flexx2_sim_ros.atomic import whole, write_text
-from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.gap.calibration.decisions import FILE, KEYS
 from flexx2_sim_ros.paths import config_dir
 import matplotlib as mpl
@@ -73,7 +47,6 @@ _MOST_ERRORS = 0.03
 _FOLDS = 5
 _DIGITS = 3  # of log odds
 _NO_END = 1e9  # minutes
-_ALL = ('all',)  # of ``--anew``
 _AT_ONCE = 8  # campaigns of a process before the time is looked at
 # What the table says of each list of `counted`: in words, and the wanted range.
 _RATES = {
@@ -90,7 +63,8 @@ _CURVES = {
         lambda one: max(one.planned['effects'].values(), default=0.0),
         (0.1, 0.3, 0.7, 1.5, 3.1),
     ),
-    'recordings': ('', lambda one: one.planned['recordings'], (2, 4, 6, 8, 13)),
+    'effects': ('', lambda one: len(one.planned['effects']), (0, 1, 2, 3, 8, 15)),
+    'recordings': ('', lambda one: one.planned['recordings'], (1, 2, 4, 6, 8, 21)),
     'frames': ('', lambda one: one.planned['frames'], (1, 6, 12, 25)),
     'width': ('px', lambda one: one.planned['width'], (64, 80, 112, 224, 225)),
     'pose error': ('mm', lambda one: one.planned['pose_mm'], (0, 2, 5, 11)),
@@ -99,141 +73,49 @@ _CURVES = {
 
 def main():
     """Diagnose campaigns, fit the rule, print how often it is right."""
-    arguments = _arguments()
-    if arguments.kept:
-        lines, chosen = entries(KEPT), kept_arguments()
-        if arguments.anew:
-            lines = _with_anew(lines, arguments)
-            anew = f'--kept --anew {",".join(arguments.anew)}' + ' --any' * arguments.any
-            anew += f' --minutes {arguments.minutes:g}' * (arguments.minutes < _NO_END)
-            chosen = f'{chosen} --write; python -m bench.calibrate_decisions {anew}'
-        report(lines, arguments.write, chosen)
-        return
-    options = [f'--campaigns {arguments.campaigns}']
-    options += [f'--small {arguments.small}'] * (arguments.small < SMALL)
-    options += [f'--quiet {arguments.quiet}'] * (arguments.quiet > 0)
-    chosen = ' '.join([*options, *['--again'] * arguments.again])
-    report(_lines(arguments), arguments.write, chosen)
-
-
-def _arguments():
     parser = argparse.ArgumentParser(description=__doc__.partition('\n\n')[0])
     parser.add_argument('--lines', type=Path, default=Path('build/decisions.jsonl'))
     parser.add_argument(
         '--campaigns',
-        type=int,
-        default=300,
-        help=f'those from {SMALL} on have images of full size',
-    )
-    parser.add_argument('--small', type=int, default=SMALL, help='most with smaller images')
-    parser.add_argument(
-        '--quiet', type=int, default=0, help='campaigns of full size without an effect, besides'
+        type=lambda text: tuple(map(int, text.split(','))),
+        default=(500, 160, 80, 160),
+        help=f'how many of each part: {", ".join(PARTS)}; at most {MOST} of each',
     )
     parser.add_argument('--minutes', type=float, default=_NO_END, help='then stop; resumes later')
     parser.add_argument('--jobs', type=int, default=1, help='processes')
-    parser.add_argument('--again', action='store_true', help='after a change of the method')
     parser.add_argument(
         '--kept', action='store_true', help=f'the campaigns of {KEPT.name}, as diagnosed then'
     )
-    parser.add_argument(
-        '--anew',
-        type=lambda text: tuple(text.split(',')),
-        default=(),
-        help='with --kept: effects; campaigns in which no other was named are diagnosed again; '
-        'or all',
-    )
-    parser.add_argument(
-        '--any', action='store_true', help='with --anew: campaigns in which others were named, too'
-    )
     parser.add_argument('--write', action='store_true', help='the rule and its picture')
     arguments = parser.parse_args()
-    if arguments.anew and not arguments.kept:
-        parser.error('--anew: must be with --kept, got no --kept')
-    for name in () if arguments.anew == _ALL else arguments.anew:
-        if name not in registry():
-            parser.error(f'--anew: must be names of effects, got {name}')
-    for name, low, high in (
-        ('campaigns', 1, QUIET),
-        ('quiet', 0, MOST - QUIET),
-        ('small', 1, SMALL),
-    ):
-        value = getattr(arguments, name)
-        if not low <= value <= high:
-            parser.error(f'--{name}: must be {low} to {high}, got {value}')
-    return arguments
+    if arguments.kept:
+        report(entries(KEPT), arguments.write, kept_arguments())
+    else:
+        chosen = f'--campaigns {",".join(map(str, arguments.campaigns))}'
+        report(_lines(arguments), arguments.write, chosen)
 
 
 def _lines(arguments):
-    # Those of the campaigns that were diagnosed until the time was over.
-    design, large, no_effect = (
-        {name: list(map(list, table.items())) for name, table in one.items()}
-        for one in (DESIGN, LARGE, NO_EFFECT)
-    )
-    inside = {name: sorted(fields) for name, fields in INSIDE.items()}
-    settings = {
-        'design': design,
-        'strengths': list(STRENGTHS),
-        'inside': inside,
-        'large': large,
-        'large_strengths': list(LARGE_STRENGTHS),
-        'small': arguments.small,
-    }
-    wanted = [i for i in range(arguments.campaigns) if i < arguments.small or i >= SMALL]
-    journal = Journal(arguments.lines, **settings)
-    ends = time.monotonic() + 60 * arguments.minutes
-    _diagnose(journal, wanted[len(journal) :], arguments.jobs, ends)
-    lines = list(journal)[: len(wanted)]
-    if arguments.again:
-        again = Journal(arguments.lines.with_suffix('.again.jsonl'), **settings)
-        anew = [line['index'] for line in lines if counts_anew(line)]
-        _diagnose(again, anew[len(again) :], arguments.jobs, ends)
-        newer = {line['index']: line for line in again}
-        lines = [newer.get(line['index'], line) for line in lines]
-    if arguments.quiet:
-        quiet = Journal(arguments.lines.with_suffix('.quiet.jsonl'), design=no_effect)
-        some = range(QUIET, QUIET + arguments.quiet)
-        _diagnose(quiet, some[len(quiet) :], arguments.jobs, ends)
-        lines += list(quiet)[: arguments.quiet]
-    return lines
-
-
-def _with_anew(lines, arguments):
-    # The lines, with those of campaigns with effects of `arguments.anew` diagnosed again.
-    journal = Journal(
-        arguments.lines.with_suffix('.anew.jsonl'),
-        names=arguments.anew,
-        any=arguments.any,
-        code=code(),
-    )
-    ordered = sorted(lines, key=lambda line: -line['planned']['width'])
+    # Those of the campaigns that were diagnosed until the time was over. Parts take turns, so that
+    # a run that stops in between has some of each.
     wanted = [
-        line['index']
-        for line in ordered
-        if arguments.anew == _ALL or _is_named(line, set(arguments.anew), arguments.any)
+        ((k + 0.5) / count, part, k)
+        for part, count in zip(PARTS, arguments.campaigns, strict=True)
+        for k in range(count)
     ]
+    settings = json.loads(json.dumps(PARTS, default=str))
+    journal = Journal(arguments.lines, campaigns=arguments.campaigns, parts=settings)
+    done = {(line['part'], line['number']) for line in journal}
+    left = [(part, k) for _, part, k in sorted(wanted) if (part, k) not in done]
     ends = time.monotonic() + 60 * arguments.minutes
-    # Not by number: what is named may have changed since an earlier run of the same journal.
-    done = {line['index'] for line in journal}
-    _diagnose(journal, [i for i in wanted if i not in done], arguments.jobs, ends)
-    newer = {line['index']: line for line in journal}
-    return [newer.get(line['index'], line) for line in lines]
-
-
-def _is_named(line, names, or_other):
-    # Whether its reduction was measured, and these effects were named: no others, or any of them.
-    named = {row['name'] for row in line['diagnosis']['effects']}
-    chosen = bool(named & names) if or_other else named <= names
-    return (line['realised'] or {}).get('shrink') is not None and chosen
-
-
-def _diagnose(journal, left, jobs, ends):
-    # Adds a line for each index, until the time is over.
-    with ProcessPoolExecutor(jobs, get_context('spawn')) as pool:
-        for start in track(range(0, len(left), _AT_ONCE * jobs), 'diagnosing'):
+    with ProcessPoolExecutor(arguments.jobs, get_context('spawn')) as pool:
+        step = _AT_ONCE * arguments.jobs
+        for start in track(range(0, len(left), step), 'diagnosing'):
             if time.monotonic() > ends:
                 break
-            for line in pool.map(run, left[start : start + _AT_ONCE * jobs]):
+            for line in pool.map(run, left[start : start + step]):
                 journal.add(line)
+    return list(journal)
 
 
 def report(lines, write, chosen):
@@ -318,6 +200,7 @@ def _yaml(rule, lines, checked, error, chosen):
         }
         for name in _RATES
     }
+    seeds = [line['planned']['seed'] for line in lines]
     table = {
         'schema': 1,
         'command': f'python -m bench.calibrate_decisions {chosen} --write',
@@ -325,7 +208,7 @@ def _yaml(rule, lines, checked, error, chosen):
         'version': __version__,
         'code': sorted({line['code'] for line in lines}),
         'campaigns': len(lines),
-        'seeds': [plan(line['index'])[0].seed for line in (lines[0], lines[-1])],
+        'seeds': [min(seeds), max(seeds)],
         'gap': {
             **logistic('gap', rule.thresholds.probability),
             **{key: getattr(rule.thresholds, name) for name, key in KEYS.items()},

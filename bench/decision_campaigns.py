@@ -3,7 +3,7 @@ Simulated campaigns of which the decisions of the diagnosis are calibrated, one 
 
 The camera is the blind camera of the benchmark, which shares no effect with the catalogue, or,
 in every fourth campaign, the package's own. Half of these show bare walls, with any of the shipped
-cameras. Each campaign is drawn from the numbers of `DESIGN` and its index, diagnosed, and, where
+cameras. Each campaign is drawn from the numbers of a part of `PARTS`, diagnosed, and, where
 effects are named, checked on other scenes of the same camera. Development seeds only. The novel
 effects are those of `bench.gap_novel`, not the benchmark's.
 """
@@ -27,8 +27,8 @@ from study.benchmark.seeds import DEVELOPMENT
 from study.blind import BlindCamera
 from study.blind.catalogue import CATALOGUE
 
-# What is drawn, and how often.
-DESIGN = {
+# What is drawn, and how often; the strength is log-uniform between two numbers.
+SMALL = {
     'group': {'none': 0.26, 'single': 0.44, 'pair': 0.12, 'left_out': 0.08, 'novel': 0.10},
     'camera': {'blind': 0.75, 'own': 0.25},
     'usecase': dict.fromkeys(MODES, 0.5),
@@ -39,12 +39,12 @@ DESIGN = {
     'inside': {'as in the profile': 0.7, 'different': 0.3},  # of the blind camera: `INSIDE`
     'truth': {'exact': 0.8, 'masked': 0.12, 'constrained': 0.08},  # constrained: own camera only
     'scene': {'room': 0.5, 'walls': 0.5},  # walls: own camera only
+    'strength': (0.1, 3.0),
 }
-STRENGTHS = 0.1, 3.0  # log-uniform
-# Campaigns of the benchmark's size, from index `SMALL` on: what the errors of poses leave grows
-# with the number of pixels and frames.
+# Campaigns of the benchmark's size: what the errors of poses leave grows with the number of pixels
+# and frames.
 LARGE = {
-    **DESIGN,
+    **SMALL,
     'group': {'none': 0.36, 'single': 0.38, 'pair': 0.08, 'left_out': 0.1, 'novel': 0.08},
     'camera': {'blind': 1.0},
     'recordings': {8: 1.0},
@@ -53,11 +53,22 @@ LARGE = {
     'pose_mm': {0.0: 0.1, 2.0: 0.45, 5.0: 0.45},
     'truth': {'exact': 1.0},
     'scene': {'room': 1.0},
+    'strength': (0.25, 2.0),
 }
-LARGE_STRENGTHS = 0.25, 2.0
-# From index `QUIET` on, campaigns of full size without an effect: few of them leave a large loss,
-# and these few are the false alarms.
-NO_EFFECT = {**LARGE, 'group': {'none': 1.0}, 'pose_mm': {0.0: 0.05, 2.0: 0.7, 5.0: 0.25}}
+# Those without an effect: few of them leave a large loss, and these few are the false alarms.
+QUIET = {**LARGE, 'group': {'none': 1.0}, 'pose_mm': {0.0: 0.05, 2.0: 0.7, 5.0: 0.25}}
+# Small campaigns of cameras with several effects, as real ones have.
+MANY = {
+    **SMALL,
+    'group': {'many': 1.0},
+    'camera': {'blind': 1.0},
+    'recordings': {1: 0.05, 2: 0.05, 3: 0.1, 4: 0.15, 6: 0.2, 8: 0.3, 12: 0.1, 20: 0.05},
+    'frames': {6: 0.5, 12: 0.5},
+    'truth': {'exact': 0.85, 'masked': 0.15},
+    'scene': {'room': 1.0},
+}
+PARTS = {'small': SMALL, 'large': LARGE, 'quiet': QUIET, 'many': MANY}
+_EFFECTS = 3, 14  # of the campaigns of `MANY`
 # What differs inside a camera with an effect: for each field of `Internals` the lowest and highest
 # value (log-uniform), or the values. For other effects: one modulation frequency.
 INSIDE = {
@@ -76,36 +87,38 @@ INSIDE = {
 _MHZ = {'mhz': (25.0, 105.0)}
 _FIRST = 100_000  # index of the first seed
 _SCENES, _STEP = 200_000, 1000  # likewise of the scenes; fresh ones lie between
-SMALL = (1_000_000 - _SCENES) // _STEP
-_BETWEEN, _QUIET_BETWEEN = 250, 100  # scenes of large campaigns, and of those without an effect
-QUIET = 2 * SMALL
-MOST = 3 * SMALL
+# How far the scenes of a part are from those of the first.
+_BETWEEN = {'small': 0, 'large': 250, 'quiet': 100, 'many': 400}
+MOST = (1_000_000 - _SCENES) // _STEP  # campaigns of a part
 _DEGREES_PER_MM = 0.0625
 
 
-def plan(index):
+def plan(part, number):
     """
     Draw a campaign.
 
-    `index`: 0 to `MOST` - 1: small ones, large ones from `SMALL` on, and those of `NO_EFFECT` from
-    `QUIET` on. Returns the case, and a dict of what it does not say: ``camera``, ``truth``,
-    ``scene`` and ``novel``.
+    * `part`: a key of `PARTS`
+    * `number`: which of its campaigns, 0 to `MOST` - 1
+
+    Returns the case, and a dict of what it does not say: ``camera``, ``truth``, ``scene`` and
+    ``novel``.
     """
-    seed = DEVELOPMENT.seed(_FIRST + index)
+    seed = DEVELOPMENT.seed(_FIRST + MOST * list(PARTS).index(part) + number)
     rng = np.random.default_rng(seed)
-    large, quiet = index >= SMALL, index >= QUIET
-    design = NO_EFFECT if quiet else LARGE if large else DESIGN
+    *tables, (_, strengths) = PARTS[part].items()
     drawn = {
         name: list(table)[int(rng.choice(len(table), p=list(table.values())))]
-        for name, table in design.items()
+        for name, table in tables
     }
     group = drawn['group']
     count = {'none': 0, 'novel': 0, 'pair': 2}.get(group, 1)
+    if group == 'many':
+        count = int(rng.integers(*_EFFECTS, endpoint=True))
     own = drawn['camera'] == 'own'
     walls = own and drawn['scene'] == 'walls'
     known = SHOWN if walls else sorted(CATALOGUE)
     names = sorted(str(name) for name in rng.choice(known, count, replace=False))
-    low, high = map(math.log, LARGE_STRENGTHS if large else STRENGTHS)
+    low, high = map(math.log, strengths)
     effects = {name: round(float(np.exp(rng.uniform(low, high))), 3) for name in names}
     more = {
         'camera': drawn['camera'],
@@ -118,9 +131,7 @@ def plan(index):
         drawn['usecase'],
         effects,
         seed,
-        DEVELOPMENT.seed(
-            _SCENES + _STEP * (index % SMALL) + (_QUIET_BETWEEN if quiet else _BETWEEN * large)
-        ),
+        DEVELOPMENT.seed(_SCENES + _STEP * number + _BETWEEN[part]),
         drawn['pose_mm'],
         tuple(names) if group == 'left_out' else (),
         drawn['width'],
@@ -133,9 +144,10 @@ def plan(index):
 
 
 def _inside(names, rng):
-    # What differs inside the camera, for its first effect.
+    # What differs inside the camera, for its effects.
     out = {}
-    for field, values in INSIDE.get(names[0] if names else '', _MHZ).items():
+    fields = [INSIDE[name] for name in names if name in INSIDE] or [_MHZ]
+    for field, values in (item for one in fields for item in one.items()):
         if all(isinstance(value, float) for value in values):
             low, high = map(math.log, values)
             out[field] = round(float(np.exp(rng.uniform(low, high))), 4)
@@ -144,22 +156,22 @@ def _inside(names, rng):
     return out
 
 
-def run(index):
+def run(which):
     """
-    Record and diagnose a campaign.
+    Record and diagnose a campaign, given by part and number; see `plan`.
 
-    Returns, for a line of JSON, ``planned``, ``more`` (see `plan`), ``parameters`` (the true
-    ones), ``diagnosis`` (without what is drawn on its page), ``realised``, ``seconds`` and
-    ``code``.
+    Returns, for a line of JSON, ``part``, ``number``, ``planned``, ``more`` (see `plan`),
+    ``diagnosis`` (without what is drawn on its page), ``realised``, ``seconds`` and ``code``.
     """
-    case, more = plan(index)
+    part, number = which
+    case, more = plan(part, number)
     began = time.process_time()
     with scratch_folder() as folder:
         campaign = folder / 'campaign'
         campaign.mkdir()
-        parameters = _record(case, more, campaign)
+        _record(case, more, campaign)
         profile = profile_for(case.seed, case.effects) if more['scene'] == 'walls' else None
-        table = diagnose(campaign, profile=profile, without=case.without, seed=index)
+        table = diagnose(campaign, profile=profile, without=case.without, seed=number)
         realised = None
         if table['effects'] and more['camera'] == 'blind' and case.effects:
             realised = realised_gap(case, table, folder / 'cache', measure)
@@ -173,10 +185,10 @@ def run(index):
         'evidence',
     )
     return {
-        'index': index,
+        'part': part,
+        'number': number,
         'planned': case.to_json(),
         'more': more,
-        'parameters': parameters,
         'diagnosis': {key: table[key] for key in kept},
         'realised': realised,
         'seconds': round(time.process_time() - began, 2),
@@ -184,22 +196,9 @@ def run(index):
     }
 
 
-def counts_anew(line):
-    """
-    Say whether the campaign of a line should be diagnosed again when the method has changed.
-
-    Those of full size, which resemble a user's most, and those whose reduction was measured: how
-    the gap is measured changes more often than the evidence of the verdict.
-    """
-    reduction = (line['realised'] or {}).get('shrink')
-    return line['index'] >= SMALL or reduction is not None
-
-
 def _record(case, more, folder):
-    # Returns the true parameters of the effects.
     table = {name: {'strength': value} for name, value in case.effects.items()}
     pose = case.pose_mm / 1000, case.pose_mm * _DEGREES_PER_MM
-    parameters = table
     if more['scene'] == 'walls':
         write_walls(
             folder,
@@ -224,14 +223,11 @@ def _record(case, more, folder):
             moving=0 if more['truth'] == 'constrained' else case.recordings * 3 // 8,
         )
     else:
-        camera = BlindCamera(case.case)
-        camera.record(folder)
-        parameters = {one.name: one.parameters for one in camera.effects}
+        BlindCamera(case.case).record(folder)
     if more['novel']:
         _change(folder, more['novel'], case.seed)
     if more['truth'] != 'exact':
         rewrite(folder, more['truth'], case.seed % 100_000)
-    return parameters
 
 
 def _change(folder, novel, seed):

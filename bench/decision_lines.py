@@ -39,7 +39,7 @@ def _brief(line):
     gap = table['gap']
     by = gap['measured_by']
     return {
-        **{key: line[key] for key in ('index', 'planned', 'more', 'seconds', 'code')},
+        **{key: line[key] for key in ('part', 'number', 'planned', 'more', 'seconds', 'code')},
         'diagnosis': {
             'verdict': table['verdict'],
             'effects': [{'name': row['name']} for row in table['effects']],
