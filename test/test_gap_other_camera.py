@@ -12,7 +12,10 @@ import pytest
 
 SIZE = 48, 64
 K = np.array([[70.0, 0.0, 31.5], [0.0, 70.0, 23.5], [0.0, 0.0, 1.0]])
-PHASE = {'flying_pixels', 'multipath', 'stray_light', 'motion_artefact', 'wiggling', 'range_wrap'}
+PHASE = {
+    'flying_pixels', 'multipath', 'stray_light', 'motion_artefact', 'wiggling',
+    'phase_noise_wiggling', 'range_wrap', 'motion_dropout',
+}  # fmt: skip
 
 
 @pytest.fixture(scope='module')

@@ -187,21 +187,25 @@ def test_poses_are_blamed_where_other_effects_do_little(names, shrink, blamed):
 
 
 @pytest.mark.parametrize(
-    ('verdict', 'names', 'shrink', 'fitted', 'said'),
+    ('verdict', 'names', 'shrink', 'fitted', 'left', 'said'),
     [
-        ('identified', ['offset'], 0.9, 0.9, 'identified'),
-        ('identified', ['offset'], 0.75, 0.9, 'partly'),
-        ('identified', ['pose_error'], 0.0, 0.0, 'identified'),
-        ('identified', ['offset', 'pose_error'], 0.2, 0.9, 'identified'),
-        ('identified', ['offset', 'pose_error'], 0.2, 0.4, 'partly'),
-        ('unknown', ['offset'], 0.0, 0.0, 'unknown'),
+        ('identified', ['offset'], 0.9, 0.9, 0.9, 'identified'),
+        ('identified', ['offset'], 0.75, 0.9, 0.9, 'partly'),
+        ('identified', ['offset'], 0.9, 0.9, 1.1, 'partly'),
+        ('identified', ['pose_error'], 0.0, 0.0, 1.1, 'identified'),
+        ('identified', ['offset', 'pose_error'], 0.2, 0.9, 0.9, 'identified'),
+        ('identified', ['offset', 'pose_error'], 0.2, 0.9, 1.1, 'partly'),
+        ('identified', ['offset', 'pose_error'], 0.2, 0.4, 0.9, 'partly'),
+        ('unknown', ['offset'], 0.0, 0.0, 0.0, 'unknown'),
     ],
 )
 def test_effects_that_close_less_than_four_fifths_of_the_gap_explain_it_partly(
-    verdict, names, shrink, fitted, said
+    verdict, names, shrink, fitted, left, said
 ):
-    fitted = {'shrink': fitted}
-    table = identified(*names, shrink=shrink, at_fitted_poses=fitted, held_out=True)
+    """Or that leave more than the tolerance, a distance of 1."""
+    distance = {'after': 0.5 + left, 'null': 0.5, 'tolerance': 1.0}
+    gap = {'shrink': shrink, 'at_fitted_poses': {'shrink': fitted, **distance}}
+    table = identified(*names, **gap, held_out=True, distance=distance)
     table['verdict'] = verdict
     assert verdict_of(table) == said
     # One recording cannot tell what it shares with others.

@@ -103,14 +103,16 @@ def verdict_of(table: dict[str, Any]) -> str:
     """
     Return the verdict of a diagnosis after its effects were simulated.
 
-    Effects of the camera explain it partly if they close less than four fifths of the gap, come
-    from a single recording or from recordings that disagree, or have a constant for a form: other
-    causes do the same. What they do beside an error of the poses shows at the fitted poses.
+    Effects of the camera explain it partly if they close less than four fifths of the gap, leave
+    more than the tolerance, come from a single recording or from recordings that disagree, or have
+    a constant for a form: other causes do the same. What they do beside an error of the poses
+    shows at the fitted poses.
     """
     verdict = str(table['verdict'])
     names = [row['name'] for row in table['effects']]
     simulated = names[:1] not in ([], [of_role('pose').name])
-    closed = _closes(table) >= THRESHOLDS.identified and table['gap']['held_out']
+    closed = _closes(table) >= THRESHOLDS.identified and not _leaves_more(table)
+    closed = closed and table['gap']['held_out']
     sure = closed and not constants_of(table) and not table['disagree']
     return 'partly' if verdict == 'identified' and simulated and not sure else verdict
 
@@ -127,9 +129,21 @@ def makes_larger(table: dict[str, Any]) -> bool:
 
 def _closes(table: dict[str, Any]) -> float:
     # The fraction of the gap that goes away, at the fitted poses where an error of them is named.
-    gap, names = table['gap'], [row['name'] for row in table['effects']]
-    posed = of_role('pose').name in names and gap['measured_by'] == 'distance'
-    return float((gap['at_fitted_poses'] if posed else gap)['shrink'])
+    gap = table['gap']
+    return float((gap['at_fitted_poses'] if _is_posed(table) else gap)['shrink'])
+
+
+def _leaves_more(table: dict[str, Any]) -> bool:
+    # Whether what is left is more than the tolerance, where it is a distance.
+    gap = table['gap']
+    left = gap['at_fitted_poses'] if _is_posed(table) else gap['distance']
+    beyond = left['after'] - left['null'] > gap['distance']['tolerance']
+    return bool(gap['measured_by'] == 'distance' and beyond)
+
+
+def _is_posed(table: dict[str, Any]) -> bool:
+    names = [row['name'] for row in table['effects']]
+    return of_role('pose').name in names and table['gap']['measured_by'] == 'distance'
 
 
 def calibrated_table(
