@@ -192,20 +192,23 @@ def _logistic(rows, labels, groups):
 
 def _thresholds(campaigns, odds):
     # Of all thresholds with which at most `FALSE_ALARMS` of the campaigns without an effect have a
-    # gap, those with which most of the campaigns with an effect have one.
+    # gap, those with which most of the campaigns with an effect have one; with as few of those
+    # whose poses are far off as are allowed, or as few as there can be.
     present = np.array([one.present for one in campaigns])
     far = ~present & np.array([one.planned['pose_mm'] >= _FAR for one in campaigns])
     slopes = _slopes(campaigns, odds)
     odds, excess = _without_slopes(campaigns, odds, slopes)
     allowed, allowed_far = _allowed(FALSE_ALARMS, ~present), _allowed(FAR_ALARMS, far)
-    best, most = slopes, -1
+    best, most = slopes, (-math.inf, -1)
     for large in range(allowed + 1):
         least = _above(np.sort(excess[~present])[::-1], large)
         left = allowed - int((~present & (excess >= least)).sum())
         end = _above(np.sort(odds[~present & (excess < least)])[::-1], left)
         found = (odds >= end) | (excess >= least)
-        if (found & far).sum() <= allowed_far and (found & present).sum() > most:
-            most = int((found & present).sum())
+        too_many = max(int((found & far).sum()) - allowed_far, 0)
+        found_here = -too_many, int((found & present).sum())
+        if found_here > most:
+            most = found_here
             best = replace(slopes, probability=end, excess=least)
     return best
 
