@@ -1,4 +1,4 @@
-"""Size and time of recorded depth: levels of zstd, and bags with and without it."""
+"""Size and time of recorded depth in MCAP bags, beside other ways to compress and to read it."""
 
 from functools import partial
 from pathlib import Path
@@ -8,6 +8,7 @@ import time
 from bench.timing import side_by_side
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.recording import bag_messages as messages
+from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.bag_cameras import topics_of
 from flexx2_sim_ros.recording.bag_writer import BagWriter
 from flexx2_sim_ros.recording.checksums import zstd, ZSTD_LEVEL
@@ -16,6 +17,7 @@ from flexx2_sim_ros.rendering.scenes import reflectivity_table
 from flexx2_sim_ros.robots.model import build_model, stand
 import mujoco
 import numpy as np
+from rosbags.rosbag2 import Reader
 
 _CAMERA, _USECASE, _RATE_HZ = 'front_left', 'Mode_5_60fps', 60
 _SPEED = 0.5  # m/s
@@ -32,7 +34,12 @@ def run(frames=60, rounds=5):
     )
     for kind, stack in images.items():
         _print_image(kind, stack, rounds)
-    _print_bags(images, rounds)
+    entries = _entries(images)
+    _print_bags(entries, frames, rounds)
+    print('\nreading these bags of mcap; wanted: at most 1.1 x')
+    for times in (1, 3):
+        for compression in ('none', 'zstd'):
+            _print_reading(entries, times, compression, rounds)
 
 
 def _walk(frames):
@@ -79,16 +86,25 @@ def _each(function, items):
         function(item)
 
 
-def _print_bags(images, rounds):
+def _entries(images):
+    # Topic, number of the frame and image of each message.
     where = topics_of(_CAMERA)
     topics = dict(zip(images, (where.depth, where.clean, where.reflectivity), strict=True))
-    frames = len(images['clean'])
-    encoded = [
-        (topics[kind], stamp, messages.encode_image(stamp, _CAMERA, stack[number]))
-        for number in range(frames)
+    return [
+        (topics[kind], number, stack[number])
+        for number in range(len(images['clean']))
         for kind, stack in images.items()
-        for stamp in [number * 10**9 // _RATE_HZ]
     ]
+
+
+def _encoded(entries, first=0):
+    for topic, number, image in entries:
+        stamp = (first + number) * 10**9 // _RATE_HZ
+        yield topic, stamp, messages.encode_image(stamp, _CAMERA, image)
+
+
+def _print_bags(entries, frames, rounds):
+    encoded = list(_encoded(entries))
     with tempfile.TemporaryDirectory() as folder:
         sizes = {}
 
@@ -107,3 +123,40 @@ def _print_bags(images, rounds):
             f'  {name:20s} {size / frames / 1e3:6.0f} kB a frame, {sizes["none"] / size:5.2f} '
             f'times smaller, {times[name] / frames:6.3f} ms a frame'
         )
+
+
+def _print_reading(entries, times, compression, rounds):
+    # The images, so many times one after the other, by this package and by rosbags alone.
+    frames = len({number for _, number, _ in entries})
+    info, lens = topics_of(_CAMERA).info, flexx2().intrinsics
+    size = lens.height, lens.width
+    lens_message = messages.encode_camera_info(0, _CAMERA, size, lens.matrix, np.zeros(5))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / 'bag'
+        with BagWriter(path, 'mcap', compression) as writer:
+            writer.write(info, messages.CAMERA_INFO, 0, lens_message)
+            for part in range(times):
+                for topic, stamp, data in _encoded(entries, part * frames):
+                    writer.write(topic, messages.IMAGE, stamp, data)
+        cost = side_by_side(
+            {'here': partial(load_recording, path), 'rosbags': partial(_plain_reading, path)},
+            rounds,
+            time.process_time,
+        )
+    frames *= times
+    print(
+        f'  {compression}, {frames} frames: {cost["here"] / frames:.3f} ms a frame, '
+        f'{cost["here"] / cost["rosbags"]:.2f} x that of rosbags'
+    )
+
+
+def _plain_reading(path):
+    # As one writes it in a minute: all messages to arrays, with no checks.
+    store, stacks = messages.typestore(), {}
+    with Reader(path) as reader:
+        for connection, _, data in reader.messages():
+            message = store.deserialize_cdr(data, connection.msgtype)
+            if connection.msgtype == messages.IMAGE:
+                pixels = message.data.view(np.float32).reshape(message.height, message.width)
+                stacks.setdefault(connection.topic, []).append(pixels)
+    return {topic: np.stack(images) for topic, images in stacks.items()}

@@ -348,9 +348,10 @@ def test_clean_depth_of_another_view_is_that_of_the_cameras_pixels(size, radial,
     assert ('along the ray' in note) == radial
 
 
-def test_chunks_add_up_to_the_recording_in_bounded_memory(tmp_path):
-    depth, clean = depths(400, 64, 80, seed=1), depths(400, 64, 80, seed=2)
-    size, stamp = depth.nbytes, np.arange(400) / 60
+def test_chunks_add_up_to_the_recording_in_bounded_memory(tmp_path, monkeypatch):
+    monkeypatch.setattr('flexx2_sim_ros.recording.mcap_index._KEPT_BYTES', 1 << 20)
+    depth, clean = depths(600, 64, 80, seed=1), depths(600, 64, 80, seed=2)
+    size, stamp = depth.nbytes, np.arange(600) / 60
     np.savez(tmp_path / 'in.npz', depth=depth, clean_depth=clean, K=MATRIX, stamp=stamp)
     tracemalloc.start()
     convert(tmp_path / 'in.npz', tmp_path / 'bag')
@@ -363,7 +364,7 @@ def test_chunks_add_up_to_the_recording_in_bounded_memory(tmp_path):
             assert same(part.clean_depth, clean[rows])
             assert same(part.stamp, stamp[rows])
             first = rows.stop
-        assert first == 400
+        assert first == 600
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < size, f'{peak / 1e6:.0f} MB for {2 * size / 1e6:.0f} MB of images'

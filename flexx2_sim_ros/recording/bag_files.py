@@ -13,10 +13,12 @@ from flexx2_sim_ros.recording.bag_remains import check_file, McapRemains, Messag
 from flexx2_sim_ros.recording.bag_ros1 import Ros1Bag
 from flexx2_sim_ros.recording.checksums import Check, in_uri
 from flexx2_sim_ros.recording.chunks import limited, naming
+from flexx2_sim_ros.recording.mcap_index import IndexedMcap
 from rosbags.interfaces import Connection, ConnectionExtRosbag2, QosDurability
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.reader import DirectoryReader
+from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 # Key of a bag's custom data: what was lost while it was recorded, as text.
@@ -167,14 +169,27 @@ class _Whole:
             self.latched = {
                 connection.topic for connection in reader.connections if _is_latched(connection)
             }
+            files = [reader.storage]
             if isinstance(reader.storage, DirectoryReader):
                 _compare(reader.storage)
+                files = reader.storage.storages
+            chunked = [
+                IndexedMcap(one) for one in files if isinstance(one, McapReader) and one.chunks
+            ]
+            packed = reader.storage.metadata.compression_mode  # of files or messages
+            # Empty where rosbags reads the files each time.
+            self._indexed = [] if packed or len(chunked) < len(files) else chunked
             lost = (reader.storage.metadata.custom or {}).get(LOST)
         if lost:
             notes.append(f'{path}: lost while it was recorded: {lost}')
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         try:
+            if self._indexed and all(file.is_current() for file in self._indexed):
+                with naming(self._path):
+                    for file in self._indexed:
+                        yield from file.messages(topics)
+                return
             with naming(self._path), BagReader(self._path) as reader:
                 wanted = [item for item in reader.connections if item.topic in topics]
                 if not wanted:

@@ -3,7 +3,6 @@
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-import itertools
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
@@ -206,22 +205,22 @@ class RecordingReader(ABC):
         images = {key: self.frames(key) for key in self.layouts}
         for start in range(0, len(self.stamp), size):
             count = min(size, len(self.stamp) - start)
-            yield self._recording(
-                start, {key: self._take(key, source, count) for key, source in images.items()}
-            )
+            yield self._recording(start, self._take(images, count))
 
     def load(self) -> Recording:
         """Return the whole recording."""
-        return self._recording(
-            0, {key: self._take(key, self.frames(key), len(self.stamp)) for key in self.layouts}
-        )
+        return next(self.chunks(len(self.stamp)))
 
-    def _take(self, key: str, images: Iterator[np.ndarray], count: int) -> np.ndarray:
-        layout = self.layouts[key]
-        block = np.empty((count, *layout.shape), layout.dtype)
-        for index, image in enumerate(itertools.islice(images, count)):
-            block[index] = image
-        return block
+    def _take(self, images: dict[str, Iterator[np.ndarray]], count: int) -> dict[str, np.ndarray]:
+        # Frame by frame: in a bag, the images of a frame are beside each other.
+        blocks = {
+            key: np.empty((count, *self.layouts[key].shape), self.layouts[key].dtype)
+            for key in images
+        }
+        for index in range(count):
+            for key, source in images.items():
+                blocks[key][index] = next(source)
+        return blocks
 
     def _recording(self, start: int, stacks: dict[str, np.ndarray]) -> Recording:
         part = slice(start, start + len(stacks['depth']))
