@@ -11,7 +11,7 @@ import numpy as np
 # Visible geom groups, as in MuJoCo's viewer: 0 to 2. By convention, groups from 3 on hold
 # collision shapes, which are inside the visible ones.
 VISIBLE_GROUPS = np.array([1, 1, 1, 0, 0, 0], np.uint8)
-_INVISIBLE = 5
+INVISIBLE = 5
 
 
 class ModelCameras:
@@ -37,7 +37,7 @@ class ModelCameras:
         if name not in self._found:
             index = self._find(name)
             hidden = unseen_geoms(self.model, index, self._intrinsics)
-            self._found[name] = index, np.where(hidden, _INVISIBLE, self._groups)
+            self._found[name] = index, np.where(hidden, INVISIBLE, self._groups)
         index, self.model.geom_group[:] = self._found[name]
         return index
 

@@ -4,9 +4,14 @@ from typing import Protocol
 
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
-from flexx2_sim_ros.rendering.model_cameras import clip_planes, ModelCameras, VISIBLE_GROUPS
+from flexx2_sim_ros.rendering.model_cameras import (
+    clip_planes,
+    INVISIBLE,
+    ModelCameras,
+    VISIBLE_GROUPS,
+)
 from flexx2_sim_ros.rendering.opengl import OpenGlRenderer
-from flexx2_sim_ros.rendering.rays import exact_for_rays
+from flexx2_sim_ros.rendering.tiles import Tiles
 from flexx2_sim_ros.rendering.visibility import pixel_directions
 import mujoco
 import numpy as np
@@ -26,10 +31,13 @@ class RayCaster:
     ) -> None:
         """Compute the rays of the pixels."""
         self.reasons = reasons
-        self._cameras = ModelCameras(exact_for_rays(model), intrinsics)
+        self._cameras = ModelCameras(model, intrinsics)
         self._model = self._cameras.model
+        # MuJoCo's own bounding volumes miss geoms, see `exact_for_rays`; those of tiles do not.
+        self._model.body_bvhadr[:] = -1
+        self._tiles = Tiles(intrinsics)
         self._shape = (intrinsics.height, intrinsics.width)
-        rays = pixel_directions(intrinsics).reshape(-1, 3)
+        rays = pixel_directions(intrinsics).reshape(-1, 3)[self._tiles.order]
         length = np.linalg.norm(rays, axis=1)
         self._rays = rays / length[:, None]
         self._cosine = 1.0 / length
@@ -42,24 +50,31 @@ class RayCaster:
         index = self._cameras.select(camera)
         near, far = clip_planes(self._model)
         np.dot(self._rays, data.cam_xmat[index].reshape(3, 3).T, out=self._world)
-        mujoco.mj_multiRay(
-            m=self._model,
-            d=data,
-            pnt=data.cam_xpos[index],
-            vec=self._world.ravel(),
-            geomgroup=VISIBLE_GROUPS,
-            flg_static=1,
-            bodyexclude=-1,
-            geomid=self._geom_id,
-            dist=self._distance,
-            normal=None,
-            nray=self._geom_id.size,
-            cutoff=far / self._cosine.min(),
-        )
-        depth = (self._distance * self._cosine).astype(np.float32)
+        seen = self._tiles.geoms(self._model, data, index)
+        groups = np.where(seen, self._model.geom_group, INVISIBLE)
+        for part, chosen in zip(self._tiles.parts, groups, strict=True):
+            self._model.geom_group[:] = chosen
+            mujoco.mj_multiRay(
+                m=self._model,
+                d=data,
+                pnt=data.cam_xpos[index],
+                vec=self._world[part].ravel(),
+                geomgroup=VISIBLE_GROUPS,
+                flg_static=1,
+                bodyexclude=-1,
+                geomid=self._geom_id[part],
+                dist=self._distance[part],
+                normal=None,
+                nray=part.stop - part.start,
+                cutoff=far / self._cosine.min(),
+            )
+        depth = np.empty(self._distance.size, np.float32)
+        depth[self._tiles.order] = self._distance * self._cosine
         missed = ~((depth > near) & (depth < far))
         depth[missed] = np.nan
-        geom_id = np.where(missed, np.int32(-1), self._geom_id)
+        geom_id = np.empty(depth.size, np.int32)
+        geom_id[self._tiles.order] = self._geom_id
+        geom_id[missed] = -1
         return depth.reshape(self._shape), geom_id.reshape(self._shape)
 
     def close(self) -> None:
