@@ -279,22 +279,15 @@ class Camera:
         camera = _intrinsics(np.asarray(matrix, np.float64).tobytes(), width, height)
         constants = analysis_constants(camera, self.mode.sensor)
         inverse, cosine, sigma, edges = prepare(
-            np.ascontiguousarray(scene), constants, self._coefficients, self._cap
+            _read_only(scene), constants, self._coefficients, self._cap
         )
         outside = self.mode.sensor.outside(camera)
         return _Prepared(scene, matrix, inverse, cosine, sigma, edges, outside)
 
     def _expose(
-        self,
-        prepared: '_Prepared',
-        stamp: int,
-        albedo: np.ndarray,
-        depth: np.ndarray,
-        sigma: np.ndarray,
-        amplitude: np.ndarray,
-        confidence: np.ndarray,
+        self, prepared: '_Prepared', stamp: int, albedo: np.ndarray, *images: np.ndarray
     ) -> None:
-        model, reflectivity = prepared.sigma, np.ascontiguousarray(albedo)
+        model, reflectivity = prepared.sigma, _read_only(albedo)
         surfaces = self.mode.noise.surfaces
         if surfaces is not None and reflectivity.size > 1:
             model = model.copy()
@@ -317,10 +310,7 @@ class Camera:
             np.float32(self.mode.range_min),
             np.float32(self.mode.range_max),
             self._zero_confidence,
-            depth,
-            sigma,
-            amplitude,
-            confidence,
+            *images,
         )
 
 
@@ -350,6 +340,13 @@ class _Prepared:
 def _intrinsics(matrix: bytes, width: int, height: int) -> Intrinsics:
     # Of a float64 matrix; most frames have that of the frame before.
     return Intrinsics.from_matrix(np.frombuffer(matrix), width, height)
+
+
+def _read_only(image: np.ndarray) -> np.ndarray:
+    # Some images are, and numba compiles loops for each kind.
+    same = np.ascontiguousarray(image).view()
+    same.flags.writeable = False
+    return same
 
 
 def _blank(images: list[np.ndarray], where: np.ndarray) -> None:

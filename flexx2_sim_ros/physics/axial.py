@@ -136,7 +136,8 @@ def observe(
     """
     height, width = depth.shape
     normals = np.empty(height * width, np.float32)
-    fill_normals(key, stamp_low, stamp_high, STREAM_AXIAL, normals)
+    # As an integer of its callers in Python: of a constant, numba compiles it once more.
+    fill_normals(key, stamp_low, stamp_high, np.int64(STREAM_AXIAL), normals)
     neighbourhood, edge_sigma, edge_limit, laplace = jitter
     moved, origin = displaced_pixels(
         edges[0],
