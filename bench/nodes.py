@@ -1,8 +1,15 @@
-"""Two cameras fed at 60 Hz each, in two processes and in one: gaps, latency, CPU and memory."""
+"""
+Cameras fed at 60 Hz each: gaps, latency, CPU and memory.
 
+Two in two processes and in one; one, and a node that only sends its input on.
+"""
+
+from contextlib import suppress
 from dataclasses import dataclass
 import os
 from pathlib import Path
+import subprocess
+import sys
 import tempfile
 import time
 
@@ -35,17 +42,34 @@ def run(seconds=20):
         f'one process instead of two: {one.memory / two.memory:.2f} times the memory, '
         f'{one.cpu / two.cpu:.2f} times the CPU for each frame'
     )
+    print('one camera, and then an echo of the same messages')
+    alone = _run([['left']], seconds)
+    echo = _run_echo('left', seconds)
+    print(
+        f'one camera: {_RATE * alone.cpu:.1%} of a core (wanted: 12 %), the echo '
+        f'{_RATE * echo.cpu:.1%}; {two.memory / 2:.0f} MB each of two (wanted: 120 MB)'
+    )
 
 
 def _run(groups, seconds):
     # Each group of cameras in a process of its own.
     options = ['--ros-args', '-p', 'usecase:=Mode_5_60fps', '--log-level', 'warn']
     commands = {'_'.join(names): ['flexx2_camera', *names, *options] for names in groups}
+    cameras = [name for names in groups for name in names]
     with tempfile.TemporaryDirectory() as folder, nodes(commands, Path(folder)) as processes:
-        return _measure(list(processes.values()), seconds)
+        return _measure(list(processes.values()), cameras, seconds)
 
 
-def _measure(processes, seconds):
+def _run_echo(name, seconds):
+    process = subprocess.Popen([sys.executable, '-m', 'bench.nodes', name])
+    try:
+        return _measure([process], [name], seconds)
+    finally:
+        process.terminate()
+        process.wait(10)
+
+
+def _measure(processes, cameras, seconds):
     # ROS is imported where it is needed: other measurements run without it.
     from bench.node_traffic import Traffic
     import rclpy
@@ -55,7 +79,7 @@ def _measure(processes, seconds):
 
     rclpy.init(args=[])
     try:
-        traffic = Traffic(_CAMERAS, _RATE)
+        traffic = Traffic(cameras, _RATE)
         traffic.wait_for_nodes()
         before, own, start = used(), time.process_time(), time.perf_counter()
         traffic.feed(_RATE * seconds)
@@ -84,3 +108,23 @@ def _measure(processes, seconds):
         )
     )
     return cost
+
+
+def _echo(name):
+    # Sends the input of a camera on under the names of its output.
+    import rclpy
+    from sensor_msgs.msg import CameraInfo, Image
+
+    rclpy.init(args=[])
+    node = rclpy.create_node('flexx2_camera', namespace=name)
+    for kind, source, target in (
+        (Image, 'clean/depth_image', 'flexx2_camera/depth_image_0'),
+        (CameraInfo, 'clean/camera_info', 'flexx2_camera/camera_info'),
+    ):
+        node.create_subscription(kind, source, node.create_publisher(kind, target, 10).publish, 10)
+    with suppress(rclpy.executors.ExternalShutdownException):
+        rclpy.spin(node)
+
+
+if __name__ == '__main__':
+    _echo(sys.argv[1])
