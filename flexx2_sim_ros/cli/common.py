@@ -59,10 +59,10 @@ def plain_table(*names: str, text: Container[str] = (), whole: Container[str] = 
     return table
 
 
-def print_lines(console: Console, lines: Iterable[str]) -> None:
+def print_lines(console: Console, lines: Iterable[str], style: str | None = None) -> None:
     """Print lines whose text may come from files."""
     for line in lines:
-        console.print(printable(line))
+        console.print(printable(line), style=style)
 
 
 def read_known(path: str | None) -> dict[str, dict[str, Any]] | None:

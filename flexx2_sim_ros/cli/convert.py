@@ -6,9 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from flexx2_sim_ros.cli.common import call, messages, progress_bar
+from flexx2_sim_ros.cli.common import call, messages, print_lines, progress_bar
 from flexx2_sim_ros.cli.options import number, whole_number
-from flexx2_sim_ros.errors import InputError, printable, shown
+from flexx2_sim_ros.errors import InputError, shown
 
 OPTIONS = """
 Convert a recording to another format, without loss. A and B are .npz recordings
@@ -107,15 +107,14 @@ def run(arguments: argparse.Namespace) -> int:
             written = convert_views(*paths, given, progress, processed, arguments.camera)
         else:
             written = call(convert, arguments, given=given, progress=progress, processed=processed)
-    for note in dict.fromkeys(note for reader, _ in written for note in reader.notes):
-        console.print(printable(note), style='yellow')
-    for reader, path in written:
-        count, height, width = reader.shape
-        camera = f' of {reader.camera}' if reader.camera else ''
-        console.print(
-            printable(
-                f'{path}: {count} frames{camera}, {width} x {height}, '
-                f'{reader.usecase or "unknown mode"}'
-            )
-        )
+    notes = dict.fromkeys(note for reader, _ in written for note in reader.notes)
+    print_lines(console, notes, 'yellow')
+    print_lines(console, (_about(*one) for one in written))
     return 0
+
+
+def _about(reader: Any, path: Path) -> str:
+    count, height, width = reader.shape
+    camera = f' of {reader.camera}' if reader.camera else ''
+    mode = reader.usecase or 'unknown mode'
+    return f'{path}: {count} frames{camera}, {width} x {height}, {mode}'

@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     write_texts(out, {_FILE: as_json(table), _PAGE: suggestions(table, views, profile.intrinsics)})
     console.print(_shown(table))
-    console.print(printable(suggested(table)))
+    common.print_lines(console, [suggested(table)])
     console.print(f'{out}: {_FILE}, {_PAGE}')
     return 0
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.options import number
-from flexx2_sim_ros.errors import each_once, InputError, printable, shown
+from flexx2_sim_ros.errors import each_once, InputError, shown
 
 # Options and those that they are given with: where the camera is, how poses were measured, and how
 # accurate the room and the lens are.
@@ -95,14 +95,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     request = _request(arguments)
     console = common.messages()
-    asked = asked_for(request)
-    if asked:  # Before the work: it can still be measured.
-        console.print(printable(asked))
+    if asked := asked_for(request):  # Before the work: it can still be measured.
+        common.print_lines(console, [asked])
     with common.progress_bar(console) as progress:
         table = make_truth(request, progress)
     notes = [(row['source'], note) for row in table['recordings'] for note in row.get('notes', ())]
-    for note in each_once(notes):
-        console.print(printable(note), style='yellow')
+    common.print_lines(console, each_once(notes), 'yellow')
     common.print_lines(console, _lines(table, arguments.out))
     console.print(f'{arguments.out}: truth.yaml, truth.html')
     return 0

@@ -5,10 +5,9 @@ from collections.abc import Callable
 import time
 from typing import Any
 
-from flexx2_sim_ros.cli.common import messages
+from flexx2_sim_ros.cli.common import messages, print_lines
 from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.cli.ros import ros
-from flexx2_sim_ros.errors import printable
 from rich.console import Console
 
 _ACKNOWLEDGE_SECONDS = 5.0
@@ -39,8 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     console = messages(soft_wrap=True)
     bag = Bag(arguments.bag)
-    for note in bag.notes:
-        console.print(printable(note), style='yellow')
+    print_lines(console, bag.notes, 'yellow')
     known = len(bag.notes)
     seconds = 0.0
     with ros() as stopped:
@@ -59,8 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
                 console.print('a subscriber has not acknowledged all messages', style='yellow')
         finally:
             player.destroy_node()
-    for note in bag.notes[known:]:
-        console.print(printable(note), style='yellow')
+    print_lines(console, bag.notes[known:], 'yellow')
     print(
         f'{arguments.bag}: {player.sent} messages in {seconds:.1f} s, at most '
         f'{1e3 * player.late:.0f} ms late'
@@ -78,4 +75,4 @@ def _wait(player: Any, seconds: float, stopped: Callable[[], bool], console: Con
         if seconds:
             time.sleep(_DISCOVERY_SECONDS)
     if unheard := player.unheard():
-        console.print(printable(f'no subscriber: {", ".join(unheard)}'), style='dim')
+        print_lines(console, [f'no subscriber: {", ".join(unheard)}'], 'dim')

@@ -8,7 +8,7 @@ import zlib
 
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
-from flexx2_sim_ros.cli.common import messages, progress_bar
+from flexx2_sim_ros.cli.common import messages, print_lines, progress_bar
 from flexx2_sim_ros.cli.options import MOST_FRAMES, MOST_SEED, SEEDS, whole_number
 from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
@@ -88,8 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
             f'{arguments.input}: stamp: {repeated} of {count} frames have the stamp of another '
             'one, and so its noise'
         )
-    for note in notes:
-        console.print(printable(note), style='yellow')
+    print_lines(console, notes, 'yellow')
     invalid = 0
     with (
         RecordingWriter(arguments.output, count, *scene.clean_depth.shape[-2:]) as writer,
@@ -256,4 +255,4 @@ def _frames(array: np.ndarray, part: slice) -> np.ndarray:
 
 
 def _up_to(array: np.ndarray, count: int) -> np.ndarray:
-    return array[:count] if array.ndim == 3 else array
+    return _frames(array, slice(count))
