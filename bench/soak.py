@@ -57,13 +57,19 @@ def run(minutes=60.0, seed=0, out=FOLDER):
             counters = _Counters(traffic)
             traffic.wait_for_nodes()
             begun = time.monotonic()
+
+            def keep():
+                samples.append(_sample(time.monotonic() - begun, processes, counters))
+                line = samples[-1] | {'diagnostics': counters.values}
+                print(json.dumps(line), file=file, flush=True)
+                print(samples[-1], flush=True)
+
             while (left := begun + 60 * minutes - time.monotonic()) > 0:
                 traffic.feed(math.ceil(_RATE * min(left, _SAMPLE_SECONDS)))
                 check(processes, out)
-                counters.settle()
-                samples.append(_sample(time.monotonic() - begun, processes, counters))
-                print(json.dumps(samples[-1]), file=file, flush=True)
-                print(_line(samples[-1]), flush=True)
+                keep()
+            counters.settle()
+            keep()
     finally:
         rclpy.try_shutdown()
     result = _result(samples)
@@ -126,20 +132,8 @@ def _sample(seconds, processes, counters):
             'unaccounted': received - sum(int(values.get(key, 0)) for key in _FATES),
             'read': len(counters.traffic.stamps[name]),
             'megabytes': round(megabytes(processes[name].pid), 1),
-            'diagnostics': values,
         }
     return {'seconds': round(seconds, 1), 'load': os.getloadavg(), **cameras}
-
-
-def _line(sample):
-    parts = [f'{sample["seconds"] / 60:5.1f} min, load {sample["load"][0]:.1f}']
-    for name in _CAMERAS:
-        camera = sample[name]
-        parts.append(
-            f'{name}: sent {camera["sent"]}, received {camera["received"]}, lost '
-            f'{camera["lost"]}, read {camera["read"]}, {camera["megabytes"]:.1f} MB'
-        )
-    return '; '.join(parts)
 
 
 def _result(samples):
@@ -151,9 +145,8 @@ def _result(samples):
             if sample['seconds'] >= _WARM_UP_SECONDS
         ]
         slope = float(np.polyfit(*np.transpose(warm), 1)[0]) if len(warm) > 2 else float('nan')
-        last = {key: value for key, value in samples[-1][name].items() if key != 'diagnostics'}
         result[name] = {
-            **last,
+            **samples[-1][name],
             'megabytes': [sample[name]['megabytes'] for sample in samples],
             'slope_mb_per_hour': round(slope, 3),
         }
