@@ -91,7 +91,8 @@ class LostTable:
         """Return the negative log-likelihood a pixel of a recording, by the table of others."""
         p = self.curve(others).at(self.middles).clip(FORMS.unlikely, 1 - FORMS.unlikely)
         seen, lost = one.weight[self.over], one.total[self.over]
-        return -float((lost * np.log(p) + (seen - lost) * np.log(1 - p)).sum() / seen.sum())
+        likelihood = (lost * np.log(p) + (seen - lost) * np.log(1 - p)).sum()
+        return -float(likelihood / (seen.sum() or 1.0))  # A recording may show no such surface.
 
 
 @dataclass(frozen=True)
