@@ -7,7 +7,8 @@ ones, large ones without an effect, and small ones with many effects. With ``--w
 rule of the verdict to all lines and writes ``config/decisions.yaml`` and ``docs/decisions.png``,
 and what was used of all lines to ``bench/decisions.jsonl.xz``. What is printed, and written as
 ``checked``, was measured on campaigns that the rule was not fitted to: it is fitted to four
-fifths of the campaigns and checked on the last one, five times.
+fifths of the campaigns and checked on the last one, five times. The last column has the same of
+campaigns in other orders, lowest to highest.
 
 python -m bench.calibrate_decisions --campaigns 500,160,80,160 --minutes 15 --jobs 2
 python -m bench.calibrate_decisions --campaigns 500,160,80,160 --write
@@ -26,7 +27,7 @@ from pathlib import Path
 import time
 
 from bench.decision_campaigns import MOST, PARTS, run
-from bench.decision_counts import before, counted
+from bench.decision_counts import counted
 from bench.decision_fit import calibrate, campaign, COVERED
 from bench.decision_lines import keep, KEPT, kept_arguments
 from bench.journal import entries, Journal
@@ -45,6 +46,7 @@ import yaml
 _PICTURE = config_dir().parent / 'docs' / 'decisions.png'
 _MOST_ERRORS = 0.03
 _FOLDS = 5
+_AGAIN = 8  # fits in other orders
 _DIGITS = 3  # of log odds
 _NO_END = 1e9  # minutes
 _AT_ONCE = 8  # campaigns of a process before the time is looked at
@@ -127,20 +129,19 @@ def report(lines, write, chosen):
     * `chosen`: the arguments that chose the campaigns
     """
     campaigns = [campaign(line) for line in lines]
-    folds = [campaigns[k::_FOLDS] for k in range(_FOLDS)]
-    rules = [
-        calibrate([one for j, fold in enumerate(folds) if j != k for one in fold])
-        for k in range(_FOLDS)
-    ]
+    rules, folds = _folded(campaigns)
     checked = _counted(rules, folds)
+    orders = [np.random.default_rng(seed).permutation(len(lines)) for seed in range(_AGAIN)]
+    again = [_counted(*_folded([campaigns[i] for i in order])) for order in orders]
     seconds = sum(line['seconds'] for line in lines)
     print(f'{len(lines)} campaigns, {seconds / 60:.0f} min of a core\n')
-    _print_rates(checked, before(campaigns))
+    _print_rates(checked, again)
     error = calibration_error(checked['confidence'])
     chance = least_calibration_error(checked['confidence'])
     print(
         f'\nexpected calibration error of {len(checked["confidence"])} confidences: {error:.3f}; '
-        f'of true probabilities, by chance: {chance:.3f}'
+        f'of true probabilities, by chance: {chance:.3f}; fitted again: '
+        + _ends([calibration_error(one['confidence']) for one in again], '.3f')
     )
     print(f'effects listed where there is a gap: {np.mean(checked["size"]):.1f}\n')
     _print_curves(rules, folds)
@@ -151,18 +152,31 @@ def report(lines, write, chosen):
         _draw(checked['confidence'])
 
 
-def _print_rates(checked, earlier):
-    print('| | wanted | measured | 95 % interval | with the rule of the run |')
+def _print_rates(checked, again):
+    # `again`: of the same campaigns in other orders, so in other folds.
+    print('| | wanted | measured | 95 % interval | fitted again |')
     print('|---|---|---|---|---|')
     for name, (words, low, high) in _RATES.items():
         hits, count = sum(checked[name]), len(checked[name])
         ends = ' to '.join(f'{100 * end:.0f}' for end in wilson(hits, count))
         wanted = f'{100 * low:.0f} to {100 * high:.0f} %' if low or high < 1 else ''
-        now, then = (
-            f'{100 * sum(one) / max(len(one), 1):.1f} % of {len(one)}'
-            for one in (checked[name], earlier[name])
-        )
-        print(f'| {words} | {wanted} | {now} | {ends} % | {then} |')
+        now = f'{100 * hits / max(count, 1):.1f} % of {count}'
+        rates = [100 * sum(one[name]) / max(len(one[name]), 1) for one in again]
+        print(f'| {words} | {wanted} | {now} | {ends} % | {_ends(rates, ".1f")} % |')
+
+
+def _ends(values, form):
+    return f'{min(values):{form}} to {max(values):{form}}'
+
+
+def _folded(campaigns):
+    # The rules that are fitted to all folds but one, and these folds.
+    folds = [campaigns[k::_FOLDS] for k in range(_FOLDS)]
+    rules = [
+        calibrate([one for j, fold in enumerate(folds) if j != k for one in fold])
+        for k in range(_FOLDS)
+    ]
+    return rules, folds
 
 
 def _counted(rules, folds):

@@ -4,7 +4,6 @@ from bench.decision_fit import first, is_wrong
 from flexx2_sim_ros.gap.inference.probability import EXPLAINED, judge
 
 _UNEXPLAINED = 'unknown', 'partly'  # right where the diagnosis does not know the effect
-_NOTHING = 'none', 'not_decidable', 'too_little'
 _COUNTED = 'false_alarms', 'wrong', 'named', 'covered', 'size', 'unexplained', 'held'
 
 
@@ -36,19 +35,9 @@ def counted(rule, campaigns):
     return out
 
 
-def before(campaigns):
-    """Count the same of the rule with which the campaigns were diagnosed."""
-    out = {name: [] for name in _COUNTED}
-    for one in campaigns:
-        interval = None if one.reduction is None else one.reduction[1:3]
-        best = one.named[0] if one.named else None
-        _count(out, one, one.verdict, best, {*one.named, *one.alternatives}, interval)
-    return out
-
-
 def _count(out, one, verdict, best, listed, interval):
     # Add a campaign: the most probable effect that is named, and all that are listed.
-    finds = verdict not in _NOTHING
+    finds = verdict != 'none'
     if not one.present:
         out['false_alarms'].append(finds)
     else:

@@ -57,9 +57,6 @@ class DiagnosedCampaign:
     A diagnosed campaign and what is true.
 
     * `planned`, `more`: how it was made, see `decision_campaigns.plan`
-    * `verdict`: what the diagnosis said with the rule of then
-    * `named`: the effects it named
-    * `alternatives`: likewise
     * `true`: effects of the catalogue that are present
     * `present`: whether there is any effect, of the catalogue or not
     * `findable`: whether a true effect was in the catalogue of the diagnosis
@@ -69,9 +66,6 @@ class DiagnosedCampaign:
     planned: Mapping[str, Any]
     more: Mapping[str, Any]
     support: Support
-    verdict: str
-    named: tuple[str, ...]
-    alternatives: tuple[str, ...]
     true: frozenset[str]
     present: bool
     findable: bool
@@ -102,9 +96,6 @@ def campaign(line):
         planned,
         line['more'],
         support_from({'depths': depths, **table['evidence']}),  # Earlier lines lack them.
-        table['verdict'],
-        tuple(row['name'] for row in table['effects']),
-        tuple(row['name'] for row in table['alternatives']),
         frozenset(true),
         bool(true or line['more']['novel']),
         bool(true - set(planned['without'])),

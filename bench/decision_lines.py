@@ -41,9 +41,6 @@ def _brief(line):
     return {
         **{key: line[key] for key in ('part', 'number', 'planned', 'more', 'seconds', 'code')},
         'diagnosis': {
-            'verdict': table['verdict'],
-            'effects': [{'name': row['name']} for row in table['effects']],
-            'alternatives': [{'name': row['name']} for row in table['alternatives']],
             'evidence': table['evidence'],
             'gap': {
                 'measured_by': by,
