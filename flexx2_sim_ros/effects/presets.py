@@ -95,7 +95,7 @@ def markdown() -> str:
             'constant beyond them, repeated with `period` if that is given; `pattern: '
             'NAME.npz`, a file beside it with one (H, W) array `map`. `strength` multiplies '
             'shifts. A probability p to be invalid becomes 1 - (1 - p)^strength, a factor f on '
-            'sigma_z 1 + strength (f - 1). In a batch such an effect runs on the CPU.',
+            'sigma_z 1 + strength (f - 1).',
             _WIDTH,
         ).splitlines(),
         '',
