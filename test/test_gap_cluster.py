@@ -58,7 +58,7 @@ def scheduler(folder):
     ready = folder / 'scheduler.json'
     options = '--host', '127.0.0.1', '--port', '0', '--no-dashboard', '--scheduler-file', ready
     with process('distributed.cli.dask_scheduler', *options) as started:
-        until(ready.exists)
+        until(lambda: ready.exists() and ready.read_text().rstrip().endswith('}'))
         yield started, json.loads(ready.read_text())['address']
 
 

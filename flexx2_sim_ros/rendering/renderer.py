@@ -69,7 +69,8 @@ class RayCaster:
                 cutoff=far / self._cosine.min(),
             )
         depth = np.empty(self._distance.size, np.float32)
-        depth[self._tiles.order] = self._distance * self._cosine
+        with np.errstate(over='ignore'):  # A robot may be anywhere.
+            depth[self._tiles.order] = self._distance * self._cosine
         missed = ~((depth > near) & (depth < far))
         depth[missed] = np.nan
         geom_id = np.empty(depth.size, np.int32)
