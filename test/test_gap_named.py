@@ -34,6 +34,24 @@ def test_the_gate_of_a_filter_is_found_by_a_diagnosis(tmp_path):
     assert table['gap']['shrink'] > table['calibration']['typical_gap']['shrink']
 
 
+@pytest.mark.parametrize(
+    ('name', 'given'),
+    [
+        ('phase_noise_wiggling', {'sine': 0.3, 'cosine': 0.4, 'periods': 4.0}),
+        ('motion_dropout', {'stretch': 3.0, 'stamp_at': 0.5}),
+    ],
+)
+def test_what_one_channel_alone_shows_is_named(name, given, tmp_path):
+    """Assert it of noise periodic in distance, and of pixels that moving edges lose."""
+    size = {'frames': 8, 'scale': 0.5, 'recordings': 6, 'moving': 5}
+    write_campaign(tmp_path, effects={name: given}, seed=47, **size)
+    rivals = 'excess_noise', 'ambient_light', 'random_dropout', 'grazing_dropout', 'pose_error'
+    first = diagnose(tmp_path, **among(name, *rivals))['effects'][0]
+    assert first['name'] == name
+    found = {key: first['parameters'][key] for key in given}
+    assert found == pytest.approx(given, rel=0.3, abs=0.1)
+
+
 def test_an_effect_that_is_the_same_everywhere_is_not_sure(tmp_path):
     """Assert it of an offset that is not in the catalogue: a flat amplitude_bias explains it."""
     write_campaign(tmp_path, effects={'offset': {'bias': 0.02}}, seed=42, **SIZE)

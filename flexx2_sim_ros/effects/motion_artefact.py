@@ -155,7 +155,7 @@ class MotionArtefact(Effect):
     def apply(self, state: FrameState) -> None:
         """Take each frequency's four taps at their own moments, and unwrap what comes out."""
         stretch, stamp_at = self.constants().values()
-        found = find_motion(state, state.depth, (self.name, self.stream), stretch, stamp_at)
+        found = find_motion(state, state.depth, self, stretch, stamp_at)
         if found is None:
             return
         moments, motion = found

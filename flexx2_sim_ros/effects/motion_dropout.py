@@ -64,7 +64,7 @@ class MotionDropout(Effect):
         # Of the scene: lateral noise moves edges in `state.depth`.
         inverse = state.surface.inverse_depth[PAD:-PAD, PAD:-PAD]
         depth = np.divide(1, inverse, np.full_like(inverse, np.nan), where=inverse > 0)
-        found = find_motion(state, depth, (self.name, self.stream), stretch, stamp_at)
+        found = find_motion(state, depth, self, stretch, stamp_at)
         if found is None:
             return
         _, (*_, other, _, when) = found

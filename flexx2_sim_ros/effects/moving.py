@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 from flexx2_sim_ros.effects import passing
+from flexx2_sim_ros.effects.effect import Effect
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.scalars import f32, most
 from flexx2_sim_ros.physics.compiled import compiled, loop
@@ -38,14 +39,14 @@ _resembles = compiled(passing.resembles)
 
 
 def find_motion(
-    state: FrameState, depth: np.ndarray, effect: tuple[str, int], stretch: float, stamp_at: float
+    state: FrameState, depth: np.ndarray, effect: Effect, stretch: float, stamp_at: float
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """
     Return when raw frames are taken, and how pixels move; None if nothing does, or in frame 1.
 
-    Keeps the frame for the next call. `depth` is that of the scene, (H, W) float32 metres;
-    `effect` are the name and the random stream of who asks; ``stretch`` is the factor on the
-    duration of the raw frames, ``stamp_at`` when in it the stamp is.
+    Keeps the frame for the next call of the same `effect`. `depth` is that of the scene, (H, W)
+    float32 metres; ``stretch`` is the factor on the duration of the raw frames, ``stamp_at`` when
+    in it the stamp is.
 
     Returns
     -------
@@ -57,11 +58,10 @@ def find_motion(
         that passes, see `passing.find_passing`.
 
     """
-    name, stream = effect
-    before: Any = state.memory.kept.get(name)
+    before: Any = state.memory.kept.get(effect.name)
     shown = depth.shape
     rho = np.maximum(state.reflectivity, DARKEST)
-    state.memory.kept[name] = (state.stamp, depth.copy(), rho)
+    state.memory.kept[effect.name] = (state.stamp, depth.copy(), rho)
     if (
         before is None
         or before[0] >= state.stamp
@@ -85,7 +85,7 @@ def find_motion(
     )
     motion = np.empty((5, *shown), np.float32)
     # Where in its pixel an edge is, is not known: a random place.
-    draw = partial(state.uniforms, stream)
+    draw = partial(state.uniforms, effect.stream)
     _find_motion(images, draw, np.float32(seconds), moments[[0, -1]], motion)
     return moments, motion
 

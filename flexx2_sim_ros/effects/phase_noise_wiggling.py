@@ -23,15 +23,12 @@ def variance_factor(turns: float, sine: float, cosine: float, periods: float) ->
     return most(_ONE + sine * s + cosine * c, _LEAST)
 
 
-# Two pairs of taps that differ in noise give two periods.
+# Two pairs of taps that differ in noise give two periods, four different taps four.
 def _with_periods(label: str, periods: float) -> Hypothesis:
     off = {'sine': 0.0, 'cosine': 0.0, 'periods': periods}
-    terms = (Term(name, (0.4,), -0.9, 0.9, fixed=_without(off, name)) for name in list(off)[:2])
-    return Hypothesis(label, tuple(terms), off)
-
-
-def _without(values: dict[str, float], name: str) -> dict[str, float]:
-    return {key: value for key, value in values.items() if key != name}
+    sine = Term('sine', (0.4,), -0.9, 0.9, fixed={'cosine': 0.0, 'periods': periods})
+    cosine = Term('cosine', (0.4,), -0.9, 0.9, fixed={'sine': 0.0, 'periods': periods})
+    return Hypothesis(label, (sine, cosine), off)
 
 
 @dataclass(frozen=True)

@@ -112,8 +112,8 @@ def verdict_of(table: dict[str, Any]) -> str:
     names = [row['name'] for row in table['effects']]
     simulated = names[:1] not in ([], [of_role('pose').name])
     closed = _closes(table) >= THRESHOLDS.identified and not _leaves_more(table)
-    closed = closed and table['gap']['held_out']
-    sure = closed and not constants_of(table) and not table['disagree']
+    shared = table['gap']['held_out'] and not table['disagree']
+    sure = closed and shared and not constants_of(table)
     return 'partly' if verdict == 'identified' and simulated and not sure else verdict
 
 
