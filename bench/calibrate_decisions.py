@@ -10,8 +10,8 @@ and what was used of all lines to ``bench/decisions.jsonl.xz``. What is printed,
 fifths of the campaigns and checked on the last one, five times. The last column has the same of
 campaigns in other orders, lowest to highest.
 
-python -m bench.calibrate_decisions --campaigns 500,160,80,160 --minutes 15 --jobs 2
-python -m bench.calibrate_decisions --campaigns 500,160,80,160 --write
+python -m bench.calibrate_decisions --campaigns 600,320,120,80 --minutes 15 --jobs 2
+python -m bench.calibrate_decisions --campaigns 600,320,120,80 --write
 
 ``--kept`` reads the lines of the last fit from ``bench/decisions.jsonl.xz`` and diagnoses nothing:
 
@@ -80,7 +80,7 @@ def main():
     parser.add_argument(
         '--campaigns',
         type=lambda text: tuple(map(int, text.split(','))),
-        default=(500, 160, 80, 160),
+        default=(600, 320, 120, 80),
         help=f'how many of each part: {", ".join(PARTS)}; at most {MOST} of each',
     )
     parser.add_argument('--minutes', type=float, default=_NO_END, help='then stop; resumes later')
@@ -90,6 +90,8 @@ def main():
     )
     parser.add_argument('--write', action='store_true', help='the rule and its picture')
     arguments = parser.parse_args()
+    if len(arguments.campaigns) != len(PARTS) or max(arguments.campaigns) > MOST:
+        parser.error(f'--campaigns: must be {len(PARTS)} numbers up to {MOST}')
     if arguments.kept:
         report(entries(KEPT), arguments.write, kept_arguments())
     else:
@@ -106,9 +108,10 @@ def _lines(arguments):
         for k in range(count)
     ]
     settings = json.loads(json.dumps(PARTS, default=str))
-    journal = Journal(arguments.lines, campaigns=arguments.campaigns, parts=settings)
+    journal = Journal(arguments.lines, parts=settings)
+    wanted = [(part, k) for _, part, k in sorted(wanted)]
     done = {(line['part'], line['number']) for line in journal}
-    left = [(part, k) for _, part, k in sorted(wanted) if (part, k) not in done]
+    left = [one for one in wanted if one not in done]
     ends = time.monotonic() + 60 * arguments.minutes
     with ProcessPoolExecutor(arguments.jobs, get_context('spawn')) as pool:
         step = _AT_ONCE * arguments.jobs
@@ -117,7 +120,7 @@ def _lines(arguments):
                 break
             for line in pool.map(run, left[start : start + step]):
                 journal.add(line)
-    return list(journal)
+    return [line for line in journal if (line['part'], line['number']) in wanted]
 
 
 def report(lines, write, chosen):
