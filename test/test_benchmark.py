@@ -3,6 +3,7 @@
 import argparse
 from dataclasses import replace
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 from flexx2_sim_ros.cli.options import add_table
@@ -106,6 +107,8 @@ def test_test_seeds_need_a_release(tmp_path):
 
 def test_the_full_design_has_all_groups_and_strengths():
     cases = make_design(DEVELOPMENT, quick=False)
+    page = Path(__file__).parents[1] / 'docs' / 'diagnosis_evidence.md'
+    assert f'without it there are {len(cases)} ' in page.read_text()
     for usecase in ('Mode_5_30fps', 'Mode_9_30fps'):
         here = [case for case in cases if case.usecase == usecase]
         single = [one for one in here if one.group == 'single' and one.pose_mm == 2.0]
