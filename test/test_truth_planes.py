@@ -15,10 +15,11 @@ from bench.planes import (
     RAYS,
     record,
     seen,
+    TAPE,
     VIEWS,
     WIDTH,
 )
-from campaigns import change
+from campaigns import among, change
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
@@ -93,14 +94,19 @@ def table_of(folder):
     return yaml.safe_load((folder / 'out' / 'truth.yaml').read_text())
 
 
-def test_measured_planes_decide_an_offset(measured_biased):
-    table = table_of(measured_biased)
+def test_a_tape_decides_an_offset(biased, tmp_path):
+    """Assert it beside a bias by amplitude, whose constant could stand for it."""
+    table = make(biased, describe(tmp_path / 'planes.yaml', taped=TAPE), tmp_path / 'out')
     assert table['kind'] == 'planes'
     assert [row['verdict'] for row in table['recordings']] == ['used'] * len(VIEWS)
     assert 'offset' not in [row['effect'] for row in table['cannot_decide']]
-    found = diagnose(measured_biased / 'out', without=WITHOUT)
+    found = diagnose(tmp_path / 'out', **among(*KEPT, 'amplitude_bias'))
     assert found['verdict'] in ('identified', 'partly')
     assert [row['name'] for row in found['effects']] == ['offset']
+    # It is all there, though planes may turn about the camera, and with it change their depth.
+    depth = found['gap']['wasserstein_mm']
+    assert depth['before'] == pytest.approx(8, abs=1.5)
+    assert depth['after'] < 1
 
 
 def test_planes_without_a_distance_leave_the_offset_open(biased, tmp_path):

@@ -66,7 +66,13 @@ def free_planes(covariance: np.ndarray | None) -> bool:
     """
     Return whether a recording has planes that were not measured, or not better than biases are.
 
-    `covariance` is as from `covariance_of`.
+    `covariance` is as from `covariance_of`. What counts is a plane's offset at given tilts: a
+    plane that turns about the camera is as far away as before.
     """
-    offsets = np.zeros(0) if covariance is None else np.diag(covariance)[POSE::3]
-    return bool(offsets.max(initial=0) > REGISTRATION.smooth[0] ** 2)
+    if covariance is None or len(covariance) == POSE:
+        return False
+    planes = covariance[POSE:, POSE:]
+    offset = np.arange(len(planes)) % 3 == 0  # Two tilts follow each.
+    across, tilts = planes[offset][:, ~offset], planes[~offset][:, ~offset]
+    given = planes[offset][:, offset] - across @ np.linalg.pinv(tilts, hermitian=True) @ across.T
+    return bool(np.diag(given).max() > REGISTRATION.smooth[0] ** 2)

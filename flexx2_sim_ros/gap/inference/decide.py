@@ -134,8 +134,9 @@ def decide(
     covered = [one for one in not_seen if not one.confounded and one.effect not in known]
     absorbed = [*absorbed, *covered]
     names = {one.effect for one in hidden}
-    open_ones = [one for one in candidates if one.effect in names]
-    candidates = [decidable_part(one, names) for one in candidates if one.effect not in names]
+    left = {one.effect for one in candidates} - names
+    open_ones = [decidable_part(one, left) for one in candidates if one.effect in names]
+    candidates = [decidable_part(one, names) for one in candidates if one.effect in left]
     trials = Trials(model, thresholds)
     singles = []
     for candidate in candidates:
