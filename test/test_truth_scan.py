@@ -4,6 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from browser import chromium
+from campaigns import among
+from flexx2_sim_ros.gap import diagnose
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_truth, RoomRequest
 from flexx2_sim_ros.truth.alignment import (
@@ -147,6 +149,23 @@ def test_a_scan_of_the_wrong_scale_is_told(tmp_path, plain, rng, factor):
     else:
         # A prior of 0.5 % pulls it towards none.
         assert found['depth_scale']['fraction'] == pytest.approx(1 / factor - 1, abs=0.002)
+
+
+def test_a_scale_is_the_cameras_only_where_that_of_the_scan_is_known(tmp_path, rng):
+    camera = record(tmp_path, {'depth_scale': 1.0})
+    room, poses = tmp_path / 'room.ply', [camera.poses(i)[0] for i in range(RECORDINGS)]
+    given = [f'--pose={text(rough(pose, rng))}' for pose in poses]
+    for scale in ([], ['--scale-error', '0.001']):
+        table = truth(tmp_path / 'out', tmp_path / 'in', '--scan', room, *given, *scale)
+        undecided = [row['effect'] for row in table['cannot_decide'] if row.get('confounded')]
+        found = diagnose(tmp_path / 'out', **among('depth_scale', 'wiggling', 'amplitude_bias'))
+        if scale:
+            assert not undecided
+            assert [row['name'] for row in found['effects']] == ['depth_scale']
+        else:
+            assert undecided == ['offset', 'depth_scale']
+            assert (found['verdict'], found['effects']) == ('unknown', [])
+            assert 'depth_scale' in [row['name'] for row in found['alternatives']]
 
 
 def test_without_a_pose_it_is_right_or_doubtful(tmp_path, plain):

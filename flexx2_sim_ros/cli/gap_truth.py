@@ -18,6 +18,7 @@ _ONLY_WITH = (
     (('pose', 'up', *_TOLD, *_MEASURED), ('scan', 'scene')),
     (_MEASURED, _TOLD),
     (('room_error',), ('scan', 'scene', 'planes')),
+    (('scale_error',), ('scan', 'scene')),
     (('lens_error', 'wall'), ('board',)),
 )
 _UPS = '+x', '-x', '+y', '-y', '+z', '-z'
@@ -68,6 +69,8 @@ recordings RECORDING: .npz file, bag, or folder of these
 --room-error METRES: standard deviation of the room's surfaces; depth errors below twice this value
     are no gap (default: how far recordings and room differ where surfaces are smooth, 0.001 to
     0.003; 0 with --planes)
+--scale-error FRACTION: standard deviation of the room's scale, such as 0.001 where a length was
+    measured (default: unknown)
 --lens-error FRACTION: standard deviation of the focal length, with --board (default 0.003)
 --wall: the sheet of --board is glued flat to a wall, the rest of which is known as well
 --uptime SECONDS: time from power-on to the first frame of the earliest recording; the others
@@ -84,6 +87,7 @@ VALUES = {
     'up': {'choices': _UPS},
     'motion': 'auto',
     'room_error': number(0, 1),
+    'scale_error': number(0, 0.1),
     'lens_error': number(0, 0.1),
     'uptime': number(0, 1e6),
 }

@@ -25,6 +25,7 @@ import numpy as np
 _CLEAR_LATENCY = 3.0  # standard deviations
 # Shared errors that the poses take where they are confounded; the poses' covariance omits this.
 _HIDDEN_UNLESS_FITTED = 'intrinsics_error', 'warm_up_drift'
+_SCALED = 'depth_scale', 'offset'  # What looks like a scan of a wrong scale.
 _PIXELS = 2000
 _REFINEMENTS = 4
 _PATCH, _LEAST_PATCHES = 8, 10  # pixels; ASSUMED
@@ -186,7 +187,9 @@ class RoomSource:
         alone = solve([view for i in parts if i not in given for view in parts[i]], NO_ERRORS)
         first = judge(self.found, alone)
         good = [view for view in alone.views if first[view.recording].state != 'refused']
-        self.solution, self.shared = estimate(good) if good else (alone, {})
+        self.solution, self.shared = alone, {}
+        if good:
+            self.solution, self.shared = estimate(good, self.request.scale_error)
         self.fits = judge(self.found, self.solution)
         self.fits |= {i: one for i, one in first.items() if one.state == 'refused'}
         if given and self.request.told is not None:
@@ -298,10 +301,13 @@ class RoomSource:
         hidden = {name: why.pop(name) for name in [*why] if name in _HIDDEN_UNLESS_FITTED}
         out = hidden_by_scan(moving, self.late is not None, hidden)
         for effect, reason in why.items():
-            remedy = 'a recording of a bright corner'
-            if 'depth_scale' in self.shared:
-                remedy = 'a scan of the right scale'
+            remedy, more = 'a recording of a bright corner', {}
+            if 'depth_scale' in why:
+                remedy = 'a length in the scan, measured with a tape (--scale-error),'
+                if effect in _SCALED:
+                    part = absorbed('scan').get(effect, 0.0)
+                    more = {'absorbed': part, 'settled_by': remedy, 'confounded': True}
             elif effect == 'offset':
                 remedy = 'more recordings of tilted walls at several distances'
-            out.append({'effect': effect, 'reason': f'{reason}; {remedy} would decide it'})
+            out.append({'effect': effect, 'reason': f'{reason}; {remedy} would decide it', **more})
         return out

@@ -62,6 +62,7 @@ class RoomRequest(TruthRequest):
     up: str = '+z'  # one of `search.UPS`
     # Standard deviation of the surfaces along their normals, metres; None: estimated.
     room_error: float | None = None
+    scale_error: float | None = None  # of the room, a fraction; None: unknown
     told: PoseSource | None = None  # of rough poses: motion capture, odometry or TF
 
     def files_of(self, path: Path) -> list[Path]:

@@ -34,13 +34,16 @@ _LEAST_TIME = 300.0  # seconds between the first and the last recording
 Finding = dict[str, Any]
 
 
-def estimate(views: Sequence[PosedImage]) -> tuple[Solution, dict[str, Finding]]:
+def estimate(
+    views: Sequence[PosedImage], scale_error: float | None = None
+) -> tuple[Solution, dict[str, Finding]]:
     """
     Estimate poses and shared errors, but for errors that these recordings cannot tell apart.
 
     Return the joint solution with the others, and what is found of each effect: ``verdict``,
     ``reason``, values and their standard deviations. A verdict is ``identified`` (also: known to
-    be absent), ``confounded``, or ``found`` (``depth_scale``).
+    be absent), ``confounded``, or ``found``: a ``depth_scale`` of the camera, where the room's own
+    is known to the fraction `scale_error`.
     """
     bounce = any(view.target.bounce.any() for view in views)
     several = len({view.recording for view in views}) >= _LEAST_RECORDINGS
@@ -61,7 +64,7 @@ def estimate(views: Sequence[PosedImage]) -> tuple[Solution, dict[str, Finding]]
         columns = replace(columns, bias=not why, bounce=clear)
         solution = solve(solution.views, columns)
     findings = {**_findings(full, solution, why), **findings}
-    scale = _scale(solution)
+    scale = _scale(solution, scale_error)
     if scale:
         findings['depth_scale'] = scale
         findings['offset'] |= {'verdict': 'confounded', 'reason': 'depth and room differ in scale'}
@@ -141,7 +144,7 @@ def _too_few(least: int, solution: Solution) -> str:
     return f'needs at least {least} recordings, got {solution.recordings}'
 
 
-def _scale(solution: Solution) -> Finding:
+def _scale(solution: Solution, scale_error: float | None) -> Finding:
     # The scale is reported but not subtracted: if it is an error of the camera, the diagnosis must
     # see it.
     if solution.recordings < _LEAST_RECORDINGS:
@@ -150,14 +153,13 @@ def _scale(solution: Solution) -> Finding:
     columns = replace(solution.columns, bias=True, periods=periods, scale=True)
     trial = solve(solution.views, columns)
     size, deviation = _fitted(trial, 'scale')
-    if abs(size) < max(_CLEAR * deviation, _LEAST_SCALE):
+    if abs(size) < max(_CLEAR * math.hypot(deviation, scale_error or 0), _LEAST_SCALE):
         return {}
     return {
-        'verdict': 'found',
+        'verdict': 'confounded' if scale_error is None else 'found',
         'fraction': size,
         'standard_deviation': deviation,
-        'reason': f'measured depth grows by {size:+.2%} of distance against the room: compare a '
-        "length in the scan with a tape measure; the camera's frequency or lens can be wrong, too",
+        'reason': f'measured depth grows by {size:+.2%} of distance against the room',
     }
 
 

@@ -18,13 +18,15 @@ class Hidden(NamedTuple):
     An effect that ground truth hides by the way it was made.
 
     `absorbed` is the fraction of the effect that is in `clean_depth` and so not in the difference
-    to it, `settled_by` what would decide it.
+    to it, `settled_by` what would decide it. `confounded`: an error of the ground truth looks like
+    the effect, so that it explains what others do, and is not named.
     """
 
     effect: str
     absorbed: float
     settled_by: str
     reason: str
+    confounded: bool = False
 
 
 def hidden_effects(folder: str | Path) -> list[Hidden]:
@@ -57,4 +59,4 @@ def _hidden(path: Path, row: dict[str, Any]) -> Hidden:
             f'{shown_path(path)}: absorbed: must be a fraction, 0 to 1, got {shown(absorbed)}'
         )
     words = [str(row.get(key, '')) for key in ('settled_by', 'reason')]
-    return Hidden(str(name), float(absorbed), *words)
+    return Hidden(str(name), float(absorbed), *words, row.get('confounded') is True)

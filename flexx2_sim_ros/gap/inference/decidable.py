@@ -247,7 +247,7 @@ def decidable_candidates(
         left = [one for one in left if one.kind.role != 'pose']
     # A pose error is not an effect of the camera, so the verdict does not depend on it.
     absorbed = [
-        Undecided(one.effect, one.absorbed, one.settled_by)
+        Undecided(one.effect, one.absorbed, one.settled_by, one.confounded)
         for one in hidden
         if one.effect != of_role('pose').name
     ]

@@ -129,10 +129,12 @@ def decide(
     """
     if not_seen is None:
         not_seen = undecided(model, candidates, thresholds, tick)
-    hidden = [one for one in not_seen if one.confounded]
     known = {one.effect for one in absorbed}
+    hidden = [one for one in not_seen if one.confounded]
+    seen = {one.effect for one in hidden}
+    hidden += [one for one in absorbed if one.confounded and one.effect not in seen]
     covered = [one for one in not_seen if not one.confounded and one.effect not in known]
-    absorbed = [*absorbed, *covered]
+    absorbed = [*(one for one in absorbed if not one.confounded), *covered]
     names = {one.effect for one in hidden}
     left = {one.effect for one in candidates} - names
     open_ones = [decidable_part(one, left) for one in candidates if one.effect in names]
@@ -145,17 +147,23 @@ def decide(
     considered = best_of_each(singles)
     selection = select(trials, candidates, singles)
     found, excess = selection.chosen, trials.excess(selection.chosen)
+    rule = rule or calibrated()
     support = support_of(trials, selection, without_each(trials, found), considered)
-    said = judge(support, rule or calibrated())
+    said = judge(support, rule)
     verdict, refused = said.verdict, said.refused
     if verdict == 'none' and (hidden or absorbed):
         verdict = 'not_decidable'
     chosen = _as_in_catalogue(trials, found)
     settled = {c.effect for c in chosen.fit.candidates} if verdict in EXPLAINED else set()
     others = set(said.alternatives)
-    if open_ones and verdict in EXPLAINED:
+    if open_ones and verdict in (*EXPLAINED, 'unknown'):
         more = [*singles, *(trials.single(candidate) for candidate in open_ones)]
-        if hidden_could_explain(trials, found, [*candidates, *open_ones], more, names):
+        everyone = [*candidates, *open_ones]
+        if (
+            hidden_could_explain(trials, found, everyone, more, names)
+            if verdict in EXPLAINED
+            else hidden_would_be_named(trials, everyone, more, names, rule)
+        ):
             # The recordings cannot tell the effects found from one that the ground truth hides.
             verdict, refused = 'unknown', 'hidden'
             considered, others = best_of_each(more), others | names
@@ -222,6 +230,21 @@ def hidden_could_explain(
         return True
     best = {c.effect for c in select(trials, candidates, singles).chosen.fit.candidates}
     return bool(best & hidden) and not {c.effect for c in found.fit.candidates} <= best
+
+
+def hidden_would_be_named(
+    trials: Trials,
+    candidates: Sequence[Candidate],
+    singles: Sequence[Choice],
+    hidden: Set[str],
+    rule: Decisions,
+) -> bool:
+    """Return whether an undecided effect were named, if it could; as `hidden_could_explain`."""
+    selection = select(trials, candidates, singles)
+    found = selection.chosen
+    support = support_of(trials, selection, without_each(trials, found), best_of_each(singles))
+    named = {c.effect for c in found.fit.candidates} & hidden
+    return bool(named) and judge(support, rule).verdict in EXPLAINED
 
 
 def _as_in_catalogue(trials: Trials, found: Choice) -> Choice:
