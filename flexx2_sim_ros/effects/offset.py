@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import AS_SEARCHED, grid, Hypothesis, Searched, Term
-from flexx2_sim_ros.effects.rays import add_along_ray, ranges
+from flexx2_sim_ros.effects.line_of_sight import add_along_ray, ranges
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 

@@ -5,8 +5,8 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Searched, Term
+from flexx2_sim_ros.effects.line_of_sight import add_along_ray, ranges
 from flexx2_sim_ros.effects.picture import Picture
-from flexx2_sim_ros.effects.rays import add_along_ray, ranges
 from flexx2_sim_ros.effects.tables import Curve, curve_over, optional_number
 from flexx2_sim_ros.formulas.fastmath import direction
 from flexx2_sim_ros.formulas.scalars import f32

@@ -33,7 +33,7 @@ _BEFORE_ALL = -(2**63)
 _MOST_NAMES = 200
 
 
-class Motion(Protocol):
+class RobotMotion(Protocol):
     """What moves the robot: it writes the pose into the model's state."""
 
     def reset(self) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes import messages
 from flexx2_sim_ros.nodes.robot_messages import joint_state, odometry
-from flexx2_sim_ros.nodes.robot_motion import Mirroring, Motion, Standing, Walking
+from flexx2_sim_ros.nodes.robot_motion import Mirroring, RobotMotion, Standing, Walking
 from flexx2_sim_ros.nodes.robot_parameters import RobotParameters
 from flexx2_sim_ros.nodes.sim_clock import SimClock
 from flexx2_sim_ros.nodes.steady_node import SteadyNode, twin_text
@@ -88,7 +88,7 @@ class RobotCameras(SteadyNode):
         self.say_unknown_parameters()
         self._say_hello()
 
-    def _make_motion(self) -> Motion:
+    def _make_motion(self) -> RobotMotion:
         model, data, settings = self._model, self._data, self.settings
         robot = settings.robot
         if settings.motion == 'cmd_vel':

@@ -242,7 +242,7 @@ class _Remains:
         return (message for message in self._remains.messages() if message.topic in topics)
 
 
-class _Sqlite(Sqlite3Reader):
+class _SqliteReader(Sqlite3Reader):
     """Opens the file that it is given."""
 
     def __init__(self, path: Path) -> None:
@@ -250,13 +250,13 @@ class _Sqlite(Sqlite3Reader):
 
 
 class _Folder(DirectoryReader):
-    STORAGE_PLUGINS = {**DirectoryReader.STORAGE_PLUGINS, 'sqlite3': _Sqlite}
+    STORAGE_PLUGINS = {**DirectoryReader.STORAGE_PLUGINS, 'sqlite3': _SqliteReader}
 
 
 class BagReader(Reader):
     """The reader of rosbags, also for SQLite bags whose paths have characters of URIs."""
 
-    STORAGE_PLUGINS = {**Reader.STORAGE_PLUGINS, 'dir': _Folder, '.db3': _Sqlite}
+    STORAGE_PLUGINS = {**Reader.STORAGE_PLUGINS, 'dir': _Folder, '.db3': _SqliteReader}
 
 
 def _is_latched(connection: Connection) -> bool:

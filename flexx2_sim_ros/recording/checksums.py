@@ -68,7 +68,7 @@ class BagRow(NamedTuple):
     intact: bool
 
 
-class _Mcap(McapWriter):
+class _McapWriter(McapWriter):
     """Fills in the checksums of chunks and of the summary."""
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
@@ -107,7 +107,7 @@ def in_uri(path: Path) -> Path:
     return Path(str(path).translate(_ESCAPES))
 
 
-class _Sqlite(Sqlite3Writer):
+class _SqliteWriter(Sqlite3Writer):
     """Writes a checksum for each message into a table of its own."""
 
     def __init__(self, path: Path, compression: CompressionMode) -> None:
@@ -127,7 +127,7 @@ class _Sqlite(Sqlite3Writer):
 class CheckedWriter(Writer):
     """The writer of rosbags, with checksums in what it writes."""
 
-    STORAGE_PLUGINS = {StoragePlugin.SQLITE3: _Sqlite, StoragePlugin.MCAP: _Mcap}
+    STORAGE_PLUGINS = {StoragePlugin.SQLITE3: _SqliteWriter, StoragePlugin.MCAP: _McapWriter}
 
 
 def message_checksum(topic: str, kind: str, time: int, data: bytes | memoryview) -> int:

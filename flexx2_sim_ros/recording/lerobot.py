@@ -30,7 +30,7 @@ def is_dataset(path: Path) -> bool:
 
 
 @dataclass(frozen=True)
-class Feature:
+class DepthFeature:
     """
     A feature of the data set that is depth.
 
@@ -80,7 +80,7 @@ class Dataset:
         if not self.episodes:
             raise InputError(f'{shown_path(root)}: must have episodes, got none')
 
-    def _feature(self, features: dict[str, Any], camera: str | None) -> Feature:
+    def _feature(self, features: dict[str, Any], camera: str | None) -> DepthFeature:
         tables = {key: one for key, one in features.items() if isinstance(one, dict)}
         names = [key for key, one in tables.items() if _is_depth(key, one)]
         if camera is None and not names:
@@ -104,7 +104,7 @@ class Dataset:
             raise InputError(f'{where}: dtype: must be image, video or numbers, got {shown(kind)}')
         if Path(key).name != key:
             raise InputError(f'{self._name}: features: must be names, got {shown(key)}')
-        return Feature(key, kind, _size(where, tables[key].get('shape')), _info(tables[key]))
+        return DepthFeature(key, kind, _size(where, tables[key].get('shape')), _info(tables[key]))
 
     def _v2(self) -> Iterator[tuple[int, Place]]:
         for table in self.root.glob('data/chunk-*/episode_*.parquet'):

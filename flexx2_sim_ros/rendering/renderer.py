@@ -11,7 +11,7 @@ from flexx2_sim_ros.rendering.model_cameras import (
     VISIBLE_GROUPS,
 )
 from flexx2_sim_ros.rendering.opengl import OpenGlRenderer
-from flexx2_sim_ros.rendering.tiles import Tiles
+from flexx2_sim_ros.rendering.ray_tiles import RayTiles
 from flexx2_sim_ros.rendering.visibility import pixel_directions
 import mujoco
 import numpy as np
@@ -35,7 +35,7 @@ class RayCaster:
         self._model = self._cameras.model
         # MuJoCo's own bounding volumes miss geoms, see `exact_for_rays`; those of tiles do not.
         self._model.body_bvhadr[:] = -1
-        self._tiles = Tiles(intrinsics)
+        self._tiles = RayTiles(intrinsics)
         self._shape = (intrinsics.height, intrinsics.width)
         rays = pixel_directions(intrinsics).reshape(-1, 3)[self._tiles.order]
         length = np.linalg.norm(rays, axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 _SIDE = 32
 
 
-class Tiles:
+class RayTiles:
     """
     Rectangles of about 32 x 32 pixels.
 
