@@ -16,10 +16,9 @@ from flexx2_sim_ros.robots.robot import load_robot
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import numpy as np
-from rclpy.parameter_client import AsyncParameterClient
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from streams import CameraInfo, Clock, Image, Listener, Parameter
+from streams import CameraInfo, Clock, Image, NodeUser, Parameter
 
 __all__ = [
     'CameraInfo',
@@ -43,12 +42,11 @@ def exact(stamps, rate=RATE):
     return stamps == [k * 10**9 // rate for k in range(first, first + len(stamps))]
 
 
-class RobotUnderTest(Listener):
+class RobotUnderTest(NodeUser):
     """The node under test in a namespace of its own, and a user of its topics."""
 
     def __init__(self, *remappings, **values):
         """Start the node; values are of its parameters."""
-        super().__init__()
         self.space = f'/robot_{next(_numbers)}'
         self.robot = RobotCameras(
             namespace=self.space,
@@ -57,8 +55,7 @@ class RobotUnderTest(Listener):
                 Parameter(name, value=value) for name, value in {**USUAL, **values}.items()
             ],
         )
-        self.add(self.robot)
-        self.clients = AsyncParameterClient(self.node, f'{self.space}/go1_cameras')
+        super().__init__(self.robot, f'{self.space}/go1_cameras')
 
     def to(self, topic, kind):
         """Return a publisher that the node listens to."""
@@ -94,31 +91,11 @@ class RobotUnderTest(Listener):
         self.spin_until(lambda: len(heard) >= start + count, f'{count} messages')
         return heard[start : start + count]
 
-    def change(self, **values):
-        """Set parameters through the node's service; return the last one's result."""
-        self.spin_until(self.clients.services_are_ready, 'parameter services')
-        parameters = [Parameter(name, value=value) for name, value in values.items()]
-        return self.wait(self.clients.set_parameters(parameters)).results[-1]
-
     def reset(self):
         """Call the reset service."""
         client = self.node.create_client(Trigger, f'{self.space}/go1_cameras/reset')
         self.spin_until(client.service_is_ready, 'reset service')
         return self.wait(client.call_async(Trigger.Request()))
-
-    def logged(self, *parts):
-        """Return what the node logged with all these parts in it."""
-        name = self.robot.get_logger().name
-        return [
-            entry.msg
-            for entry in self.log
-            if entry.name == name and all(part in entry.msg for part in parts)
-        ]
-
-    def close(self):
-        """Stop the node and leave the graph."""
-        super().close()
-        self.robot.destroy_node()
 
 
 def robot_node(*remappings, **values):

@@ -122,7 +122,42 @@ def listening():
     return closing(Listener())
 
 
-class Stream(Listener):
+class NodeUser(Listener):
+    """
+    A user of the topics and parameters of one node under test.
+
+    * `clients`: of its parameters
+    """
+
+    def __init__(self, node, name):
+        """Let the node, whose full name is `name`, run in this executor."""
+        super().__init__()
+        self._node = node
+        self.add(node)
+        self.clients = AsyncParameterClient(self.node, name)
+
+    def logged(self, *parts):
+        """Return what the node logged with all these parts in it."""
+        name = self._node.get_logger().name
+        return [
+            entry.msg
+            for entry in self.log
+            if entry.name == name and all(part in entry.msg for part in parts)
+        ]
+
+    def set(self, **values):  # noqa: A003
+        """Set parameters through the node's service; return the last one's result."""
+        self.spin_until(self.clients.services_are_ready, 'parameter services')
+        parameters = [Parameter(name, value=value) for name, value in values.items()]
+        return self.wait(self.clients.set_parameters(parameters)).results[-1]
+
+    def close(self):
+        """Stop the node and leave the graph."""
+        super().close()
+        self._node.destroy_node()
+
+
+class Stream(NodeUser):
     """
     A camera node, fed one image at a time: each is answered before the next is sent.
 
@@ -137,7 +172,6 @@ class Stream(Listener):
 
     def __init__(self, *topics, source=FLEXX2, namespace='', feed=True, **values):
         """Start the node and wait until everybody knows everybody."""
-        super().__init__()
         namespace = namespace or f'/stream_{next(_numbers)}'
         self.source = source
         self.camera = Flexx2Camera(
@@ -145,8 +179,7 @@ class Stream(Listener):
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
         self.name = f'{namespace}/flexx2_camera'
-        self.add(self.camera)
-        self.clients = AsyncParameterClient(self.node, self.name)
+        super().__init__(self.camera, self.name)
         self._clean = {}
         self._missed = {}
         for topic in topics:
@@ -208,15 +241,6 @@ class Stream(Listener):
         """Return the depth images that have come."""
         return [array_of(message) for message in self.messages(DEPTH)]
 
-    def logged(self, *parts):
-        """Return what the node logged with all these parts in it."""
-        name = self.camera.get_logger().name
-        return [
-            entry.msg
-            for entry in self.log
-            if entry.name == name and all(part in entry.msg for part in parts)
-        ]
-
     def publish(self, *, image=None, info=None, reflectivity=None):
         """Send what is given, companions first."""
         for topic, message in (
@@ -253,11 +277,6 @@ class Stream(Listener):
             None if reflectivity is None else image_message(reflectivity, stamp),
         )
 
-    def set(self, **values):  # noqa: A003
-        """Set parameters through the node's service; return the last one's result."""
-        parameters = [Parameter(name, value=value) for name, value in values.items()]
-        return self.wait(self.clients.set_parameters(parameters)).results[-1]
-
     def get(self, name):
         """Get a parameter through the node's service."""
         values = self.wait(self.clients.get_parameters([name])).values
@@ -281,11 +300,6 @@ class Stream(Listener):
 
         self.spin_until(mine, 'diagnostics')
         return mine()[0]
-
-    def close(self):
-        """Stop the node and leave the graph."""
-        super().close()
-        self.camera.destroy_node()
 
 
 def stream(*topics, **options):

@@ -12,7 +12,7 @@ import numpy as np
 from programs import call_flexx2
 import pytest
 from recorders import finish, flexx2
-from streams import CameraInfo, FLEXX2, Image, image_message, info_message, Listener
+from streams import CameraInfo, FLEXX2, Image, image_message, info_message, NodeUser
 
 SPACE = '/remapped/left'
 TOPICS = {
@@ -26,14 +26,13 @@ CLEAN = np.full((172, 224), 1.5, 'f4')
 pytestmark = pytest.mark.usefixtures('ros')
 
 
-class Simulator(Listener):
+class Simulator(NodeUser):
     """Publishes a wall on topics of its own; a camera node takes them."""
 
     def __init__(self, topics):
-        super().__init__()
         remaps = [word for name in topics for word in ('-r', f'{name}:={TOPICS[name]}')]
         self.camera = Flexx2Camera(namespace=SPACE, cli_args=['--ros-args', *remaps])
-        self.add(self.camera)
+        super().__init__(self.camera, f'{SPACE}/flexx2_camera')
         self._send = {
             name: self.node.create_publisher(kind, TOPICS[name], 10)
             for name, kind in zip(TOPICS, (Image, CameraInfo, Image), strict=True)
@@ -59,11 +58,6 @@ class Simulator(Listener):
                 image = np.full_like(CLEAN, value)
                 self._send[name].publish(image_message(image, self._stamp))
         self.spin_until(lambda: self.camera._statistics.received > received, 'the image')
-
-    def close(self):
-        """Leave the graph."""
-        super().close()
-        self.camera.destroy_node()
 
 
 @pytest.fixture

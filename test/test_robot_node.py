@@ -128,20 +128,20 @@ def test_invalid_cmd_vel_is_reported_and_ignored():
 def test_limits_pause_and_pace_change_while_it_runs():
     with robot_node(motion='cmd_vel', rate=30.0) as seen:
         drive, poses = seen.to('cmd_vel', Twist), seen.hear('odom', Odometry)
-        assert seen.change(max_speed=0.1).successful
+        assert seen.set(max_speed=0.1).successful
         for _ in range(6):
             drive.publish(twist(5.0))
             seen.more(poses, 3)
         assert poses[-1].twist.twist.linear.x == pytest.approx(0.1, abs=1e-3)
-        assert seen.change(real_time_factor=4.0).successful
+        assert seen.set(real_time_factor=4.0).successful
         seen.more(poses, 30)
-        assert seen.change(paused=True).successful
+        assert seen.set(paused=True).successful
         tick = seen.robot._pacer.tick
         seen.spin_until(lambda: nanoseconds(poses[-1]) == tick * 10**9 // 30, 'what was sent')
         for _ in range(10):
             seen.spin_for_a_message()
         assert seen.robot._pacer.tick == tick
-        assert seen.change(paused=False, real_time_factor=0.5).successful
+        assert seen.set(paused=False, real_time_factor=0.5).successful
         seen.more(poses, 5)
         # Whatever the pace and the pauses: one tick after the other.
         assert exact([nanoseconds(message) for message in poses], 30)
@@ -153,11 +153,11 @@ def test_limits_pause_and_pace_change_while_it_runs():
             ('board_distance', 2.0, "in scene board only, got scene 'corner'"),
             ('motion', 'stand', 'read'),
         ):
-            answer = seen.change(**{name: value})
+            answer = seen.set(**{name: value})
             assert not answer.successful
             assert said in answer.reason
         # A file of all parameters, as `ros2 param load` reads it, has these as well.
-        assert seen.change(board_distance=seen.robot.settings.number('board_distance')).successful
+        assert seen.set(board_distance=seen.robot.settings.number('board_distance')).successful
         seen.more(poses, 2)
 
 
@@ -195,22 +195,22 @@ def test_the_board_stays_until_its_parameters_change_or_a_reset():
             return poses and place(poses[-1])[1] > 0.3
 
         seen.spin_until(turned_enough, 'a turn')
-        assert seen.change(max_turn=0.0).successful
+        assert seen.set(max_turn=0.0).successful
         seen.spin_until(lambda: abs(poses[-1].twist.twist.angular.z) < 1e-6, 'a stop')
         turned = distance(seen, images)
         assert abs(turned - 1.0) > 0.02
         # The value that the board has already is no change, as in a file of `ros2 param dump`.
         for values in ({'max_speed': 0.5}, {'real_time_factor': 2.0}, {'board_distance': 1.0}):
-            assert seen.change(**values).successful
+            assert seen.set(**values).successful
             assert distance(seen, images) == pytest.approx(turned, abs=2e-3)
-        assert seen.change(board_distance=1.2).successful
+        assert seen.set(board_distance=1.2).successful
         assert distance(seen, images) == pytest.approx(1.2, abs=2e-3)
         assert seen.reset().success
         assert distance(seen, images) == pytest.approx(1.2, abs=2e-3)
-        assert seen.change(board_distance=2.0, board_angle_deg=60.0).successful
+        assert seen.set(board_distance=2.0, board_angle_deg=60.0).successful
         assert distance(seen, images) == pytest.approx(2.0, abs=0.01)
         assert distance(seen, images, (86, 130)) > 2.2
-        assert not seen.change(board_distance=99.0).successful
+        assert not seen.set(board_distance=99.0).successful
 
 
 def test_frames_follow_the_conventions_of_ros():

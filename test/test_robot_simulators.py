@@ -69,7 +69,7 @@ def test_another_simulator_moves_the_robot():
         answer = seen.reset()
         assert not answer.success
         assert 'reset it there' in answer.message
-        assert 'the simulator that has the time' in seen.change(real_time_factor=2.0).reason
+        assert 'the simulator that has the time' in seen.set(real_time_factor=2.0).reason
 
 
 def test_after_a_reset_of_the_other_simulator_a_pose_waits_for_new_joints():
@@ -155,7 +155,7 @@ def test_the_second_robot_follows_the_first_ones_clock():
             # Its stamps are the first one's time, not a time of its own.
             now = times[-1].clock.sec * 10**9 + times[-1].clock.nanosec
             assert abs(nanoseconds(poses[-1]) - now) <= 2 * 10**9 // 30
-            answer = second.change(real_time_factor=2.0)
+            answer = second.set(real_time_factor=2.0)
             assert not answer.successful
             assert 'must be set where /clock is published' in answer.reason
             # Time that jumps back is followed as well.
@@ -178,7 +178,7 @@ def test_robots_whose_clocks_have_other_names_have_a_time_each():
             right.spin_until(lambda times=times, poses=poses: times and len(poses) > 5, name)
             assert exact([nanoseconds(message) for message in poses], rate)
             assert not seen.logged('another robot publishes it')
-        assert right.change(real_time_factor=2.0).successful
+        assert right.set(real_time_factor=2.0).successful
 
 
 def teller(seen):
