@@ -291,6 +291,7 @@ def test_what_cannot_be_used_is_named(field, value):
         ('seed', 'one'),
         ('seed', 1.5),
         ('seed', 2**63),
+        ('seed', -(2**63) - 1),
         ('name', 5),
         ('effects', ['blur']),
         *((field, ['x' * 100_000]) for field in ('seed', 'name', 'effects')),

@@ -58,6 +58,14 @@ def test_a_subscription_a_timer_and_a_service_come_and_go_while_it_spins(node):
     assert heard == ['first', 'second']
 
 
+def test_it_waits_as_long_as_it_is_told(node, monkeypatch):
+    waits = []
+    monkeypatch.setattr(node.made, '_wait', waits.append)
+    for seconds in (0.05, None):
+        node.made.spin_once(seconds)
+    assert waits == [50_000_000, -1]  # nanoseconds; -1: for ever
+
+
 def test_an_error_of_a_callback_reaches_the_caller_and_it_spins_on(node):
     calls = []
 

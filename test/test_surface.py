@@ -4,7 +4,7 @@ import math
 
 from flexx2_sim_ros.camera import depth_from_z_buffer, flexx2, Intrinsics, ray_length
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.physics.surface import analyse
+from flexx2_sim_ros.physics.surface import analyse, tangents
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
@@ -93,6 +93,19 @@ def test_planes_up_to_80_degrees(camera, seed):
     surface = look(np.where(seen, depth, np.nan), camera)
     assert_jumps(surface, seen)
     assert worst(surface, truth, seen & ~thin(seen)) < 1
+
+
+@pytest.mark.parametrize('slopes', SLOPES)
+def test_tangents_of_planes(slopes):
+    depth, truth = tilted(slopes)
+    seen = (truth < math.radians(80)) & (depth < 20)
+    image = np.where(seen, depth, np.nan).astype(np.float32)
+    inverse, *found = tangents(image, flexx2().sensor)
+    inside = seen & ~thin(seen)
+    np.testing.assert_array_equal(inverse[2:-2, 2:-2][inside], 1 / image[inside])
+    # Inverse depth is (slopes . (x/z, y/z) + 1) / 1.5 m.
+    for one, slope, focal in zip(found, slopes, (FLEXX2.fx, FLEXX2.fy), strict=True):
+        np.testing.assert_allclose(one[inside], slope / focal / 1.5, atol=2e-6)
 
 
 @pytest.mark.parametrize('distance', [1.0, 2.0, 4.0])
