@@ -2,8 +2,10 @@
 
 import time
 
+from flexx2_sim_ros.nodes.late_frames import LateFrames
 from flexx2_sim_ros.nodes.messages import time_message
 import pytest
+from rclpy.node import Node
 from streams import (
     array_of,
     boards,
@@ -150,6 +152,19 @@ def test_input_that_gives_no_frames_is_an_error_until_it_does(values, step, reas
             feed(seen, START + SECOND)
         while seen.next_diagnostics().message.startswith('no frame is published: '):
             pass
+
+
+def test_no_more_frames_wait_than_come_until_the_new_one_is_due():
+    """Assert it of a delay of 30 s at 10 Hz, and that as many wait when a shorter one follows."""
+    node = Node('waits')
+    try:
+        late, stamp = LateFrames(node), node.get_clock().now().nanoseconds
+        for delay in (30, 29):
+            for _ in range(400):
+                late.add(stamp, delay * SECOND, 10.0, lambda: None)
+            assert late.waiting == pytest.approx(300 + 16, abs=1)
+    finally:
+        node.destroy_node()
 
 
 def test_a_time_before_zero_is_ignored():

@@ -9,6 +9,7 @@ from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.data.covariates import look_at
 from flexx2_sim_ros.gap.features.confirm import Apart
+from flexx2_sim_ros.gap.features.pixel_patterns import grain_moments
 from flexx2_sim_ros.gap.features.single_frame import single_frame
 from flexx2_sim_ros.gap.report.frames import frames, MOST_FRAMES
 from flexx2_sim_ros.html_drawing import MARKS
@@ -123,3 +124,19 @@ def test_frames_of_pure_noise_leave_the_page_below_4_mb():
     # Those with the largest gap come first.
     shown = [int(number) for number in re.findall(r'<h3>&lt;(\d+)&gt;', page)]
     assert shown == [*range(MOST_FRAMES + 3, 3, -1)]
+
+
+def test_grain_is_a_number_of_pixels_their_squares_and_products_of_pairs():
+    grain = np.random.default_rng(0).normal(0, 2, (7, 9)).astype(np.float32)
+    grain[1, 2] = grain[3, 3:5] = np.nan
+    clipped = np.clip(grain, -3, 3)
+
+    def pairs(lines):
+        products = np.concatenate(
+            [np.outer(one, one)[np.triu_indices(len(one), 1)] for one in lines]
+        )
+        return np.nanmean(products)
+
+    wanted = np.isfinite(grain).sum(), np.nansum(clipped**2), pairs(clipped), pairs(clipped.T)
+    beside = np.nanmean(clipped[:, 1:] * clipped[:, :-1])
+    np.testing.assert_allclose(grain_moments(grain), (*wanted, beside), rtol=1e-5)

@@ -1,10 +1,12 @@
 """A set of effects, fitted around the simulation that has them: made-up features."""
 
+from dataclasses import replace
+
 from flexx2_sim_ros.camera import flexx2
 from flexx2_sim_ros.effects import parse_effects
 from flexx2_sim_ros.gap import rounds
 from flexx2_sim_ros.gap.data.axes import AXES, axes_of
-from flexx2_sim_ros.gap.features.catalogue import catalogue
+from flexx2_sim_ros.gap.features.catalogue import catalogue, Decaying
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE
 from flexx2_sim_ros.gap.inference.effects import table_of
@@ -118,6 +120,16 @@ def test_a_number_beyond_those_that_are_looked_for_moves_both_ways():
     ((less, _), *_) = moved.nodes
     assert less < 0 == moved.high
     assert moved.low < 0
+
+
+def test_a_drift_is_nothing_where_the_uptime_is_not_known():
+    name = COLUMNS[0].name
+    model = made(COLUMNS[:4], {}, {name: signal(0, ('bias',), 1.0)})
+    model.evidence[0] = replace(model.evidence[0], uptime=None)
+    left = 2 * np.exp(-100.0 * np.arange(1, RECORDINGS + 1) / 300.0)
+    left[0] = 0.0
+    drift = model.column(Decaying(name, 2.0, 300.0))
+    np.testing.assert_allclose(drift, model.column(name) * left[:, None], rtol=1e-5)
 
 
 def test_what_explains_the_gap_is_added_and_nothing_else():

@@ -100,6 +100,12 @@ def test_frames_are_paired_and_looked_up_as_the_camera_does(watched):
     assert shot.invalid_fraction == 0.5
     # The real driver has no clean depth.
     assert watched.show(10_000, clean=False).clean is None
+    # Nor a latency: it is that of the images with clean depth.
+    camera = viewer._cameras['view_parts/left']
+    assert camera.status()['latency_ms'] > 0
+    camera._latencies.clear()
+    watched.show(10_001, clean=False)
+    assert camera.status()['latency_ms'] is None
     viewer.watch(False)
     user.spin_until(lambda: not viewer.shots, 'rest')
 
