@@ -1,6 +1,8 @@
 """The short form of the measurements of `bench`: each runs and prints figures."""
 
 from pathlib import Path
+import runpy
+import sys
 
 from bench.journal import Journal
 from programs import measured, run_python
@@ -14,6 +16,19 @@ SHORT = 'model', 'effects', 'exposure', 'agreement', 'bags', 'torture_kill'
 def run(words, folder, env):
     """Run Python in a folder, where it leaves its files."""
     return run_python('-m', *words, cwd=folder, env=env)
+
+
+@pytest.fixture
+def printed(tmp_path, monkeypatch, capsys):
+    """Return a function that runs a measurement here, and returns what it prints."""
+
+    def run_here(name, *words):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, 'argv', [name, *words])
+        runpy.run_module(f'bench.{name}', run_name='__main__')
+        return capsys.readouterr().out
+
+    return run_here
 
 
 def test_measurements_run_for_a_moment(child_env, tmp_path):
@@ -36,19 +51,16 @@ def test_measurements_run_for_a_moment(child_env, tmp_path):
         (['absorbed', '--effects', 'offset', '--only', 'corners'], '| offset | 0.00 | 1.00 |'),
     ],
 )
-def test_a_measurement_with_options_of_its_own_prints_figures(words, said, child_env, tmp_path):
-    done = run([f'bench.{words[0]}', *words[1:]], tmp_path, child_env)
-    assert done.returncode == 0, done.stderr
-    assert said in done.stdout
+def test_a_measurement_with_options_of_its_own_prints_figures(words, said, printed):
+    assert said in printed(*words)
 
 
-def test_copied_noise_is_drawn_beside_that_of_the_camera(child_env, tmp_path):
+def test_copied_noise_is_drawn_beside_that_of_the_camera(printed, tmp_path):
     for library in ('warp', 'matplotlib'):
         pytest.importorskip(library)
-    done = run(['bench.copied_noise', 'copied.png'], tmp_path, child_env)
-    assert done.returncode == 0, done.stderr
+    table = printed('copied_noise', 'copied.png')
     page = Path(__file__).resolve().parents[1] / 'docs' / 'batch.md'
-    assert done.stdout[done.stdout.index('| |') :] in page.read_text()
+    assert table[table.index('| |') :] in page.read_text()
     assert (tmp_path / 'copied.png').read_bytes().startswith(b'\x89PNG')
 
 
