@@ -23,7 +23,7 @@ import tempfile
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'flexx2_sim_ros'
 ROOMS = ('camera',), ('physics',), ('nodes',), ('gap/inference', 'gap/features'), ('truth',)
-# Test files of a change that run: that of its module, then those that name its function.
+# Test files of a change that run: that of its module, then those that name where it is.
 FILES = 5
 UNNAMED = 'test', '__init__'  # in the name by which a file is imported
 FLIPPED = {
@@ -72,6 +72,13 @@ def change(node):
     return f'{before} -> {ast.unparse(node)}'
 
 
+def around(tree, node):
+    """Return the names of the function or method that a place is in, and of its class."""
+    kinds = ast.ClassDef | ast.FunctionDef
+    every = [one for one in ast.walk(tree) if isinstance(one, kinds)]
+    return {one.name for one in every if one.lineno <= node.lineno <= one.end_lineno}
+
+
 def imported(path):
     """Return the modules that a file may import, by dotted name."""
     found = set()
@@ -82,7 +89,7 @@ def imported(path):
     return found
 
 
-def tests_of(path, name, imports):
+def tests_of(path, names, imports):
     """Return the test files that import a module, or else those of its nearest users."""
 
     def users(files):
@@ -99,7 +106,8 @@ def tests_of(path, name, imports):
         tests = [one for one in level if one.name.startswith('test_')]
     words = set(path.stem.split('_'))
     tests.sort(key=lambda one: one.stat().st_size)
-    tests.sort(key=lambda one: (name not in one.read_text(), -len(words & {*one.stem.split('_')})))
+    tests.sort(key=lambda one: -len(words & {*one.stem.split('_')}))
+    tests.sort(key=lambda one: -sum(name in one.read_text() for name in names))
     tests.sort(key=lambda one: one.stem != f'test_{path.stem}')
     return [str(one.relative_to(ROOT)) for one in tests[:FILES]]
 
@@ -150,8 +158,7 @@ def main():
             where, what = f'{path.relative_to(ROOT)}:{node.lineno}', change(node)
             if given.only and where not in given.only:
                 continue
-            (inside,) = [one for one in tree.body if one.lineno <= node.lineno <= one.end_lineno]
-            files = tests_of(path, getattr(inside, 'name', path.stem), imports)
+            files = tests_of(path, around(tree, node) or {path.stem}, imports)
             (target := copy / path.relative_to(ROOT)).write_text(ast.unparse(tree))
             answer, test = run(copy, files, given.seconds)
             target.write_text(text)
