@@ -66,3 +66,5 @@ def test_one_pixel_in_range_is_enough():
     assert explain(image, '32FC1', *RANGE) is None
     image[100:140, 200:240] = 1.5
     assert sees_something(image, *RANGE)
+    # Of a small image, every pixel is looked at.
+    assert sees_something(np.diag([0.0, 1.5]), *RANGE)
