@@ -304,6 +304,16 @@ def test_an_impossible_camera_is_refused(field, value):
     assert len(str(caught.value)) < 500
 
 
+def test_pixels_are_made_invalid_in_every_image():
+    frame = Camera().capture(np.full(SHAPE, 1.5), K, 0)
+    where = np.indices(SHAPE).sum(axis=0) % 2 == 0
+    frame.make_invalid(where)
+    for image in (frame.depth, frame.sigma):
+        np.testing.assert_array_equal(np.isnan(image), where)
+    for image in (frame.amplitude, frame.confidence):
+        np.testing.assert_array_equal(image == 0, where)
+
+
 def test_the_gray_image_is_the_root_of_the_amplitude():
     amplitude = np.linspace(0.0, 4.0, 400, dtype=np.float32).reshape(20, 20)
     assert gray_image(np.zeros((4, 4), np.float32), None, 2.0).max() == 0

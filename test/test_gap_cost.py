@@ -155,7 +155,7 @@ def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(folder, tmp_path, c
     names = ['Raises', 'NotANumber', 'NoPicture', 'Slow', 'Ends', 'Good']
     options = [f'--consumer={folder}/bad.py:{name}' for name in names]
     command = ['gap', 'cost', str(folder / 'recordings'), '--diagnosis', str(folder / 'diagnosis')]
-    command += ['--out', str(tmp_path), '--json', '--limit', '15', '--jobs', '2', *options]
+    command += ['--out', str(tmp_path), '--json', '--limit', '5', '--jobs', '2', *options]
     assert main(command) == 0
     table = json.loads(capfd.readouterr().out)  # what a consumer prints is not in it
     assert [row['name'] for row in table['consumers']] == ['good']
@@ -163,7 +163,7 @@ def test_a_consumer_that_fails_is_named_and_the_rest_goes_on(folder, tmp_path, c
     assert 'RuntimeError: no \\x1b[31m map' in reasons['raises']
     assert 'missing (real): must be a finite number below 1e+100' in reasons['not_a_number']
     assert 'picture: must be (h, w)' in reasons['no_picture']
-    assert 'took longer than 15 s' in reasons['slow']
+    assert 'took longer than 5 s' in reasons['slow']
     assert 'ended its process' in reasons['ends']
 
 
