@@ -1,5 +1,7 @@
 """Folders of PNG files with a calibration."""
 
+from io import BytesIO
+
 import numpy as np
 from PIL import Image
 import yaml
@@ -10,15 +12,16 @@ EIGHT = [0.1, -0.2, 0.001, 0.002, 0.05, 0.3, 0.2, 0.1]
 COUNT = 3
 
 
-def counts():
+def counts(seed=1, shape=(COUNT, *SIZE)):
     """Return (COUNT, H, W) uint16 millimetres, 0 for invalid."""
-    images = np.random.default_rng(1).integers(300, 4000, (COUNT, *SIZE)).astype(np.uint16)
+    images = np.random.default_rng(seed).integers(300, 4000, shape).astype(np.uint16)
     images[:, 2, 3] = 0
     return images
 
 
-def metres(unit=0.001):
-    return np.where(counts() > 0, counts() * np.float32(unit), np.nan)
+def metres(unit=0.001, **given):
+    images = counts(**given)
+    return np.where(images > 0, images * np.float32(unit), np.nan)
 
 
 def ost(**changes):
@@ -40,6 +43,13 @@ def ost(**changes):
 def save(path, pixels):
     path.parent.mkdir(exist_ok=True, parents=True)
     Image.fromarray(pixels).save(path)
+
+
+def encoded(pixels, form='PNG'):
+    """Return the bytes of an image file."""
+    file = BytesIO()
+    Image.fromarray(pixels).save(file, form)
+    return file.getvalue()
 
 
 def folder_of(path, names):

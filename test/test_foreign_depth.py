@@ -1,13 +1,12 @@
 """Depth as other programs write it: what means no depth, units, compressed images."""
 
-from io import BytesIO
 import struct
 
 from flexx2_sim_ros.recording import load_recording
 from made_bags import header, image, info, make, MATRIX, write
+from made_images import encoded as png
 from made_images import ost, save
 import numpy as np
-from PIL import Image
 from programs import converted, refusal
 import pytest
 
@@ -72,13 +71,6 @@ def rvl(depth):
         for i in range(0, len(nibbles), 8)
     ]
     return struct.pack(f'<II{len(words)}I', depth.shape[1], depth.shape[0], *words)
-
-
-def png(depth):
-    """Return a 16-bit PNG."""
-    file = BytesIO()
-    Image.fromarray(depth).save(file, 'PNG')
-    return file.getvalue()
 
 
 def compressed(form, content, stamp=0):

@@ -9,8 +9,9 @@ from flexx2_sim_ros import npz_arrays
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.recording import load_recording
 from flexx2_sim_ros.recording.depth_video import Coding
+import made_images
+from made_images import encoded
 import numpy as np
-from PIL import Image
 from programs import convert, converted, refusal
 import pytest
 
@@ -23,20 +24,11 @@ CODING = {'depth_min': 0.01, 'depth_max': 10.0, 'shift': 3.5, 'use_log': True}
 
 
 def counts(episode):
-    """Return (COUNT, H, W) uint16 millimetres, 0 for invalid."""
-    images = np.random.default_rng(episode).integers(300, 4000, (COUNT, *SIZE)).astype(np.uint16)
-    images[:, 2, 3] = 0
-    return images
+    return made_images.counts(episode, (COUNT, *SIZE))
 
 
 def metres(episode):
-    return np.where(counts(episode) > 0, counts(episode) * np.float32(0.001), np.nan)
-
-
-def encoded(image, form):
-    file = io.BytesIO()
-    Image.fromarray(image).save(file, form)
-    return file.getvalue()
+    return made_images.metres(seed=episode, shape=(COUNT, *SIZE))
 
 
 def pictures(images, form='PNG'):
