@@ -21,14 +21,6 @@ def write(path, frames, **arrays):
             writer.add_array(key, value)
 
 
-def saved(folder, **arrays):
-    """Save a scene with these arrays replaced, or left out where None."""
-    content = {'clean_depth': CLEAN, 'K': K, **arrays}
-    path = folder / 'scene.npz'
-    np.savez(path, **{key: value for key, value in content.items() if value is not None})
-    return path
-
-
 def test_round_trip(tmp_path):
     frames = np.random.default_rng(1).normal(2, 1, (7, 5, 6)).astype(np.float32)
     frames[3, 2] = np.nan
@@ -106,7 +98,9 @@ def test_a_failure_leaves_nothing_behind(tmp_path, existing, when):
     ids=str,
 )
 def test_wrong_contents_are_named(tmp_path, arrays, parts):
-    path = saved(tmp_path, **arrays)
+    content = {'clean_depth': CLEAN, 'K': K, **arrays}
+    path = tmp_path / 'scene.npz'
+    np.savez(path, **{key: value for key, value in content.items() if value is not None})
     with pytest.raises(InputError) as raised:
         load_scene(path)
     assert str(raised.value).startswith(f'{path}: ')
