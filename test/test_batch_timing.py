@@ -7,7 +7,7 @@ from flexx2_sim_ros.batch import BatchCamera, images
 from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.effects import load_randomisation
 from flexx2_sim_ros.errors import InputError
-from flexx2_sim_ros.nodes.timing import FrameGate
+from flexx2_sim_ros.nodes.pacing import FrameGate
 import numpy as np
 import pytest
 import warp as wp

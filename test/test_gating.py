@@ -3,7 +3,7 @@
 from itertools import pairwise
 import math
 
-from flexx2_sim_ros.nodes.timing import FrameGate
+from flexx2_sim_ros.nodes.pacing import FrameGate
 from flexx2_sim_ros.profiles.modes import flexx2
 from hypothesis import given
 from hypothesis import strategies as st

@@ -20,6 +20,7 @@ from flexx2_sim_ros.nodes.camera_parameters import CameraParameters
 from flexx2_sim_ros.nodes.diagnostics import Statistics
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 from flexx2_sim_ros.nodes.late_frames import LateFrames
+from flexx2_sim_ros.nodes.pacing import FrameGate
 from flexx2_sim_ros.nodes.pairing import Match, StampPairing
 from flexx2_sim_ros.nodes.parameters import declare
 from flexx2_sim_ros.nodes.plausibility import ReflectivityUnit
@@ -27,7 +28,6 @@ from flexx2_sim_ros.nodes.runtime import Throttle
 from flexx2_sim_ros.nodes.steady_node import SteadyNode
 from flexx2_sim_ros.nodes.subscriptions import Input
 from flexx2_sim_ros.nodes.tf_frames import FramePublisher, optical_transform
-from flexx2_sim_ros.nodes.timing import FrameGate
 from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.files import find_profile, PROFILE_HELP
 from flexx2_sim_ros.profiles.modes import Profile

@@ -6,7 +6,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from flexx2_sim_ros.nodes.input_watch import InputWatch, Remark
 from flexx2_sim_ros.nodes.late_frames import LateFrames
-from flexx2_sim_ros.nodes.timing import FrameGate, RateMeter
+from flexx2_sim_ros.nodes.pacing import FrameGate, RateMeter
 import numpy as np
 
 _SILENT_SECONDS = 3.0

@@ -6,9 +6,9 @@ from typing import Any, Protocol
 
 from flexx2_sim_ros.errors import InputError, unquoted
 from flexx2_sim_ros.messages.decoding import stamp_nanoseconds
+from flexx2_sim_ros.nodes.pacing import FrameGate
 from flexx2_sim_ros.nodes.robot_messages import decode_joints, decode_pose, decode_twist
 from flexx2_sim_ros.nodes.runtime import Throttle
-from flexx2_sim_ros.nodes.timing import FrameGate
 from flexx2_sim_ros.rendering.rays import SceneGround
 from flexx2_sim_ros.robots import gait
 from flexx2_sim_ros.robots.kinematics import rotation

@@ -5,13 +5,13 @@ from typing import Any
 
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.nodes import messages
+from flexx2_sim_ros.nodes.pacing import Pacer
 from flexx2_sim_ros.nodes.robot_messages import joint_state, odometry
 from flexx2_sim_ros.nodes.robot_motion import Mirroring, RobotMotion, Standing, Walking
 from flexx2_sim_ros.nodes.robot_parameters import RobotParameters
 from flexx2_sim_ros.nodes.sim_clock import SimClock
 from flexx2_sim_ros.nodes.steady_node import SteadyNode, twin_text
 from flexx2_sim_ros.nodes.tf_frames import camera_transforms, FramePublisher
-from flexx2_sim_ros.nodes.timing import Pacer
 from flexx2_sim_ros.physics.geometry import centred
 from flexx2_sim_ros.profiles.files import find_profile
 from flexx2_sim_ros.rendering.renderer import open_renderer

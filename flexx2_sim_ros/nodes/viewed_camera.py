@@ -12,9 +12,9 @@ from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.messages.camera_info import decode_camera_info, is_rectified
 from flexx2_sim_ros.messages.decoding import decode_image, stamp_nanoseconds
+from flexx2_sim_ros.nodes.pacing import RateMeter
 from flexx2_sim_ros.nodes.ros_graph import remapped
 from flexx2_sim_ros.nodes.subscriptions import matching
-from flexx2_sim_ros.nodes.timing import RateMeter
 from flexx2_sim_ros.physics.geometry import Reprojection
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.recording.bag_cameras import CameraTopics, INPUTS

@@ -1,4 +1,4 @@
-"""Timing: which inputs become frames, at what rate they arrive, which simulated ticks are due."""
+"""Pacing: which inputs become frames, at what rate they arrive, which simulated ticks are due."""
 
 from collections import deque
 from itertools import pairwise
