@@ -52,8 +52,9 @@ lint: $(STAMP)
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 
+docs: JOBS ?= auto
 docs: $(STAMP)
-	$(BIN)/python -m sphinx -q -j auto -W --keep-going -b html docs build/docs
+	$(BIN)/python -m sphinx -q -j $(JOBS) -W --keep-going -b html docs build/docs
 	@echo "Made build/docs/index.html."
 
 bench: $(STAMP)

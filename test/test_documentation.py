@@ -36,6 +36,7 @@ def site():
     """Build the site; a warning is an error."""
     pytest.importorskip('sphinx')
     make = ['make', '-s', '-o', '.venv/.complete', 'docs', f'BIN={Path(sys.executable).parent}']
+    make.append('JOBS=1')  # Several cost more processor time, and other tests run beside this one.
     done = subprocess.run(make, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return ROOT / 'build' / 'docs'
