@@ -23,9 +23,9 @@ from flexx2_sim_ros.config_file import read_config
 from flexx2_sim_ros.effects import ageing, registry
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.paths import config_dir
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_truth, PlaneRequest, RoomRequest
-from flexx2_sim_ros.truth.poses import Pose
 import numpy as np
 from study.blind.meshes import write_mesh
 from study.blind.scanned import off, ScannedCamera

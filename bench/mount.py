@@ -12,9 +12,9 @@ from pathlib import Path
 import sys
 import tempfile
 
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.truth import RoomRequest
 from flexx2_sim_ros.truth.joint import fitted_motion
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Registered, views_of
 from flexx2_sim_ros.truth.run import GivenRecording
 import numpy as np

@@ -1,8 +1,8 @@
 """Runs of `flexx2 gap truth`; recordings of a blind camera in a room that is known as a mesh."""
 
 from flexx2_sim_ros.cli.main import main
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.recording import open_recording
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import load_room
 import numpy as np
 from scipy.spatial.transform import Rotation

@@ -19,12 +19,12 @@ from flexx2_sim_ros.gap.features.pixel_groups import GROUP_CHANNELS, GROUP_TOLER
 from flexx2_sim_ros.gap.inference.cover import cover, shows_along
 from flexx2_sim_ros.gap.inference.normal_equations import (
     cauchy_weights,
-    eliminate_nuisances,
     leave_one_out_steps,
     normal_equations,
     solve,
 )
 from flexx2_sim_ros.gap.inference.own_errors import OwnErrors
+from flexx2_sim_ros.physics.poses import eliminate_nuisances
 import numpy as np
 import pytest
 

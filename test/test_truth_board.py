@@ -6,10 +6,10 @@ from campaigns import change
 from flexx2_sim_ros.camera import Camera
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.recording.truth import read_truth
 from flexx2_sim_ros.truth.board import read_board
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.target import draw_pdf, read_target, SHEETS, Target, target_of
 import numpy as np
 from printed_board import (

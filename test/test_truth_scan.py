@@ -6,6 +6,7 @@ from pathlib import Path
 from browser import chromium
 from campaigns import among
 from flexx2_sim_ros.gap import diagnose
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth import make_truth, RoomRequest
 from flexx2_sim_ros.truth.alignment import (
@@ -19,7 +20,6 @@ from flexx2_sim_ros.truth.clean import apart, Clean, KNOWN, render
 from flexx2_sim_ros.truth.from_room import roughness
 from flexx2_sim_ros.truth.joint import Solution, solve
 from flexx2_sim_ros.truth.observation import Observation, observe
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import register, views_of
 from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.run import GivenRecording

@@ -6,10 +6,10 @@ from pathlib import Path
 import struct
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.recording import load_recording, open_recording
 from flexx2_sim_ros.truth.clean import render
 from flexx2_sim_ros.truth.observation import observe
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import Registered
 from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.search import _orientations

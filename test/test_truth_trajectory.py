@@ -4,9 +4,9 @@ from dataclasses import replace
 
 from campaigns import change
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.recording import open_recording
 from flexx2_sim_ros.truth.clock import find_offset
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.trajectory import (
     camera_trajectory,
     IDENTITY,

@@ -4,8 +4,8 @@ from dataclasses import replace
 import re
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.recording import open_recording
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.trajectory import camera_trajectory, PoseSource
 from made_bags import header, image, info, make, SECOND, usecase, write
 from made_driver_bags import ROS1

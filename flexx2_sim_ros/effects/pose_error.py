@@ -12,6 +12,7 @@ from flexx2_sim_ros.formulas.scalars import f32, floor, i32, least, most, size, 
 from flexx2_sim_ros.physics.compiled import compiled, inlined, loop
 from flexx2_sim_ros.physics.frame_state import FrameState, Stage
 from flexx2_sim_ros.physics.philox import FAST
+from flexx2_sim_ros.physics.poses import rotation_of
 from flexx2_sim_ros.physics.surface import PAD, tangents
 import numpy as np
 
@@ -164,16 +165,6 @@ class PoseError(Effect):
         state.depth = depth
         if state.reflectivity.size > 1:
             state.reflectivity = state.reflectivity.take(index)
-
-
-def rotation_of(turn: np.ndarray) -> np.ndarray:
-    """Return the (3, 3) rotation about an axis (3,) by its length, radians (Rodrigues)."""
-    angle = float(np.linalg.norm(turn))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = turn / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
 
 
 @inlined

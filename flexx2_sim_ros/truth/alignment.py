@@ -5,16 +5,10 @@ from functools import cached_property
 import math
 from pathlib import Path
 
+from flexx2_sim_ros.physics.poses import depth_slopes, Pose, weighted_equations
 from flexx2_sim_ros.truth.observation import Observation
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Hits, load_room
-from flexx2_sim_ros.truth.solver import (
-    damped_step,
-    information,
-    minimise,
-    robust_weights,
-    TRUNCATION,
-)
+from flexx2_sim_ros.truth.solver import damped_step, minimise, robust_weights, TRUNCATION
 import numpy as np
 
 _NOISE = 2.0  # standard deviations of noise that do not count as a misfit
@@ -181,20 +175,17 @@ class Linear:
     tile: np.ndarray  # (N,) as in `AlignedPixels`
     bias: np.ndarray  # (N,) the depth error by a bias of 1 m along the ray
 
+    @cached_property
+    def equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return their (k + 6, k + 6) matrix and right side: coefficients, and the pose held."""
+        normal, right = weighted_equations(np.hstack([self.A, self.J]).T, self.weight, self.y)
+        normal[-6:, -6:] += _POSE_PRIOR * np.eye(6)
+        return normal, right
+
     @property
     def H(self) -> np.ndarray:  # noqa: N802
         """Return the (6, 6) information of the pose alone."""
-        return information(self.J, self.weight) + _POSE_PRIOR * np.eye(6)
-
-    @property
-    def B(self) -> np.ndarray:  # noqa: N802
-        """Return (6, k), pose against coefficients."""
-        return (self.J * self.weight[:, None]).T @ self.A
-
-    @property
-    def g(self) -> np.ndarray:
-        """Return (6,), the right side of the pose."""
-        return self.J.T @ (self.weight * self.y)
+        return self.equations[0][-6:, -6:]
 
     def free(self, columns: np.ndarray) -> np.ndarray:
         """Return (N, m) columns without the part that a motion of the camera explains."""
@@ -264,10 +255,10 @@ class PosedImage:
         A, error = self.A[use], self.error[use]
         # The error of a mesh is perpendicular to its surface.
         weight = robust_weights(error, target.sigma[use] ** 2, self.reach)
-        rays, normal = self.rays[use], hits.normal[use]
-        point = np.column_stack([rays, np.ones(len(rays))]) * hits.depth[use, None]
-        change = np.concatenate([normal, np.cross(point, normal)], axis=1)
-        J, y = -change / hits.slant(self.rays)[use, None], error + A @ self.values
+        rays, depth = self.rays[use], hits.depth[use]
+        plane = hits.normal[use].T / (hits.slant(self.rays)[use] * depth)
+        J = depth_slopes(np.vstack([rays.T, np.ones(len(rays))]), plane, depth).T
+        y = error + A @ self.values
         return Linear(J, A, y, weight, target.tile[use], 1 / target.length[use])
 
     def step(self, damping: float) -> np.ndarray | None:

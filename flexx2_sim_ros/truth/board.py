@@ -10,14 +10,13 @@ from typing import Any
 import cv2
 from flexx2_sim_ros.config_file import read_mapping
 from flexx2_sim_ros.errors import InputError, shown, shown_path
+from flexx2_sim_ros.physics.poses import Pose, rotation_of
 from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.gray import align_gray, Gray, GrayFit, POWERS, white_fraction
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import AprilGrid, Charuco, Chessboard, CircleGrid, Printed
 from flexx2_sim_ros.truth.target import read_target
 import numpy as np
 from scipy.ndimage import map_coordinates
-from scipy.spatial.transform import Rotation
 
 _BRIGHT, _DARK = 99.0, 1.0  # percentiles
 # Modules are only a few pixels wide and blurred, so the image is enlarged.
@@ -162,7 +161,7 @@ def _starts(starts: list[Pose], tags: dict[int, np.ndarray], turns: int) -> list
 
 def _tilted(pose: Pose, axis: int, angle: float) -> Pose:
     # The pose is turned about the centre of the board.
-    turn = Rotation.from_rotvec(np.eye(3)[axis] * angle).as_matrix()
+    turn = rotation_of(np.eye(3)[axis] * angle)
     return Pose(turn @ pose.R, turn @ pose.t)
 
 

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, replace
 
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.truth.alignment import unwrapped
 from flexx2_sim_ros.truth.observation import grow, Observation
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import Room
 import numpy as np
 

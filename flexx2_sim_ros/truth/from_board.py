@@ -6,6 +6,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.truth.absorbed import never_decided
 from flexx2_sim_ros.truth.board import find_board, likeness, plane_covariance, read_board
 from flexx2_sim_ros.truth.clean import (
@@ -20,7 +21,6 @@ from flexx2_sim_ros.truth.clean import (
 from flexx2_sim_ros.truth.gray import Gray, GrayFit, inside, white_fraction
 from flexx2_sim_ros.truth.observation import Footage, gray_images, grow, has_gray, Observation
 from flexx2_sim_ros.truth.plane_finding import surface_around
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.printed import Printed
 from flexx2_sim_ros.truth.run import BoardRequest, GivenRecording, Run
 from flexx2_sim_ros.truth.writing import GroundTruth, Surfaces, Written

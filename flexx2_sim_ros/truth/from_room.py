@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.truth.absorbed import absorbed, hidden_by_scan
 from flexx2_sim_ros.truth.alignment import ErrorColumns, NO_ERRORS, PosedImage, view_of
 from flexx2_sim_ros.truth.clean import Clean, difference, REFUSED, render, without_hidden
 from flexx2_sim_ros.truth.clock import ClockOffset, common_offset
 from flexx2_sim_ros.truth.joint import common_motion, solve
 from flexx2_sim_ros.truth.observation import Footage, Observation
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.registration import LOST, register, Registered, views_of, with_bounce
 from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.run import GivenRecording, RoomRequest, Run

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
-from flexx2_sim_ros.truth.poses import Pose
+from flexx2_sim_ros.physics.poses import Pose, ray_slopes, weighted_equations
 from flexx2_sim_ros.truth.printed import Printed
-from flexx2_sim_ros.truth.solver import damped_step, information, minimise, robust_sigma, tile_sums
+from flexx2_sim_ros.truth.solver import damped_step, minimise, robust_sigma, tile_sums
 import numpy as np
 
 _FINER, _COARSER = 4, 2  # points per pixel and axis, for a small and for a large sheet
@@ -99,18 +99,10 @@ class _View:
 
     def flow(self, pose: Pose) -> np.ndarray:
         # (h, w, 2, 7): motion of the sheet in pixels, per camera motion and zoom.
-        normal = pose.R[2]
-        point = np.concatenate([self.rays, np.ones((*self.rays.shape[:2], 1))], axis=-1)
-        point *= (-pose.t[2] / (point @ normal))[..., None]
-        depth = point[..., 2]
-        # Motion of points of the sheet in the camera's frame: -dt - w x point.
-        moved = np.empty((*depth.shape, 3, 6))
-        moved[..., :3] = -np.eye(3)
-        moved[..., 3:] = np.cross(point[..., None, :], np.eye(3)).swapaxes(-1, -2)
-        ray = np.empty((*depth.shape, 2, 7))
-        ray[..., :6] = moved[..., :2, :] - self.rays[..., None] * moved[..., 2:, :]
-        ray[..., :6] /= depth[..., None, None]
-        ray[..., 6] = self.rays
+        x, y = np.moveaxis(self.rays, -1, 0)
+        depth = -pose.t[2] / (self.rays @ pose.R[2, :2] + pose.R[2, 2])
+        motion = np.moveaxis(ray_slopes(x, y, depth), (0, 1), (-2, -1))
+        ray = np.concatenate([motion, self.rays[..., None]], axis=-1)
         change = np.stack([np.gradient(self.rays, axis=axis) for axis in (1, 0)], axis=-1)
         return np.asarray(np.linalg.solve(change, ray))
 
@@ -252,14 +244,14 @@ def _accuracy(found: _Lit) -> tuple[np.ndarray, np.ndarray]:
     # wrong focal length causes.
     (_, J, larger), residual = found.model, found.residual
     weight, _ = _weights(residual)
-    inverse = np.linalg.pinv(information(J, weight), hermitian=True)
+    normal, pulled = weighted_equations(J.T, weight, larger)
+    inverse = np.linalg.pinv(normal, hermitian=True)
     row, column = np.nonzero(found.use)
     tile = np.unique((row // _TILE) * 10_000 + column // _TILE, return_inverse=True)[1]
     score = tile_sums(tile, J * (weight * residual)[:, None])
     few = len(score) / max(len(score) - _FITTED, 1)
     covariance = inverse @ (score.T @ score) @ inverse * few
-    shift = inverse @ (J.T @ (weight * larger))
-    return covariance[:6, :6], -shift[:6]
+    return covariance[:6, :6], -(inverse @ pulled)[:6]
 
 
 def white_fraction(target: Printed, gray: Gray, pose: Pose, blur: float) -> np.ndarray:

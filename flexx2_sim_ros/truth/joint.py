@@ -10,6 +10,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 import math
 
+from flexx2_sim_ros.physics.poses import (
+    eliminate_nuisances,
+    Pose,
+    SharedEquations,
+    weighted_equations,
+)
 from flexx2_sim_ros.truth.alignment import (
     clamped,
     ErrorColumns,
@@ -18,8 +24,7 @@ from flexx2_sim_ros.truth.alignment import (
     PosedImage,
     PRIOR,
 )
-from flexx2_sim_ros.truth.poses import Pose
-from flexx2_sim_ros.truth.solver import damped_step, information, minimise, tile_sums, TRUNCATION
+from flexx2_sim_ros.truth.solver import minimise, tile_sums, TRUNCATION
 import numpy as np
 
 _ROUNDS = 6  # Gauss-Newton steps, at most
@@ -67,15 +72,13 @@ class _Joint:
     values: np.ndarray
 
     @cached_property
-    def equations(self) -> list[Linear]:
-        return [view.linear for view in self.views]
+    def shared(self) -> SharedEquations:
+        return shared_equations([view.linear for view in self.views], self.columns)
 
     def step(self, damping: float) -> np.ndarray:
         # Each pose depends on the coefficients only: they come first.
-        values = np.linalg.solve(*reduced(self.equations, self.columns))
-        motions = [
-            clamped(np.linalg.solve(one.H, one.g - one.B @ values)) for one in self.equations
-        ]
+        values = np.linalg.solve(*reduced(self.shared, self.columns))
+        motions = map(clamped, self.shared.nuisance_step(values))
         return np.concatenate([values - self.values, *motions])
 
     def moved(self, step: np.ndarray) -> '_Joint':
@@ -99,48 +102,48 @@ def solve(views: Sequence[PosedImage], columns: ErrorColumns) -> Solution:
     return _finish(minimise(start, _ROUNDS, _CONVERGED, 0.0))
 
 
-def reduced(equations: Sequence[Linear], columns: ErrorColumns) -> tuple[np.ndarray, np.ndarray]:
-    """Return the normal equations of the coefficients, without poses (Schur complement)."""
-    S, s = np.diag(columns.precision), np.zeros(len(columns.names))
-    for one in equations:
-        part, side = _share(one)
-        S, s = S + part, s + side
-    return S, s
+def shared_equations(equations: Sequence[Linear], columns: ErrorColumns) -> SharedEquations:
+    """Return the equations of the coefficients by each view, without its pose."""
+    k = len(columns.names)
+    normal = np.array([one.equations[0] for one in equations]).reshape(-1, k + 6, k + 6)
+    right = np.array([one.equations[1] for one in equations]).reshape(-1, k + 6)
+    return eliminate_nuisances(normal, right, k)
 
 
-def _share(one: Linear) -> tuple[np.ndarray, np.ndarray]:
-    free = one.free(one.A)
-    return (free * one.weight[:, None]).T @ one.A, free.T @ (one.weight * one.y)
+def reduced(shared: SharedEquations, columns: ErrorColumns) -> tuple[np.ndarray, np.ndarray]:
+    """Return the normal equations of the coefficients by all views, with their prior."""
+    return np.diag(columns.precision) + shared.normal.sum(axis=0), shared.right.sum(axis=0)
 
 
 def _finish(found: _Joint) -> Solution:
-    views, columns, values, equations = found.views, found.columns, found.values, found.equations
-    k, prior = len(values), np.diag(columns.precision)
-    shares = [_share(one) for one in equations]
-    parts = np.array([part for part, _ in shares]).reshape(len(shares), k, k)
-    sides = np.array([side for _, side in shares]).reshape(len(shares), k)
-    S, s = prior + parts.sum(axis=0), sides.sum(axis=0)
+    views, columns, values, shared = found.views, found.columns, found.values, found.shared
+    S, s = reduced(shared, columns)
     inverse = np.linalg.inv(S)
     owners = np.array([view.recording for view in views])
     left_out = [
-        np.linalg.solve(S - parts[mine].sum(axis=0), s - sides[mine].sum(axis=0))
+        np.linalg.solve(S - shared.normal[mine].sum(axis=0), s - shared.right[mine].sum(axis=0))
         for mine in (owners == recording for recording in np.unique(owners))
     ]
-    apart = np.array(left_out).reshape(len(left_out), k)
+    apart = np.array(left_out).reshape(len(left_out), len(values))
     count = max(len(apart), 1)  # There may be no view, where the camera is lost in all recordings.
     middle = apart.sum(axis=0) / count
     jackknife = np.sqrt((count - 1) / count * ((apart - middle) ** 2).sum(axis=0))
-    scores = [_tile_scores(one, values) for one in equations]
-    meat = prior + sum((own.T @ own for _, own in scores), np.zeros((k, k)))
+    motions = shared.nuisance_step(values)
+    scores = [
+        _tile_scores(view.linear, values, motion)
+        for view, motion in zip(views, motions, strict=True)
+    ]
+    meat = np.diag(columns.precision) + sum(own.T @ own for _, own in scores)
     spread = inverse @ meat @ inverse
     poses, drags = [], []
-    for one, (g, own) in zip(equations, scores, strict=True):
-        H_inverse = np.linalg.inv(one.H)
-        pull = H_inverse @ one.B
-        here = g @ H_inverse - own @ inverse @ pull.T
+    for view, (g, own), free, mixed in zip(
+        views, scores, shared.inverse, shared.mixed, strict=True
+    ):
+        one, pull = view.linear, free @ mixed
+        here = g @ free - own @ inverse @ pull.T
         others = spread - inverse @ (own.T @ own) @ inverse
         poses.append(here.T @ here + pull @ others @ pull.T)
-        drags.append(PRIOR * H_inverse @ (one.J.T @ (one.weight * one.bias)))
+        drags.append(PRIOR * free @ (one.J.T @ (one.weight * one.bias)))
     return Solution(
         columns,
         values,
@@ -151,9 +154,10 @@ def _finish(found: _Joint) -> Solution:
     )
 
 
-def _tile_scores(one: Linear, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _tile_scores(
+    one: Linear, values: np.ndarray, motion: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     # Sums over each tile: (tiles, 6) for the pose, (tiles, k) for the coefficients.
-    motion = np.linalg.solve(one.H, one.g - one.B @ values)
     left = one.weight * (one.y - one.A @ values - one.J @ motion)
     g, own = one.J * left[:, None], one.free(one.A) * left[:, None]
     return tile_sums(one.tile, g), tile_sums(one.tile, own)
@@ -192,7 +196,7 @@ def fitted_motion(views: Sequence[PosedImage]) -> tuple[np.ndarray, np.ndarray, 
     bounce = any(view.target.bounce.any() for view in views)
     columns = replace(NO_ERRORS, bias=True, bounce=bounce)
     precision = np.concatenate([np.repeat(_PRIOR, [3, 3, 1]) ** -2.0, columns.precision])
-    values, eye = np.zeros(len(precision)), np.eye(len(precision))
+    values = np.zeros(len(precision))
     for _ in range(_STEPS):
         seen = [
             replace(
@@ -211,13 +215,14 @@ def fitted_motion(views: Sequence[PosedImage]) -> tuple[np.ndarray, np.ndarray, 
         ]
         J, left = (np.concatenate([part[k] for part in parts]) for k in (0, 2))
         weight = np.concatenate([one.weight for _, one, _ in parts])
-        weights = np.concatenate([weight, precision])
-        step = damped_step(np.vstack([J, eye]), weights, np.concatenate([left, -values]), 0.0)
+        normal, right = weighted_equations(J.T, weight, left)
+        normal += np.diag(precision)
+        step = np.linalg.solve(normal, right - precision * values)
         step[:6] = clamped(step[:6])
         values = values + step
         if np.abs(step).max() < _LEAST_STEP:
             break
-    inverse = np.linalg.inv(information(J, weight) + np.diag(precision))
+    inverse = np.linalg.inv(normal)
     # Errors within a tile are not independent.
     pulls = (tile_sums(one.tile, J * (one.weight * y)[:, None]) for J, one, y in parts)
     score = np.vstack([*pulls])

@@ -4,10 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.poses import weighted_equations
 from flexx2_sim_ros.recording.truth import plane_axes
 from flexx2_sim_ros.truth.plane_file import Angle, Measured
 from flexx2_sim_ros.truth.plane_finding import ImagePlane
-from flexx2_sim_ros.truth.solver import damped_step
 import numpy as np
 
 # Standard deviations of a plane without measurements: metres, radians. They are large, because a
@@ -109,10 +109,9 @@ def settle(placed: PlacedPlanes, constraints: Constraints) -> tuple[PlacedPlanes
     stiff = _GIVES_WAY * np.tile([FREE_OFFSET, _FITTED_TILT, _FITTED_TILT], count) ** -2.0
     change = np.zeros(len(stiff))
     for _ in range(_ITERATIONS):
-        J = np.vstack([-_slope(errors(placed), change), -np.eye(len(stiff))])
-        left = np.concatenate([errors(placed)(change), change])
-        weight = np.concatenate([np.ones(len(left) - len(stiff)), stiff])
-        change = change + damped_step(J, weight, left, 0.0)
+        slope, left = _slope(errors(placed), change), errors(placed)(change)
+        normal, right = weighted_equations(slope.T, np.ones(len(left)), left)
+        change = change - np.linalg.solve(normal + np.diag(stiff), right + stiff * change)
     moved = placed.moved(change)
     free = np.tile([FREE_OFFSET, FREE_TILT, FREE_TILT], count) ** -2.0
     # The parameters are relative to the present planes.

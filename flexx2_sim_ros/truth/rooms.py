@@ -9,10 +9,10 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from flexx2_sim_ros.config_file import is_regular_file
 from flexx2_sim_ros.errors import InputError, one_sentence, shown_path
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.rendering.model_cameras import VISIBLE_GROUPS
 from flexx2_sim_ros.rendering.rays import exact_for_rays
 from flexx2_sim_ros.rendering.scenes import read_model, reflectivity_table
-from flexx2_sim_ros.truth.poses import Pose
 import mujoco
 import numpy as np
 import trimesh

@@ -6,9 +6,9 @@ import math
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.truth.alignment import align, AlignedPose, choose
 from flexx2_sim_ros.truth.observation import Observation
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.rooms import load_room
 import numpy as np
 from scipy.spatial.transform import Rotation

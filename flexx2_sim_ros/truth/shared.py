@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from flexx2_sim_ros.truth.alignment import ErrorColumns, LENS, Linear, PosedImage
-from flexx2_sim_ros.truth.joint import reduced, Solution, solve
+from flexx2_sim_ros.truth.joint import reduced, shared_equations, Solution, solve
 import numpy as np
 
 # Periods that are tried, metres: c/16f of 100 MHz to c/2f of 40 MHz.
@@ -213,7 +213,7 @@ def _gains(solution: Solution, periods: np.ndarray) -> np.ndarray:
     equations = [
         replace(_thin(view), columns=columns, values=values).linear for view in solution.views
     ]
-    S, s = reduced(equations, columns)
+    S, s = reduced(shared_equations(equations, columns), columns)
     S -= np.diag(np.isin(np.arange(len(s)), waves) * columns.precision)
     own = np.setdiff1d(np.arange(len(s)), waves)
     present = np.linalg.solve(S[np.ix_(own, own)], np.column_stack([S[own], s[own]]))

@@ -2,6 +2,7 @@
 
 from typing import Protocol, Self, TypeVar
 
+from flexx2_sim_ros.physics.poses import weighted_equations
 import numpy as np
 
 # The standard deviation of normally distributed errors whose median absolute value is 1.
@@ -55,15 +56,10 @@ def damped_step(
     damping: float,
 ) -> np.ndarray:
     """Return the (k,) step of (N, k) slopes, (N,) weights and residuals."""
-    H, g = information(J, weight), J.T @ (weight * residual)  # noqa: N806
+    H, g = weighted_equations(J.T, weight, residual)  # noqa: N806
     if not damping:
         return np.asarray(np.linalg.lstsq(H, g, None)[0])
     return np.asarray(np.linalg.solve(H + damping * np.diag(np.diag(H) + 1e-9), g))
-
-
-def information(J: np.ndarray, weight: np.ndarray) -> np.ndarray:  # noqa: N803
-    """Return the (k, k) normal equations of (N, k) slopes."""
-    return np.asarray((J * weight[:, None]).T @ J)
 
 
 def tile_sums(tile: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -9,10 +9,10 @@ from pathlib import Path
 from flexx2_sim_ros.config_file import is_regular_file
 from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.messages.decoding import stamp_nanoseconds
+from flexx2_sim_ros.physics.poses import Pose
 from flexx2_sim_ros.recording import bag_messages
 from flexx2_sim_ros.recording.bag_files import Bag
 from flexx2_sim_ros.recording.opening import BAG_FILES, is_bag
-from flexx2_sim_ros.truth.poses import Pose
 from flexx2_sim_ros.truth.transforms import FARTHEST, listed, pose_of, transforms_between
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
+from flexx2_sim_ros.physics.poses import least_certain
 from flexx2_sim_ros.truth.alignment import GRAZING, PosedImage
 from flexx2_sim_ros.truth.joint import Solution
-from flexx2_sim_ros.truth.poses import least_certain
 from flexx2_sim_ros.truth.registration import MOST_METRES, Registered, strays, TOLD
 from flexx2_sim_ros.truth.solver import robust_sigma, tile_sums
 import numpy as np

@@ -10,6 +10,7 @@ import math
 
 from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.data.frames import surface_of
+from flexx2_sim_ros.physics.poses import ray_slopes
 from flexx2_sim_ros.profiles.sensor import Sensor
 import numpy as np
 
@@ -125,17 +126,9 @@ def _slopes(
     turn: bool,
     K: np.ndarray,  # noqa: N803
 ) -> np.ndarray:
-    # (6, N) as in `Jumps`. A point X is at X - t - w x X, seen from a camera moved by t and turned
-    # by w.
+    # (6, N) as in `Jumps`.
     v, u = np.unravel_index(across[:, across.shape[1] // 2 - 1], clean.shape)
-    z = clean[v, u]
     x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
-    none, one = np.zeros_like(x), np.ones_like(x)
-    degree = math.radians(1)
-    du = K[0, 0] * np.stack(
-        [-one / z, none, x / z, degree * x * y, -degree * (one + x * x), degree * y]
-    )
-    dv = K[1, 1] * np.stack(
-        [none, -one / z, y / z, degree * (one + y * y), -degree * x * y, -degree * x]
-    )
+    du, dv = ray_slopes(x, y, clean[v, u], math.radians(1))
+    du, dv = K[0, 0] * du, K[1, 1] * dv
     return np.asarray(sign * dv - tilt * du if turn else sign * du - tilt * dv)

@@ -12,6 +12,7 @@ from flexx2_sim_ros.gap.data.prior import free_planes
 from flexx2_sim_ros.gap.data.unknown import margin
 from flexx2_sim_ros.physics.frame_state import FrameState, Memory, SPEED_OF_LIGHT
 from flexx2_sim_ros.physics.geometry import ray_length
+from flexx2_sim_ros.physics.poses import depth_slopes, weighted_equations
 from flexx2_sim_ros.physics.surface import tangents
 from flexx2_sim_ros.profiles.sensor import Sensor
 from flexx2_sim_ros.recording.opening import BAG_FILES
@@ -194,10 +195,8 @@ def _reweighted_least_squares(
     scale, shrink, last = REGISTRATION.scales
     for _ in range(REGISTRATION.iterations):
         weight = 1 / (1 + ((b - coefficients @ A) / scale) ** 2)
-        root = np.sqrt(weight)
-        rooted = A * root  # Times its own transpose, it is half the work.
-        normal = rooted @ rooted.T
-        coefficients = np.linalg.solve(normal + ridge, rooted @ (root * b))
+        normal, right = weighted_equations(A, weight, b)
+        coefficients = np.linalg.solve(normal + ridge, right)
         scale = max(shrink * scale, last)
     return coefficients, weight, normal
 
@@ -226,8 +225,7 @@ def pose_columns(depth: np.ndarray, K: np.ndarray, sensor: Sensor) -> np.ndarray
     Return how depth, (H, W) float32 metres, changes with a small motion of the camera.
 
     The result is (6, ceil(H / 2), ceil(W / 2)) of every other row and column: metres per metre and
-    per degree. A plane n . X = 1, seen from a camera moved by t and turned by w, has the depth z -
-    z n . t - z^2 w . (ray x n).
+    per degree; see `depth_slopes`.
     """
     inverse, across, down = tangents(depth, sensor)
     here, across, down = inverse[2:-2:2, 2:-2:2], across[::2, ::2], down[::2, ::2]
@@ -237,9 +235,7 @@ def pose_columns(depth: np.ndarray, K: np.ndarray, sensor: Sensor) -> np.ndarray
     n = np.stack([K[0, 0] * across, K[1, 1] * down, here - u * across - v * down])
     ray = np.stack([u / K[0, 0], v / K[1, 1], np.ones_like(u)])
     with np.errstate(divide='ignore', invalid='ignore'):
-        z = 1 / here
-        turn = np.cross(ray, n, axis=0) * math.radians(1)
-        return np.concatenate([-z * n, -(z**2) * turn])
+        return depth_slopes(ray, n, 1 / here, math.radians(1))
 
 
 def pose_effects(index: int, sign: int, size: float | None = None) -> tuple[PoseError]:

@@ -8,6 +8,7 @@ from flexx2_sim_ros.gap.calibration.data import REGISTRATION
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.forms.bias import Form, hats
 from flexx2_sim_ros.gap.forms.samples import Samples
+from flexx2_sim_ros.physics.poses import weighted_equations
 import numpy as np
 from scipy.linalg import block_diag
 
@@ -235,10 +236,8 @@ def _robust_weights(samples: Samples) -> np.ndarray:
     centre[: len(own)] = ridge * start
     weight = np.ones(len(target))
     for _ in range(FORMS.iterations):
-        root = np.sqrt(weight)
-        rooted = A * root  # Times its own transpose, it is half the work.
-        normal = rooted @ rooted.T + np.diag(prior)
-        weight = _cauchy(target - np.linalg.solve(normal, rooted @ (root * target) - centre) @ A)
+        normal, right = weighted_equations(A, weight, target)
+        weight = _cauchy(target - np.linalg.solve(normal + np.diag(prior), right - centre) @ A)
     return weight
 
 

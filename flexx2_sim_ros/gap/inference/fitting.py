@@ -13,13 +13,12 @@ from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.model import combine, Model
 from flexx2_sim_ros.gap.inference.normal_equations import (
     cauchy_weights,
-    eliminate_nuisances,
     leave_one_out_steps,
     normal_equations,
-    SharedEquations,
     solve,
     solve_given_last,
 )
+from flexx2_sim_ros.physics.poses import eliminate_nuisances, SharedEquations
 import numpy as np
 
 

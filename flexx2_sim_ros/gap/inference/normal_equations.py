@@ -2,12 +2,11 @@
 Weighted normal equations: values that recordings share, and nuisances of each recording's own.
 
 Arrays have these axes: R recordings, S shared values, N nuisances of each recording (its pose
-error, its brightness, its edges) and F features.
+error, its brightness, its edges) and F features. `physics.poses` eliminates the nuisances.
 """
 
-from dataclasses import dataclass
-
 from flexx2_sim_ros.gap.calibration.inference import LOSS
+from flexx2_sim_ros.physics.poses import SharedEquations
 import numpy as np
 
 
@@ -37,50 +36,6 @@ def normal_equations(
     normal = (weighted @ design.transpose(0, 2, 1)).astype(float)
     right = (weighted @ residual[..., None])[..., 0].astype(float)
     return normal, right
-
-
-@dataclass
-class SharedEquations:
-    """
-    Each recording's equations for the shared values alone, its nuisances eliminated.
-
-    `normal`, (R, S, S), and `right`, (R, S), summed over recordings are the equations of the
-    shared values. Of the nuisances' own block there are the `inverse`, (R, N, N), the block
-    `mixed` with the shared values, (R, N, S), and the right side, (R, N).
-    """
-
-    normal: np.ndarray
-    right: np.ndarray
-    inverse: np.ndarray
-    mixed: np.ndarray
-    nuisance_right: np.ndarray
-
-    def nuisance_step(self, step: np.ndarray) -> np.ndarray:
-        """Return by how much the nuisances change, (R, N), with the shared values' step (S,)."""
-        return np.asarray(
-            (self.inverse @ (self.nuisance_right - self.mixed @ step)[..., None])[..., 0]
-        )
-
-
-def eliminate_nuisances(normal: np.ndarray, right: np.ndarray, shared: int) -> SharedEquations:
-    """
-    Eliminate each recording's nuisances by the Schur complement.
-
-    `normal` is (R, S + N, S + N), `right` (R, S + N), with the S `shared` values first. The matrix
-    of all parameters is an arrow: nuisances of different recordings have nothing in common. So
-    each recording is reduced alone, as in bundle adjustment: Triggs et al., Bundle adjustment - a
-    modern synthesis, 2000, section 6.
-    """
-    inverse = np.linalg.inv(normal[:, shared:, shared:])
-    across = normal[:, :shared, shared:] @ inverse
-    mixed = normal[:, shared:, :shared]
-    return SharedEquations(
-        normal[:, :shared, :shared] - across @ mixed,
-        right[:, :shared] - (across @ right[:, shared:, None])[..., 0],
-        inverse,
-        mixed,
-        right[:, shared:],
-    )
 
 
 def solve(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
