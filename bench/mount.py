@@ -38,7 +38,7 @@ def views(folder, effects):
     out = []
     for i in range(WALKS):
         path = folder / 'in' / f'{i}.npz'
-        poses = tuple(tuple(Pose(*pose).numbers()) for pose in camera.poses(i))
+        poses = tuple(Pose(*pose) for pose in camera.poses(i))
         where = Registered(poses, (0.0,) * FRAMES, True)
         out += views_of((i, GivenRecording(path, request), where))
     return out

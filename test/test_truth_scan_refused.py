@@ -180,7 +180,7 @@ def test_one_recording_that_fits_by_chance_does_not_make_it_the_room(fitting, st
         RoomFit(state, (), part, 0.01, (0.001, 0.1))
         for state, part in zip(states.split(), fitting, strict=True)
     ]
-    registered = [Registered(((0.0,) * 7,), (0.1,), False, 1.0)] * len(verdicts)
+    registered = [Registered((None,), (0.1,), False, 1.0)] * len(verdicts)
     if wrong:
         with pytest.raises(InputError, match='must be the room of the recordings'):
             check_room(Path('room.ply'), False, registered, verdicts)

@@ -44,8 +44,8 @@ class BoardPoses:
     """The poses of the camera in the frame of the board in a recording."""
 
     moving: bool = False
-    # As `Pose.numbers`: one, or one a frame if it moves; None where the board is not found.
-    poses: tuple[tuple[float, ...] | None, ...] = ()
+    # One, or one a frame if it moves; None where the board is not found.
+    poses: tuple[Pose | None, ...] = ()
     covariances: tuple[np.ndarray, ...] = ()  # (6, 6) of the motions of those that are found
     blur: float = 0.0  # median, as of `GrayFit`
     contrast: float = 0.0
@@ -60,19 +60,18 @@ class BoardSurfaces(Surfaces):
 
     def truth(self, footage: Footage) -> GroundTruth:
         """Return the board in each frame, or in the median of a still recording."""
-        number = next(i for i, one in enumerate(self.placed.poses) if one is not None)
+        poses = self.placed.poses
+        number, pose = next((i, one) for i, one in enumerate(poses) if one is not None)
         cleans = []
-        for i, (frame, numbers) in enumerate(
-            zip(footage.images(), self.placed.poses, strict=True)
-        ):
-            if numbers is None:
+        for i, (frame, there) in enumerate(zip(footage.images(), poses, strict=True)):
+            if there is None:
                 nothing = unknown(frame)
                 cleans.append(replace(nothing, reflectivity=nothing.depth))
                 continue
-            whole = self._clean(frame, Pose.from_numbers(numbers))
+            whole = self._clean(frame, there)
             cleans.append(without_hidden(whole, frame))
             if i == number:
-                image, clean, pose = frame, whole, Pose.from_numbers(numbers)
+                image, clean = frame, whole
         covariance = np.asarray(np.mean(self.placed.covariances, axis=0))
         known = cleans[number].known if cleans[number].known.any() else clean.known
         points = image.directions[known] * clean.depth[known, None]
@@ -120,7 +119,7 @@ def place_board(given: GivenRecording, target: Printed) -> BoardPoses:
     reasons = [fit for fit in found if isinstance(fit, str)]
     return BoardPoses(
         moving,
-        tuple(None if isinstance(fit, str) else tuple(fit.pose.numbers()) for fit in found),
+        tuple(None if isinstance(fit, str) else fit.pose for fit in found),
         tuple(fit.covariance for fit in fits),
         float(np.median([fit.blur for fit in fits])) if fits else 0.0,
         float(np.median([fit.contrast for fit in fits])) if fits else 0.0,
@@ -157,7 +156,7 @@ def _judged(image: Observation, clean: Clean, pose: Pose, plane: np.ndarray) -> 
 class BoardSource:
     """A printed board; see `Source`."""
 
-    kind, step, kinds, lit = 'board', 'finding the board', (BoardPoses,), False
+    kind, step, kinds, lit = 'board', 'finding the board', (BoardPoses, Pose), False
     unread = {'motion': 'still', 'frames': 1, 'fitting': 0.0}
     place = staticmethod(place_board)
 

@@ -35,7 +35,7 @@ _PATCH, _LEAST_PATCHES = 8, 10  # pixels; ASSUMED
 class RoomSurfaces(Surfaces):
     """A room in a recording, each frame at its stamp."""
 
-    pose: tuple[float, ...]  # of a still recording, from the joint fit; see `Pose.numbers`
+    pose: Pose  # of a still recording, from the joint fit
     columns: ErrorColumns  # the errors that all recordings share
     values: tuple[float, ...]  # their coefficients
     covariance: np.ndarray  # (6, 6) of the pose
@@ -45,7 +45,7 @@ class RoomSurfaces(Surfaces):
     def at(self, footage: Footage, number: int) -> Clean | None:
         """Return the room from the pose of a frame."""
         pose = self.placed.poses[number] if self.placed.moving else self.pose
-        return self.render(Pose.from_numbers(pose), footage) if np.isfinite(pose).all() else None
+        return None if pose is None else self.render(pose, footage)
 
     def render(self, pose: Pose, footage: Footage) -> Clean:
         """Return the room from a pose."""
@@ -57,9 +57,7 @@ class RoomSurfaces(Surfaces):
         if self.placed.moving:
             cleans = self._of_frames(footage)
         else:
-            cleans = [
-                without_hidden(self.render(Pose.from_numbers(self.pose), footage), footage.still)
-            ]
+            cleans = [without_hidden(self.render(self.pose, footage), footage.still)]
         rough = roughness(cleans[0], footage.still)
         accuracy = {'pose_covariance': self.covariance}
         return GroundTruth(cleans, footage.still, accuracy, found=rough)
@@ -96,8 +94,7 @@ class RoomSurfaces(Surfaces):
 
     def _pose_of(self, footage: Footage, frame: Observation, number: int) -> Pose:
         # The pose is fitted again, with the shared errors subtracted.
-        request, numbers = self.given.request, self.placed.poses[number]
-        pose = Pose.from_numbers(numbers if np.isfinite(numbers).all() else self.pose)
+        request, pose = self.given.request, self.placed.poses[number] or self.pose
         if not self.values or self.placed.given is not None:
             return pose
         view = view_of(request.room, frame, _PIXELS, pose)
@@ -131,7 +128,7 @@ def roughness(clean: Clean, image: Observation) -> float:
 class RoomSource:
     """A room, from a mesh or a MuJoCo model; see `Source`."""
 
-    kind, step, kinds, lit = 'scan', 'registering', (Registered, ClockOffset), True
+    kind, step, kinds, lit = 'scan', 'registering', (Registered, ClockOffset, Pose), True
     unread = {'motion': 'unknown', 'frames': 0, 'fitting': 0.0}
     place = staticmethod(register)
 
@@ -213,9 +210,9 @@ class RoomSource:
         mine = [k for k, view in enumerate(solution.views) if view.recording == number]
         covariance, late = where.given, 0.0
         if covariance is not None:
-            pose = next(pose for pose in where.poses if np.isfinite(pose).all())
+            pose = next(one for one in where.poses if one is not None)
         elif self.fits[number].state != 'refused' and mine:
-            pose = tuple(solution.views[mine[0]].pose.numbers())
+            pose = solution.views[mine[0]].pose
             covariance = np.mean([solution.full_covariance(k) for k in mine], axis=0)
             late = self.late or 0.0
         else:
@@ -250,7 +247,7 @@ class RoomSource:
             row |= {'verdict': 'refused', 'reasons': (nothing, *row['reasons'])}
         left = fit.residual
         return row | {
-            'pose': [round(value, 6) for value in self.surfaces[number].pose],
+            'pose': [round(value, 6) for value in self.surfaces[number].pose.numbers()],
             'pose_sigma_mm': round(fit.deviation[0] * 1e3, 3),
             'pose_sigma_deg': round(fit.deviation[1], 4),
             'residual_mm': round(left * 1e3, 3) if np.isfinite(left) else None,

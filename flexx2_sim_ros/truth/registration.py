@@ -34,7 +34,6 @@ LOST = 0.6
 # Cost above which the mirror image of the room is tried as well.
 _SUSPECT = 0.12
 _STANDS = 0.03, math.radians(1.5)  # metres, radians: noise of the poses of a camera that stands
-_NOWHERE = (math.nan,) * 7
 _PLAIN = 0.5  # reflectivity where it is unknown
 _MOST_BOUNCE = 0.3  # metres: more is another surface, behind an edge
 MOST_METRES = 0.01  # standard deviation of a pose that is held by what its camera sees
@@ -50,7 +49,7 @@ _NOT_HELD = (
 class Registered:
     """The poses of a recording, each frame fitted by itself."""
 
-    poses: tuple[tuple[float, ...], ...]  # one, or one a frame if it moves; see `Pose.numbers`
+    poses: tuple[Pose | None, ...]  # one, or one a frame if it moves; None where none is given
     costs: tuple[float, ...]  # mean truncated residual of each
     moving: bool
     rival: float = math.inf  # cost of the best other pose
@@ -86,17 +85,15 @@ def register(recording: GivenRecording, guess: tuple[float, ...] | None) -> Regi
         motion = 'moving'
     footage = observe(reader, request.profile, motion)
     told = [None] * len(reader.stamp_ns) if given is None else _told(given, footage)
-    as_told: tuple[tuple[float, ...], ...] = ()
-    # Where the given poses are in the room and of a known clock.
-    if given and not given.source.relative and given.source.clock_offset is not None:
-        as_told = tuple(_NOWHERE if pose is None else tuple(pose.numbers()) for pose in told)
+    # Whether the given poses are in the room and of a known clock.
+    usable = given and not given.source.relative and given.source.clock_offset is not None
     if given is not None and given.told:
-        if not as_told:
+        if not usable:
             raise InputError(
                 f'{given.told}: must be given with poses in the room and --clock-offset SECONDS'
             )
         covariance = given.covariance(given.theirs(reader.stamp_ns))
-        return _as_given(as_told, footage.moving, covariance)
+        return _as_given(told, footage.moving, covariance)
     first, start = 0, None if guess is None else Pose.from_numbers(guess)
     if start is None and given is not None and not given.source.relative:
         first, start = next(((i, one) for i, one in enumerate(told) if one is not None), (0, None))
@@ -113,13 +110,13 @@ def register(recording: GivenRecording, guess: tuple[float, ...] | None) -> Regi
     distance = None if given is None or given.source.relative else _distance(told, fits)
     # Where a camera is lost in most frames, it may end near the given poses by chance.
     astray = strays(distance) or np.median([one.cost for one in fits]) > LOST
-    if as_told and astray and not _held(request.room, footage, fits):
+    if usable and astray and not _held(request.room, footage, fits):
         # What a camera of few pixels sees may not hold its pose.
         seconds = time.perf_counter() - begin
-        assumed = _as_given(as_told, footage.moving, covariance_of(ASSUMED))
+        assumed = _as_given(told, footage.moving, covariance_of(ASSUMED))
         return replace(assumed, seconds=seconds, why=_NOT_HELD)
     return Registered(
-        tuple(tuple(one.pose.numbers()) for one in fits),
+        tuple(one.pose for one in fits),
         tuple(one.cost for one in fits),
         footage.moving,
         found.rival,
@@ -130,11 +127,9 @@ def register(recording: GivenRecording, guess: tuple[float, ...] | None) -> Regi
     )
 
 
-def _as_given(
-    poses: tuple[tuple[float, ...], ...], moving: bool, covariance: np.ndarray
-) -> Registered:
-    costs = tuple(0.0 if np.isfinite(one).all() else math.inf for one in poses)
-    return Registered(poses, costs, moving, given=covariance)
+def _as_given(poses: Sequence[Pose | None], moving: bool, covariance: np.ndarray) -> Registered:
+    costs = tuple(math.inf if one is None else 0.0 for one in poses)
+    return Registered(tuple(poses), costs, moving, given=covariance)
 
 
 def _held(room: Path, footage: Footage, fits: Sequence[AlignedPose]) -> bool:
@@ -256,8 +251,10 @@ def views_of(job: tuple[int, GivenRecording, Registered]) -> list[PosedImage]:
     footage = given.footage(where.moving)
     out = []
     for frame, image in _key_frames(footage, where.costs).items():
+        pose = where.poses[frame]
+        assert pose is not None  # Or it would be lost.
         view = replace(
-            view_of(given.request.room, image, _PIXELS, Pose.from_numbers(where.poses[frame])),
+            view_of(given.request.room, image, _PIXELS, pose),
             recording=number,
             uptime=given.since_start,
             speed=_speed(where, footage.reader.stamp_ns, frame),
@@ -269,10 +266,9 @@ def views_of(job: tuple[int, GivenRecording, Registered]) -> list[PosedImage]:
 def _speed(where: Registered, stamp_ns: np.ndarray, number: int) -> np.ndarray:
     # The motion of the camera per second around a frame.
     first, last = max(number - 1, 0), min(number + 1, len(where.poses) - 1)
-    numbers = np.array([where.poses[first], where.poses[last]])
-    if first == last or not np.isfinite(numbers).all():
+    one, other = where.poses[first], where.poses[last]
+    if first == last or one is None or other is None:
         return np.zeros(6)
-    one, other = map(Pose.from_numbers, numbers)
     return one.motion_to(other) * 1e9 / (stamp_ns[last] - stamp_ns[first])
 
 
