@@ -177,10 +177,10 @@ def test_a_missing_board_is_reported_with_the_reason(tmp_path, capsys, arrays, w
     ('changes', 'words'),
     [
         ({'tag': 0.2}, 'width: must be at least 0.66 m'),
-        ({'tag': 115}, 'tag: must be a number, 0.01 to 2'),
+        ({'tag': 115}, 'tag: must be a number from 0.01 to 2'),
         ({'columns': 2.5}, 'columns: must be a whole number'),
         ({'dictionary': 'DICT_7X7'}, 'dictionary: must be one of'),
-        ({'colour': 'red'}, 'target: must have the fields'),
+        ({'colour': 'red'}, 'target.colour: must be one of'),
         ({'gap': 0.005}, 'gap: must be at least half a module'),
         ({'first_id': 48}, 'first_id: must be at most 44'),
     ],

@@ -1,6 +1,5 @@
 """Printed targets: rows of square tags on a sheet of paper, as YAML, as an image and as a PDF."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from io import BytesIO
 import math
@@ -9,7 +8,7 @@ from typing import Any
 
 from flexx2_sim_ros.config_file import read_section
 from flexx2_sim_ros.errors import InputError, shown, shown_path
-from flexx2_sim_ros.profiles.section import is_number
+from flexx2_sim_ros.profiles.section import Section
 from flexx2_sim_ros.truth.printed import square_corners, Tagged
 from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
@@ -51,23 +50,7 @@ class Target(Tagged):
     scale_error: float = 0.001
 
     def __post_init__(self) -> None:
-        """Check that the target can be printed and found."""
-        for name, (low, high) in _LIMITS.items():
-            value, whole = getattr(self, name), name in _WHOLE
-            good = is_number(value) and (isinstance(value, int) or not whole)
-            if not (good and low <= value <= high):
-                kind = 'a whole number' if whole else 'a number'
-                raise InputError(
-                    f'{name}: must be {kind}, {low:g} to {high:g}, got {shown(value)}'
-                )
-        if self.dictionary not in DICTIONARIES:
-            raise InputError(
-                f'dictionary: must be one of {", ".join(DICTIONARIES)}, got '
-                f'{shown(self.dictionary)}'
-            )
-        self._check_size()
-
-    def _check_size(self) -> None:
+        """Check that the tags fit on the sheet and can be found."""
         for name, side, count in (
             ('width', self.width, self.columns),
             ('height', self.height, self.rows),
@@ -126,12 +109,12 @@ class Target(Tagged):
         return yaml.safe_dump({'schema': 1, 'target': asdict(self)}, sort_keys=False)
 
 
-_WHOLE = {'columns', 'rows', 'first_id'}
+_WHOLE = {'columns': (1, 50), 'rows': (1, 50), 'first_id': (0, 1000)}
 _LIMITS = {
-    'columns': (1, 50), 'rows': (1, 50), 'first_id': (0, 1000), 'tag': (0.01, 2.0),
-    'gap': (0.001, 2.0), 'width': (0.02, 5.0), 'height': (0.02, 5.0), 'white': (0.01, 1.0),
-    'black': (0.0, 1.0), 'flatness': (0.0, 0.05), 'scale_error': (0.0, 0.05),
+    'tag': (0.01, 2.0), 'gap': (0.001, 2.0), 'width': (0.02, 5.0), 'height': (0.02, 5.0),
+    'white': (0.01, 1.0), 'black': (0.0, 1.0), 'flatness': (0.0, 0.05), 'scale_error': (0.0, 0.05),
 }  # fmt: skip
+_NEEDED = 'tag', 'gap', 'width', 'height', 'columns', 'rows'
 
 
 def _coverage(start: float, module: float, count: int, size: int, step: float) -> np.ndarray:
@@ -152,21 +135,18 @@ def target_of(sheet: str) -> Target:
 
 def read_target(path: Path) -> Target:
     """Read ``target.yaml``; raises `InputError` for one that cannot be read, printed or found."""
-    values: Mapping[str, Any] = read_section(path, 'target', dict)
-    names = [field.name for field in fields(Target)]
-    unknown = [name for name in values if name not in names]
-    if unknown:
-        raise InputError(
-            f'{shown_path(path)}: target: must have the fields {", ".join(names)}, got '
-            f'{shown(unknown[0])}'
-        )
-    for name in ('tag', 'gap', 'width', 'height', 'columns', 'rows'):
-        if name not in values:
-            raise InputError(f'{shown_path(path)}: {name}: must be given, got none')
+    file, content = f'{shown_path(path)}: ', read_section(path, 'target', dict)
+    row = Section(file, 'target', content, _NEEDED, tuple(one.name for one in fields(Target)))
+    values: dict[str, Any] = {
+        name: row.whole(name, *_WHOLE[name]) for name in _WHOLE if row.has(name)
+    }
+    values |= {name: row.number(name, *_LIMITS[name]) for name in _LIMITS if row.has(name)}
+    if row.has('dictionary'):
+        values['dictionary'] = row.one_of('dictionary', DICTIONARIES)
     try:
         return Target(**values)
     except InputError as error:
-        raise InputError(f'{shown_path(path)}: {error}') from error
+        raise InputError(f'{file}{error}') from error
 
 
 def draw_pdf(target: Target) -> bytes:
