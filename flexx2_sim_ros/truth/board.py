@@ -29,6 +29,7 @@ _ROUGH_STEPS, _STEPS = 10, 25
 _TILT, _SAME = np.radians(15), np.radians(3)
 _SMALL_TAG = 16  # pixels
 _MOST_SQUARES, _LEAST, _LARGEST = 50, 0.002, 1.0  # metres. ASSUMED
+_KALIBR = 'aprilgrid', 'checkerboard', 'circlegrid'
 _FORMS = (
     'chessboard:9x6:0.03 (inner corners, metres), charuco:5x7:0.04:0.03:DICT_5X5_100, '
     'circles:7x6:0.03:0.015 or acircles:4x11:0.02:0.015 (circles, distance, diameter)'
@@ -198,13 +199,13 @@ def read_board(given: str | Path) -> Printed:
     if 'target_type' not in content:
         return read_target(path)
     kind = content['target_type']
-    if kind not in _OF_KALIBR:
+    if kind not in _KALIBR:
         raise InputError(
-            f'{shown_path(path)}: target_type: must be one of {", ".join(_OF_KALIBR)}, got '
+            f'{shown_path(path)}: target_type: must be one of {", ".join(_KALIBR)}, got '
             f'{shown(kind)}'
         )
     try:
-        return _OF_KALIBR[kind](content)
+        return _of_kalibr(kind, content)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f'{shown_path(path)}: must be a target of Kalibr, got {error}') from None
 
@@ -248,24 +249,19 @@ def _circles(size: str, square: Any, diameter: str = '', asymmetric: bool = Fals
     return board
 
 
-def _april_grid(content: dict[str, Any]) -> Printed:
-    tag = _metres(content['tagSize'])
-    columns, rows = _count(content['tagCols']), _count(content['tagRows'])
-    return AprilGrid(columns, rows, tag, gap=_metres(tag * float(content['tagSpacing'])))
-
-
-def _kalibr_chessboard(content: dict[str, Any]) -> Printed:
+def _of_kalibr(kind: str, content: dict[str, Any]) -> Printed:
+    if kind == 'aprilgrid':
+        tag = _metres(content['tagSize'])
+        columns, rows = _count(content['tagCols']), _count(content['tagRows'])
+        return AprilGrid(columns, rows, tag, gap=_metres(tag * float(content['tagSpacing'])))
+    size = f'{content["targetCols"]}x{content["targetRows"]}'
+    if kind == 'circlegrid':  # Kalibr does not say how large its circles are.
+        asymmetric = bool(content['asymmetricGrid'])
+        return _circles(size, content['spacingMeters'], asymmetric=asymmetric)
     across, down = (_metres(content[f'{name}SpacingMeters']) for name in ('col', 'row'))
     if across != down:
         raise ValueError(f'squares of {across:g} x {down:g} m')
-    return _chessboard(f'{content["targetCols"]}x{content["targetRows"]}', across)
-
-
-def _kalibr_circles(content: dict[str, Any]) -> Printed:
-    # Kalibr does not say how large its circles are.
-    size = f'{content["targetCols"]}x{content["targetRows"]}'
-    asymmetric = bool(content['asymmetricGrid'])
-    return _circles(size, content['spacingMeters'], asymmetric=asymmetric)
+    return _chessboard(size, across)
 
 
 _MAKERS: dict[str, Callable[..., Printed]] = {
@@ -273,9 +269,4 @@ _MAKERS: dict[str, Callable[..., Printed]] = {
     'charuco': _charuco,
     'circles': _circles,
     'acircles': partial(_circles, asymmetric=True),
-}
-_OF_KALIBR: dict[str, Callable[[dict[str, Any]], Printed]] = {
-    'aprilgrid': _april_grid,
-    'checkerboard': _kalibr_chessboard,
-    'circlegrid': _kalibr_circles,
 }
