@@ -114,9 +114,10 @@ class AlignedPixels:
     tile: np.ndarray  # numbers of blocks of 8 x 8; errors within one are not independent
     bounce: np.ndarray  # simulated depth error by light that bounced once, metres
 
-    def picked(self, use: np.ndarray) -> 'AlignedPixels':
-        """Return the pixels that an (N,) bool array picks."""
-        values = {name: value[use] for name, value in vars(self).items() if name != 'wraps'}
+    def thinned(self, most: int) -> 'AlignedPixels':
+        """Return about so many of the pixels."""
+        step = max(len(self.depth) // most, 1)
+        values = {name: one[::step] for name, one in vars(self).items() if name != 'wraps'}
         return replace(self, **values)
 
 

@@ -211,7 +211,10 @@ def _gains(solution: Solution, periods: np.ndarray) -> np.ndarray:
     values = np.insert(solution.values, first, np.zeros(len(waves)))
     columns = replace(solution.columns, periods=(*solution.columns.periods, *periods.tolist()))
     equations = [
-        replace(_thin(view), columns=columns, values=values).linear for view in solution.views
+        replace(
+            view, target=view.target.thinned(_SCAN_PIXELS), columns=columns, values=values
+        ).linear
+        for view in solution.views
     ]
     S, s = reduced(shared_equations(equations, columns), columns)
     S -= np.diag(np.isin(np.arange(len(s)), waves) * columns.precision)
@@ -224,13 +227,6 @@ def _gains(solution: Solution, periods: np.ndarray) -> np.ndarray:
     amplitudes = np.linalg.solve(blocks + 1e-9 * np.eye(2), rest[..., None])[..., 0]
     noise = _noise([(one, one.A[:, own]) for one in equations], present[:k, -1])
     return np.asarray(np.einsum('cp,cp->c', amplitudes, rest) / noise)
-
-
-def _thin(view: PosedImage) -> PosedImage:
-    # With fewer pixels.
-    use = np.zeros(len(view.target.depth), bool)
-    use[:: max(len(use) // _SCAN_PIXELS, 1)] = True
-    return replace(view, target=view.target.picked(use))
 
 
 def _noise(equations: Sequence[tuple[Linear, np.ndarray]], values: np.ndarray) -> float:

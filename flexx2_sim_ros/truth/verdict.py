@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import math
 from pathlib import Path
 
 from flexx2_sim_ros.errors import InputError
@@ -36,10 +37,10 @@ class RoomFit:
 
     state: str  # used, doubtful or refused
     reasons: tuple[str, ...]  # why it is doubtful or refused
-    fitting: float  # fraction of its pixels that fit the room
-    residual: float  # median of the absolute residual, metres
+    fitting: float = 0.0  # fraction of its pixels that fit the room
+    residual: float = math.inf  # median of the absolute residual, metres
     # Standard deviation of the pose along and about its least certain axis: metres, degrees.
-    deviation: tuple[float, float]
+    deviation: tuple[float, float] = (math.inf, math.inf)
 
 
 def room_error(solution: Solution) -> tuple[float, str]:
@@ -88,14 +89,15 @@ def as_given(one: Registered, views: Sequence[PosedImage], off: str) -> RoomFit:
 
 def judge(registered: Mapping[int, Registered], solution: Solution) -> dict[int, RoomFit]:
     """Return the verdicts of recordings, by number."""
-    seen = {view.recording for view in solution.views}
     out = {}
     for i, one in registered.items():
-        fitting, residual, deviation = _numbers(i, solution)
-        refused, doubts = [], []
-        if i not in seen:
-            out[i] = RoomFit('refused', (_LOST,), fitting, residual, deviation)
+        mine = [k for k, view in enumerate(solution.views) if view.recording == i]
+        if not mine:
+            out[i] = RoomFit('refused', (_LOST,))
             continue
+        fitting, residual = _misfit([solution.views[k] for k in mine])
+        deviation = least_certain(np.mean([solution.covariances[k] for k in mine], axis=0))
+        refused, doubts = [], []
         if one.told is not None and strays(one.told):
             refused.append(
                 f'its pose is {one.told[0]:.2f} m and {one.told[1]:.0f} degrees from the given '
@@ -143,15 +145,6 @@ def check_room(
             f'{room}: must be the room of the recordings: only {usual:.0%} of the '
             f'pixels of most recordings fit it; it is another room{hint}, or the pose is far off'
         )
-
-
-def _numbers(recording: int, solution: Solution) -> tuple[float, float, tuple[float, float]]:
-    mine = [i for i, view in enumerate(solution.views) if view.recording == recording]
-    if not mine:
-        return 0.0, float('inf'), (float('inf'), float('inf'))
-    fitting, residual = _misfit([solution.views[i] for i in mine])
-    spread = sum((solution.covariances[i] for i in mine), np.zeros((6, 6))) / len(mine)
-    return fitting, residual, least_certain(spread)
 
 
 def _misfit(views: Sequence[PosedImage]) -> tuple[float, float]:
