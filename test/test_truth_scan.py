@@ -145,7 +145,7 @@ def test_a_scan_of_the_wrong_scale_is_told(tmp_path, plain, rng, factor):
     (tmp_path / 'in').symlink_to(folder / 'in')
     found = joint(tmp_path, camera, rng)[0]
     if factor == 1:
-        assert 'depth_scale' not in found
+        assert 'fraction' not in found['depth_scale']
     else:
         # A prior of 0.5 % pulls it towards none.
         assert found['depth_scale']['fraction'] == pytest.approx(1 / factor - 1, abs=0.002)

@@ -15,7 +15,7 @@ from flexx2_sim_ros.truth.observation import Footage, Observation
 from flexx2_sim_ros.truth.registration import LOST, register, Registered, views_of, with_bounce
 from flexx2_sim_ros.truth.rooms import load_room
 from flexx2_sim_ros.truth.run import GivenRecording, RoomRequest, Run
-from flexx2_sim_ros.truth.shared import estimate
+from flexx2_sim_ros.truth.shared import DIFFER, estimate
 from flexx2_sim_ros.truth.solver import blocks
 from flexx2_sim_ros.truth.trajectory import read_trajectory, Trajectory
 from flexx2_sim_ros.truth.verdict import as_given, check_room, judge, room_error
@@ -25,7 +25,6 @@ import numpy as np
 _CLEAR_LATENCY = 3.0  # standard deviations
 # Shared errors that the poses take where they are confounded; the poses' covariance omits this.
 _HIDDEN_UNLESS_FITTED = 'intrinsics_error', 'warm_up_drift'
-_SCALED = 'depth_scale', 'offset'  # What looks like a scan of a wrong scale.
 _PIXELS = 2000
 _REFINEMENTS = 4
 _PATCH, _LEAST_PATCHES = 8, 10  # pixels; ASSUMED
@@ -299,11 +298,10 @@ class RoomSource:
         out = hidden_by_scan(moving, self.late is not None, hidden)
         for effect, reason in why.items():
             remedy, more = 'a recording of a bright corner', {}
-            if 'depth_scale' in why:
+            if effect == 'depth_scale' or reason == DIFFER:
                 remedy = 'a length in the scan, measured with a tape (--scale-error),'
-                if effect in _SCALED:
-                    part = absorbed('scan').get(effect, 0.0)
-                    more = {'absorbed': part, 'settled_by': remedy, 'confounded': True}
+                part = absorbed('scan').get(effect, 0.0)
+                more = {'absorbed': part, 'settled_by': remedy, 'confounded': True}
             elif effect == 'offset':
                 remedy = 'more recordings of tilted walls at several distances'
             out.append({'effect': effect, 'reason': f'{reason}; {remedy} would decide it', **more})

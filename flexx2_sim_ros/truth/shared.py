@@ -31,6 +31,7 @@ _CLEAR_DRIFT = 5.0  # standard deviations, the largest of three tried
 _LEAST_DRIFT = 0.003  # metres: a third of the usual drift
 _LEAST_TIME = 300.0  # seconds between the first and the last recording
 
+DIFFER = 'depth and room differ in scale'  # An offset is confounded then.
 Finding = dict[str, Any]
 
 
@@ -67,7 +68,8 @@ def estimate(
     scale = _scale(solution, scale_error)
     if scale:
         findings['depth_scale'] = scale
-        findings['offset'] |= {'verdict': 'confounded', 'reason': 'depth and room differ in scale'}
+    if 'fraction' in scale and scale_error is None:
+        findings['offset'] |= {'verdict': 'confounded', 'reason': DIFFER}
     return solution, findings
 
 
@@ -144,19 +146,20 @@ def _too_few(least: int, solution: Solution) -> str:
     return f'needs at least {least} recordings, got {solution.recordings}'
 
 
-def _scale(solution: Solution, scale_error: float | None) -> Finding:
+def _scale(solution: Solution, known: float | None) -> Finding:
     # The scale is reported but not subtracted: if it is an error of the camera, the diagnosis must
-    # see it.
+    # see it. Of a scan whose own scale is not known to a fraction, it may be an error of the scan.
+    nothing = _finding('the scale of the scan is not known') if known is None else {}
     if solution.recordings < _LEAST_RECORDINGS:
-        return {}
+        return nothing
     periods = tuple(one for one in solution.columns.periods if one < _LIKE_SCALE)
     columns = replace(solution.columns, bias=True, periods=periods, scale=True)
     trial = solve(solution.views, columns)
     size, deviation = _fitted(trial, 'scale')
-    if abs(size) < max(_CLEAR * math.hypot(deviation, scale_error or 0), _LEAST_SCALE):
-        return {}
+    if abs(size) < max(_CLEAR * math.hypot(deviation, known or 0), _LEAST_SCALE):
+        return nothing
     return {
-        'verdict': 'confounded' if scale_error is None else 'found',
+        'verdict': 'confounded' if known is None else 'found',
         'fraction': size,
         'standard_deviation': deviation,
         'reason': f'measured depth grows by {size:+.2%} of distance against the room',
