@@ -6,8 +6,7 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, StandIn, Term
-from flexx2_sim_ros.effects.light import log_amplitude
-from flexx2_sim_ros.effects.line_of_sight import add_along_ray
+from flexx2_sim_ros.effects.line_of_sight import add_along_ray, log_amplitude
 from flexx2_sim_ros.effects.offset import Offset, SIMULATED_BIAS
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import log_from_zero

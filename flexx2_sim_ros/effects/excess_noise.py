@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import grid, Hypothesis
-from flexx2_sim_ros.effects.light import log_amplitude
+from flexx2_sim_ros.effects.line_of_sight import log_amplitude
 from flexx2_sim_ros.effects.picture import Picture
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas import on_images

@@ -1,8 +1,13 @@
-"""Shifts along each pixel's line of sight, which is what phase measures."""
+"""The ray of each pixel: how much light it brings, its length, and shifts along it."""
 
 from flexx2_sim_ros.physics.frame_state import FrameState
 from flexx2_sim_ros.physics.geometry import ray_length
 import numpy as np
+
+
+def log_amplitude(amplitude: np.ndarray) -> np.ndarray:
+    """Return the natural logarithm of an amplitude in 1/m^2, float32; that of 1e-30 for none."""
+    return np.log(np.maximum(amplitude, np.float32(1e-30)))
 
 
 def ranges(state: FrameState) -> np.ndarray:

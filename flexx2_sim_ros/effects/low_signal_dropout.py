@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from flexx2_sim_ros.effects.effect import Effect, parameter
 from flexx2_sim_ros.effects.hypothesis import Hypothesis, Searched
-from flexx2_sim_ros.effects.light import log_amplitude
+from flexx2_sim_ros.effects.line_of_sight import log_amplitude
 from flexx2_sim_ros.effects.losing import kept_by, lose, lost_as_found, lost_beyond, survival
 from flexx2_sim_ros.effects.tables import Curve, curve_over
 from flexx2_sim_ros.formulas.fastmath import log_from_zero

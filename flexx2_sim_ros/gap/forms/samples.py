@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.camera.common_random_numbers import CommonRandomNumbers
 from flexx2_sim_ros.effects import Effect, loadable
 from flexx2_sim_ros.effects.grazing_dropout import log_slant
-from flexx2_sim_ros.effects.light import log_amplitude
+from flexx2_sim_ros.effects.line_of_sight import log_amplitude
 from flexx2_sim_ros.effects.patch import ResidualPatch
 from flexx2_sim_ros.formulas import on_images
 from flexx2_sim_ros.formulas.surfaces import returned_light
