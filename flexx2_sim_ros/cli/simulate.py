@@ -1,16 +1,14 @@
 """`flexx2 simulate`: make a recording of a scene."""
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 import zlib
 
 from flexx2_sim_ros.atomic import check_distinct, checked_target
 from flexx2_sim_ros.camera.camera import Camera
 from flexx2_sim_ros.cli.common import messages, print_lines, progress_bar
 from flexx2_sim_ros.cli.options import MOST_FRAMES, MOST_SEED, SEEDS, whole_number
-from flexx2_sim_ros.effects import ageing, Effect, load_effects, load_randomisation
+from flexx2_sim_ros.effects import aged, Effect, load_effects, load_randomisation
 from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, printable, shown_path
@@ -168,13 +166,7 @@ def _make_camera(arguments: argparse.Namespace, scene: Scene) -> tuple[Camera, t
     profile = find_profile(arguments.profile)
     usecase = profile.default_usecase if arguments.usecase is None else arguments.usecase
     effects = _effects(arguments.effects, arguments.draw)
-    uptime = _uptime(scene, arguments.uptime, arguments.input)
-    if uptime is not None:
-        old = ageing(effect.name for effect in effects)
-        since: Any = {'uptime': uptime}
-        effects = tuple(
-            replace(effect, **since) if effect.name in old else effect for effect in effects
-        )
+    effects = aged(effects, _uptime(scene, arguments.uptime, arguments.input))
     camera = Camera(
         usecase, profile=profile, effects=effects, seed=arguments.seed, name=arguments.name
     )
@@ -182,6 +174,7 @@ def _make_camera(arguments: argparse.Namespace, scene: Scene) -> tuple[Camera, t
 
 
 def _write_scene(writer: RecordingWriter, scene: Scene, count: int, uptime: float | None) -> None:
+    part = slice(count)
     replaced = {'depth', 'usecase', 'seed', 'effects', 'received'}
     if uptime is not None:
         replaced.add('uptime')
@@ -190,11 +183,11 @@ def _write_scene(writer: RecordingWriter, scene: Scene, count: int, uptime: floa
         if key == 'uptime' and value.shape not in ((), (count,)):
             value = value[0]  # Of the first frame; stamps say those of the others.
         if key not in replaced:
-            writer.add_array(key, _up_to(value, count) if key in _MAY_BE_STACKS else value)
-    writer.add_array('clean_depth', _up_to(scene.clean_depth, count))
+            writer.add_array(key, _frames(value, part) if key in _MAY_BE_STACKS else value)
+    writer.add_array('clean_depth', _frames(scene.clean_depth, part))
     writer.add_array('K', scene.K)
     if scene.reflectivity is not None:
-        writer.add_array('reflectivity', _up_to(scene.reflectivity, count))
+        writer.add_array('reflectivity', _frames(scene.reflectivity, part))
 
 
 def _uptime(scene: Scene, given: float | None, path: str) -> float | None:
@@ -252,7 +245,3 @@ def _own_start(scene: Scene) -> float:
 
 def _frames(array: np.ndarray, part: slice) -> np.ndarray:
     return array[part] if array.ndim == 3 else array
-
-
-def _up_to(array: np.ndarray, count: int) -> np.ndarray:
-    return _frames(array, slice(count))

@@ -9,6 +9,7 @@ those in this package, and those of other packages through the entry point group
 from flexx2_sim_ros.effects.effect import Effect, Parameter
 from flexx2_sim_ros.effects.randomisation import Distribution, Randomisation
 from flexx2_sim_ros.effects.registry import (
+    aged,
     ageing,
     load_effects,
     load_randomisation,
@@ -25,6 +26,7 @@ __all__ = [
     'Effect',
     'Parameter',
     'Randomisation',
+    'aged',
     'ageing',
     'load_effects',
     'load_randomisation',

@@ -1,6 +1,7 @@
 """Find the effects there are; read and write sets of them."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from importlib import import_module
 import math
@@ -68,6 +69,12 @@ def of_role(role: str) -> type[Effect]:
 def ageing(names: Iterable[str]) -> list[str]:
     """Return which of these effects depend on the time since power-on: they have ``uptime``."""
     return [name for name in names if hasattr(loadable()[name], 'uptime')]
+
+
+def aged(effects: Iterable[Effect], uptime: float | None) -> tuple[Effect, ...]:
+    """Return effects; those that have ``uptime`` have this one, seconds, unless it is None."""
+    since: Any = {} if uptime is None else {'uptime': uptime}
+    return tuple(replace(one, **since) if hasattr(one, 'uptime') else one for one in effects)
 
 
 def parse_effects(table: Any, where: str = 'effects') -> tuple[Effect, ...]:

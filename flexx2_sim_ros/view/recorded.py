@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from flexx2_sim_ros.camera.camera import Camera
-from flexx2_sim_ros.effects import ageing, Effect
+from flexx2_sim_ros.effects import aged, Effect
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.profiles.intrinsics import Intrinsics
 from flexx2_sim_ros.profiles.modes import Profile
@@ -189,7 +189,7 @@ class RecordedCamera:
             camera = Camera(
                 self._reader.usecase,
                 profile=profile,
-                effects=_aged(effects, self._reader.arrays.get('uptime')),
+                effects=aged(effects, _first(self._reader.arrays.get('uptime'))),
                 name='flexx2 view',
             )
         except InputError as error:
@@ -236,10 +236,8 @@ class _Simulation:
         return self._depth
 
 
-def _aged(effects: Sequence[Effect], uptime: np.ndarray | None) -> tuple[Effect, ...]:
-    # Effects that depend on the time since power-on get that of the recording's first frame.
+def _first(uptime: np.ndarray | None) -> float | None:
+    # The time since power-on at the recording's first frame, if it is known.
     if uptime is None or uptime.dtype.kind not in 'fiu' or not uptime.size:
-        return tuple(effects)
-    old = ageing(effect.name for effect in effects)
-    since: Any = {'uptime': float(uptime.flat[0])}
-    return tuple(replace(effect, **since) if effect.name in old else effect for effect in effects)
+        return None
+    return float(uptime.flat[0])
