@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 from flexx2_sim_ros.atomic import checked_target
+from flexx2_sim_ros.cli.effects_view import mean_of_valid
 from flexx2_sim_ros.cli.options import SEEDS, whole_number
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.physics.geometry import centred
@@ -182,7 +183,7 @@ def draw(
     limits = {'vmin': np.nanmin(true), 'vmax': np.nanmax(true) + 1e-3}
     wrong = {f'{own}: error {name}': 1e3 * one[robot] for name, one in errors.items()}
     change = 1e3 * (errors['with noise'] - errors['without noise'])
-    spread = {'all robots: change by noise': _spread(change)}
+    spread = {'all robots: change by noise': np.sqrt(mean_of_valid(change**2))}
     with picture(path, 2, 4, figsize=(14, 7.2)) as (figure, axes):
         _draw(axes[0, :2], depths, 'depth [m]', 'turbo_r', vmin=0.3, vmax=4.0)
         for axis in axes[0, :2]:
@@ -208,19 +209,6 @@ def _draw_grids(axes: Any, *shown: Any, **limits: Any) -> None:
     _draw(axes, *shown, origin='lower', extent=_EXTENT, **limits)
     for axis in axes:
         axis.set(xlabel='left [m]', ylabel='ahead [m]', xlim=_EXTENT[1::-1])
-
-
-def _spread(change: np.ndarray) -> np.ndarray:
-    # The root mean square of each cell over the robots that see it; NaN where none does.
-    seen = np.isfinite(change)
-    return np.sqrt(
-        np.divide(
-            np.where(seen, change**2, 0).sum(axis=0),
-            seen.sum(axis=0),
-            where=seen.any(axis=0),
-            out=np.full(change.shape[1:], np.nan),
-        )
-    )
 
 
 def _draw_distribution(axis: Any, errors: dict[str, np.ndarray], valid: np.ndarray) -> None:

@@ -14,7 +14,7 @@ from flexx2_sim_ros.profiles.files import find_profile
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 
 def call(function: Callable[..., Any], arguments: argparse.Namespace, **more: Any) -> Any:
@@ -32,23 +32,42 @@ def call(function: Callable[..., Any], arguments: argparse.Namespace, **more: An
     return function(**given, **more)
 
 
-def print_result(
-    console: Console,
-    table: dict[str, Any],
+def call_and_print(
+    function: Callable[..., Any],
+    arguments: argparse.Namespace,
     written: str,
-    show: Callable[[dict[str, Any], Console], None] | None,
-) -> None:
-    """Show a table, and say what was written; without `show`, print it as JSON instead."""
-    if show is None:
+    show: Callable[[dict[str, Any], Console], None],
+    **more: Any,
+) -> dict[str, Any]:
+    """
+    Call a function as `call` does, with a progress bar; print and return the table that it makes.
+
+    `show` prints it, and below it stands what was `written`. With `--json` it is JSON instead.
+    """
+    console = messages()
+    with progress_bar(console) as progress:
+        table: dict[str, Any] = call(function, arguments, progress=progress, **more)
+    if arguments.json:
         print(as_json(table), end='')
-        return
-    show(table, console)
-    console.print(f'{written} ({table["seconds"]:.0f} s)')
+    else:
+        show(table, console)
+        console.print(f'{written} ({table["seconds"]:.0f} s)')
+    return table
 
 
 def messages(*, soft_wrap: bool = False) -> Console:
     """Return the console for what is said besides results, as it is."""
     return Console(stderr=True, markup=False, highlight=False, soft_wrap=soft_wrap)
+
+
+def ruled_table(
+    heads: Iterable[str | Column], rows: Iterable[Iterable[str]] = (), **style: Any
+) -> Table:
+    """Return a table with a line below its heads; texts of rows may come from files."""
+    table = Table(*heads, box=SIMPLE_HEAD, **style)
+    for row in rows:
+        table.add_row(*map(printable, row))
+    return table
 
 
 def plain_table(*names: str, text: Container[str] = (), whole: Container[str] = ()) -> Table:

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from flexx2_sim_ros.atomic import checked_target, output_folder, whole_files
+from flexx2_sim_ros.atomic import checked_target, write_texts
 from flexx2_sim_ros.cli.common import plain_table
 from flexx2_sim_ros.cli.options import Step
 from flexx2_sim_ros.effects import Effect, load_effects, registry
@@ -40,12 +40,9 @@ example: flexx2 effects show multipath --out multipath.png
 def run(arguments: argparse.Namespace) -> int:
     """Print a table, or write presets."""
     if arguments.write_presets is not None:
-        folder = output_folder(arguments.write_presets)
         files = preset_files()
-        with whole_files(folder) as part:
-            for name, text in files.items():
-                (part / name).write_text(text, encoding='utf-8')
-        print(f'{folder}: {len(files)} files')
+        write_texts(arguments.write_presets, files)
+        print(f'{arguments.write_presets}: {len(files)} files')
     elif arguments.markdown:
         print(markdown(), end='')
     else:

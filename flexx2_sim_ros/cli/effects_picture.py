@@ -9,7 +9,7 @@ from flexx2_sim_ros.cli.effects_view import (
     deviation_over_time,
     EffectView,
     look,
-    mean_over_time,
+    mean_of_valid,
     near_edges,
     speed,
 )
@@ -72,7 +72,7 @@ def _draw_difference(figure: Any, axis: Any, view: EffectView) -> None:
     else:
         fastest = int(speed(view.seconds).argmax())
         one = view.change[0 if kind == 'first' else fastest]
-        image = mean_over_time(view.change) if kind == 'mean' else one
+        image = mean_of_valid(view.change) if kind == 'mean' else one
         if view.kind.stage == Stage.GEOMETRY:
             image[near_edges(view, 6)] = np.nan  # Moved edges would hide the other changes.
         changed = np.abs(image[np.abs(image) > 1e-3])

@@ -9,7 +9,7 @@ from flexx2_sim_ros.cli.effects_view import (
     CHART,
     deviation_over_time,
     EffectView,
-    mean_over_time,
+    mean_of_valid,
     near_edges,
     speed,
     STEEP,
@@ -32,12 +32,7 @@ def _covariate(view: EffectView) -> tuple[str, np.ndarray, np.ndarray]:
     }.get(view.kind.covariate, ('distance, m', view.scene.depth, np.linspace(0.4, 6.8, 60)))
 
 
-def _binned(
-    values: np.ndarray,
-    x: np.ndarray,
-    edges: np.ndarray,
-    reduce: Callable[[np.ndarray], float] = np.nanmean,
-) -> np.ndarray:
+def _binned(values: np.ndarray, x: np.ndarray, edges: np.ndarray, reduce: Any) -> np.ndarray:
     index = np.digitize(x, edges) - 1
     out = np.full(len(edges) - 1, np.nan)
     for i in range(len(out)):
@@ -65,7 +60,7 @@ def _by_covariate(axis: Any, view: EffectView) -> None:
         text, styles = 'standard deviation over frames, mm', ('with', 'without')
         axis.set_yscale('log')
     else:
-        lines, styles = [mean_over_time(view.change)], ('median', '')
+        lines, styles = [mean_of_valid(view.change)], ('median', '')
         text = 'with minus without, mm'
         low, high = (
             _binned(lines[0][calm], x[calm], edges, partial(np.percentile, q=q)) for q in (10, 90)
@@ -83,7 +78,7 @@ def _by_covariate(axis: Any, view: EffectView) -> None:
 
 def _along_row(axis: Any, view: EffectView) -> None:
     row = 14  # across the corner
-    change = np.where(near_edges(view, 6), np.nan, mean_over_time(view.change))
+    change = np.where(near_edges(view, 6), np.nan, mean_of_valid(view.change))
     axis.plot(change[row], '.-', label=f'row {row}')
     axis.axhline(0, color=GRAY, linewidth=1)
     axis.set(xlabel='column', ylabel='with minus without, mm')
@@ -98,7 +93,7 @@ def _two_scenes(axis: Any, view: EffectView) -> None:
     row, columns = 86, np.arange(90, 150)
     wall = np.full(view.scene.depth.shape, 1.0)
     alone = 1e3 * (_capture(wall, view.effect) - _capture(wall))[row, columns]
-    change = mean_over_time(view.change)[row, columns]
+    change = mean_of_valid(view.change)[row, columns]
     axis.plot(columns, change, 'o-', markersize=3, label=f'row {row} of this scene')
     style = {'color': 'C1', 'zorder': 3, 'markersize': 4}
     axis.plot(columns, alone, '.', label='on a plain wall', **style)
@@ -173,23 +168,13 @@ def _moving(axis: Any, view: EffectView) -> None:
     axis.set(xlabel='time, s', ylabel=where)
 
 
-def _frames_alike(axis: Any, view: EffectView) -> None:
-    _correlations(axis, view, 'frames', lambda noise: noise[5:])
-
-
-def _neighbours_alike(axis: Any, view: EffectView) -> None:
-    _correlations(axis, view, 'pixels', lambda noise: np.moveaxis(noise, 2, 0))
-
-
-def _correlations(
-    axis: Any, view: EffectView, what: str, along: Callable[[np.ndarray], np.ndarray]
-) -> None:
-    # `along` returns the noise with what is apart as its first axis.
+def _correlations(axis: Any, view: EffectView, what: str) -> None:
+    # Between frames, once filters have settled in, or between the pixels of a row.
     calm = view.calm(12, 45.0)
     lags = range(6)
     for error, (name, colour) in zip(view.error, _BOTH, strict=True):
-        noise = np.where(calm, error - mean_over_time(error), np.nan) / (1e3 * view.rest.sigma)
-        line = along(noise)
+        noise = np.where(calm, error - mean_of_valid(error), np.nan) / (1e3 * view.rest.sigma)
+        line = noise[5:] if what == 'frames' else np.moveaxis(noise, 2, 0)
         values = [_correlation(line[lag:], line[: len(line) - lag]) for lag in lags]
         axis.plot(lags, values, 'o-', color=colour, label=name)
     axis.set(xlabel=f'{what} apart', ylabel='correlation of the noise')
@@ -228,8 +213,8 @@ DRAW_PROFILE: dict[str, Callable[[Any, EffectView], None]] = {
     'edge_positions': _edge_positions,
     'warming_up': _warming_up,
     'moving': _moving,
-    'frames_alike': _frames_alike,
-    'neighbours_alike': _neighbours_alike,
+    'frames_alike': partial(_correlations, what='frames'),
+    'neighbours_alike': partial(_correlations, what='pixels'),
     'wrapped': _wrapped,
     'steps': _steps,
 }

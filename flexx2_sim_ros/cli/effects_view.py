@@ -139,8 +139,8 @@ def look(effect: Effect) -> EffectView:
     )
 
 
-def mean_over_time(frames: np.ndarray) -> np.ndarray:
-    """Return the mean of each pixel over frames, (H, W); NaN for pixels that are never valid."""
+def mean_of_valid(frames: np.ndarray) -> np.ndarray:
+    """Return the mean of each pixel over frames, (H, W), where it is valid; NaN if it never is."""
     count = np.isfinite(frames).sum(axis=0)
     mean: np.ndarray = np.nansum(frames, axis=0) / np.where(count, count, np.nan)
     return mean
@@ -148,7 +148,7 @@ def mean_over_time(frames: np.ndarray) -> np.ndarray:
 
 def deviation_over_time(frames: np.ndarray) -> np.ndarray:
     """Return the standard deviation of each pixel over frames, (H, W); NaN where never valid."""
-    return np.sqrt(np.maximum(mean_over_time(frames**2) - mean_over_time(frames) ** 2, 0))
+    return np.sqrt(np.maximum(mean_of_valid(frames**2) - mean_of_valid(frames) ** 2, 0))
 
 
 def near_edges(view: EffectView, reach: int) -> np.ndarray:

@@ -8,8 +8,8 @@ from flexx2_sim_ros.atomic import (
     check_no_overwrite,
     checked_target,
     output_folder,
-    whole_files,
     write_text,
+    write_texts,
 )
 from flexx2_sim_ros.cli.common import call, messages, progress_bar
 from flexx2_sim_ros.cli.options import number
@@ -79,7 +79,11 @@ def run(arguments: argparse.Namespace) -> int:
             progress=lambda done: report('measuring walls', done),
         )
     made = {target: target.write(noise, arguments.cell) for target in chosen}
-    _write(out, made, profile, arguments.target == _ALL)
+    texts = {target.file_of(profile): parameters.text for target, parameters in made.items()}
+    if arguments.target == _ALL:
+        write_texts(out, texts)
+    else:
+        write_text(out, *texts.values())
     console.print(_fits(made))
     _print_losses(console, made)
     console.print(f'\n{shown_path(out)}: {_about(noise)}')
@@ -100,18 +104,6 @@ def _target_path(
         files = [out]
     check_no_overwrite('--out', files, arguments.force)
     return out
-
-
-def _write(
-    out: Path, made: dict[ExportTarget, Parameters], profile: Profile, folder: bool
-) -> None:
-    if not folder:
-        for parameters in made.values():
-            write_text(out, parameters.text)
-        return
-    with whole_files(out) as part:
-        for target, parameters in made.items():
-            (part / target.file_of(profile)).write_text(parameters.text, encoding='utf-8')
 
 
 def _table(title: str, first: str, *others: str) -> Table:

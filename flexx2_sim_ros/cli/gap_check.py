@@ -6,9 +6,8 @@ from typing import Any
 from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.errors import printable
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Column, Table
+from rich.table import Column
 
 OPTIONS = """
 Compare the recordings in FRESH with their simulation, before and after the effects of
@@ -40,13 +39,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Check with a progress bar; print the table or JSON."""
     from flexx2_sim_ros.gap import check
 
-    console = common.messages()
     out = arguments.out or arguments.diagnosis
-    with common.progress_bar(console) as progress:
-        known = common.read_known(arguments.known)
-        table = common.call(check, arguments, out=out, known=known, progress=progress)
+    known = common.read_known(arguments.known)
     written = f'{out}: check.json, check.html'
-    common.print_result(console, table, written, None if arguments.json else _show)
+    table = common.call_and_print(check, arguments, written, _show, out=out, known=known)
     return 0 if table['holds'] else 1
 
 
@@ -54,10 +50,8 @@ def _show(table: dict[str, Any], console: Console) -> None:
     from flexx2_sim_ros.gap.report.check_page import headline, HEADS, lines, sentences
 
     console.print(printable(headline(table)), style='bold')
-    first = Column(overflow='fold')
-    shown = Table(first, *HEADS[1:-1], '', box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for line in lines(table):
-        # A value above its interval, so that the table fits a terminal of 80 columns.
-        shown.add_row(*(text.replace(' (', '\n(') for text in line))
-    console.print(shown)
+    heads = Column(overflow='fold'), *HEADS[1:-1], ''
+    # A value above its interval, so that the table fits a terminal of 80 columns.
+    rows = ([text.replace(' (', '\n(') for text in line] for line in lines(table))
+    console.print(common.ruled_table(heads, rows, padding=(0, 1, 0, 0)))
     common.print_lines(console, sentences(table))

@@ -7,9 +7,8 @@ from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.options import number
 from flexx2_sim_ros.errors import printable
 from flexx2_sim_ros.limits import CONSUMER_SECONDS
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Column, Table
+from rich.table import Column
 
 OPTIONS = f"""
 Send the recordings in CAMPAIGN and their simulations (as simulated, with each diagnosed effect,
@@ -43,17 +42,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Measure with a progress bar; print the table or JSON."""
     from flexx2_sim_ros.gap import cost
 
-    console = common.messages()
-    with common.progress_bar(console) as progress:
-        table = common.call(
-            cost,
-            arguments,
-            campaign_dir=arguments.campaign,
-            consumers=arguments.consumer,
-            progress=progress,
-        )
     written = f'{arguments.out}: cost.json, cost.html'
-    common.print_result(console, table, written, None if arguments.json else _show)
+    own = {'campaign_dir': arguments.campaign, 'consumers': arguments.consumer}
+    common.call_and_print(cost, arguments, written, _show, **own)
     return 0
 
 
@@ -70,19 +61,9 @@ def _show(table: dict[str, Any], console: Console) -> None:
 
     console.print(printable(headline(table)), style='bold')
     if table['ranking']:
-        ranked = Table(*RANKING, box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-        for row in ranking(table):
-            ranked.add_row(*map(printable, row))
-        console.print(ranked)
-    shown = Table(
-        Column(overflow='fold'),
-        'recorded',
-        'simulated',
-        'all effects',
-        'taken away first',
-        box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-    )
+        console.print(common.ruled_table(RANKING, ranking(table), padding=(0, 1, 0, 0)))
+    heads = Column(overflow='fold'), 'recorded', 'simulated', 'all effects', 'taken away first'
+    shown = common.ruled_table(heads, padding=(0, 1, 0, 0))
     for consumer in table['consumers']:
         shown.add_row(printable(spaced(consumer['name'])), style='bold')
         for line, significant in lines(consumer):

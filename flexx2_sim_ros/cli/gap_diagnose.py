@@ -5,9 +5,6 @@ from pathlib import Path
 
 from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.options import number
-from flexx2_sim_ros.errors import printable
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 _COMPILING = 'compiling: takes a minute or two, once (flexx2 compile does it ahead) ...'
 OPTIONS = """
@@ -75,10 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     console.print(headline(table), style='bold')
     common.print_lines(console, significance(table))
     if table['effects']:
-        shown = Table(*HEADS, box=SIMPLE_HEAD, pad_edge=False)
-        for row in attribution(table):
-            shown.add_row(*map(printable, row))
-        console.print(shown)
+        console.print(common.ruled_table(HEADS, attribution(table), pad_edge=False))
     lines = [*said(table)[0], *age_words(table['age'])]
     lines += [*not_considered(table), *on_recordings(table['recordings'])]
     common.print_lines(console, dict.fromkeys(lines))

@@ -6,9 +6,7 @@ from typing import Any
 
 from flexx2_sim_ros.atomic import as_json, check_outputs, write_texts
 from flexx2_sim_ros.cli import common
-from flexx2_sim_ros.errors import printable
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
+from rich.table import Column, Table
 
 _FILE, _PAGE = 'next.json', 'next.html'
 _ROWS = 10
@@ -75,17 +73,13 @@ def _shown(table: dict[str, Any]) -> Table:
     from flexx2_sim_ros.gap.planning.page import baselines
     from flexx2_sim_ros.gap.report.text import percent
 
-    shown = Table(box=SIMPLE_HEAD, pad_edge=False)
-    shown.add_column('record', no_wrap=True)
-    for head in ('truth', 'correct', 'wrong', 'open'):
-        shown.add_column(head)
+    def shares(row: Any) -> list[str]:
+        return [percent(row[key]) for key in ('right', 'wrong', 'undecided')]
 
-    def add(name: str, truth: str, row: Any) -> None:
-        shown.add_row(name, truth, *(percent(row[key]) for key in ('right', 'wrong', 'undecided')))
-
-    for row in table['ranking'][:_ROWS]:
-        add(printable(row['name']), row['truth'], row)
+    heads = Column('record', no_wrap=True), 'truth', 'correct', 'wrong', 'open'
+    rows = ([row['name'], row['truth'], *shares(row)] for row in table['ranking'][:_ROWS])
+    shown = common.ruled_table(heads, rows, pad_edge=False)
     shown.add_section()
     for words, row in baselines(table):
-        add(words, '', row)
+        shown.add_row(words, '', *shares(row))
     return shown

@@ -50,16 +50,15 @@ def run(arguments: argparse.Namespace) -> int:
         request = PowerRequest(plan, profile, out, arguments.seed, jobs=arguments.jobs)
         with common.progress_bar(console) as progress:
             table = compute(request, common.command_line('gap', 'plan'), progress)
-        atomic.write_text(out / TABLE, to_yaml(table))
     else:
         table = shipped_table()
     shipped = not (arguments.plan or arguments.profile or arguments.usecase)
     told = Checklist(plan, profile, table, shipped or arguments.compute, arguments.profile)
-    atomic.write_text(out / CHECKLIST, markdown(told))
-    atomic.write_text(out / PAGE, page(told))
-    written = [CHECKLIST, PAGE, *([TABLE] if arguments.compute else [])]
+    texts = {CHECKLIST: markdown(told), PAGE: page(told)}
+    if arguments.compute:
+        texts[TABLE] = to_yaml(table)
     if not (out / FORM).exists():  # It may have been filled in.
-        atomic.write_text(out / FORM, form(plan))
-        written.append(FORM)
-    console.print(f'{out}: {", ".join(written)}')
+        texts[FORM] = form(plan)
+    atomic.write_texts(out, texts)
+    console.print(f'{out}: {", ".join(texts)}')
     return 0

@@ -3,9 +3,7 @@
 import argparse
 
 from flexx2_sim_ros.atomic import check_no_overwrite, checked_target
-from flexx2_sim_ros.cli.common import messages, print_lines
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
+from flexx2_sim_ros.cli.common import messages, print_lines, ruled_table
 
 OPTIONS = """
 Write what a diagnosis knows of its camera as distributions: named effects with the uncertainty and
@@ -28,16 +26,16 @@ def run(arguments: argparse.Namespace) -> int:
     check_no_overwrite('--out', [checked_target(arguments.out)], arguments.force)
     found = randomise(arguments.diagnosis, arguments.out)
     console = messages()
-    shown = Table('parameter', 'mean', 'spread', 'narrower by', box=SIMPLE_HEAD)
-    for one in found.randomisation.distributions:
-        factor = found.narrower.get(one.name)
-        shown.add_row(
+    rows = [
+        [
             one.name,
             'uniform' if one.mean is None else f'{one.mean:.3g}',
             f'{one.spread:.2g}',
-            '' if factor is None else f'{factor:.1f}',
-        )
-    console.print(shown)
+            f'{found.narrower[one.name]:.1f}' if one.name in found.narrower else '',
+        ]
+        for one in found.randomisation.distributions
+    ]
+    console.print(ruled_table(('parameter', 'mean', 'spread', 'narrower by'), rows))
     print_lines(console, comment(found)[1:])
     console.print(str(arguments.out))
     return 0

@@ -5,9 +5,8 @@ from typing import Any
 
 from flexx2_sim_ros.cli import common
 from flexx2_sim_ros.cli.options import number, whole_number
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Column, Table
+from rich.table import Column
 
 OPTIONS = """
 Let simulated robots walk over stairs, rubble and gaps with footholds chosen on the height grid
@@ -41,31 +40,21 @@ def run(arguments: argparse.Namespace) -> int:
     import_warp()
     from flexx2_sim_ros.gap.walk import walk
 
-    console = common.messages()
-    with common.progress_bar(console) as progress:
-        table = common.call(walk, arguments, progress=progress)
-    written = f'{arguments.out}: walk.json, walk.png'
-    common.print_result(console, table, written, None if arguments.json else _show)
+    common.call_and_print(walk, arguments, f'{arguments.out}: walk.json, walk.png', _show)
     return 0
 
 
 def _show(table: dict[str, Any], console: Console) -> None:
     cameras = list(dict.fromkeys(row['camera'] for row in table['rows']))
-    shown = Table(
-        'terrain',
-        Column('step', justify='right'),
-        *(Column(name, justify='right') for name in cameras),
-        title=f'walks that fail, of {table["settings"]["walks"]}, with 95 % interval',
-        box=SIMPLE_HEAD,
-    )
     lines: dict[tuple[str, float], list[str]] = {}
     for row in table['rows']:
         low, high = row['interval']
         text = f'{100 * row["share"]:.0f} % ({100 * low:.0f} to {100 * high:.0f})'
         lines.setdefault((row['terrain'], row['step']), []).append(text)
-    for (terrain, step), texts in lines.items():
-        shown.add_row(terrain, f'{100 * step:g} cm', *texts)
-    console.print(shown)
+    right = (Column(name, justify='right') for name in ('step', *cameras))
+    rows = ([terrain, f'{100 * step:g} cm', *texts] for (terrain, step), texts in lines.items())
+    title = f'walks that fail, of {table["settings"]["walks"]}, with 95 % interval'
+    console.print(common.ruled_table(('terrain', *right), rows, title=title))
     if table['left_out']:
         names = ', '.join(table['left_out'])
         console.print(f'left out, as walks have no time since power-on: {names}')
