@@ -219,7 +219,8 @@ def test_copies_go_on_as_the_original_does(device, step_s, tmp_path):
         if randomised:
             cameras.randomise(delays, seed=3, pool=16)
         else:
-            cameras.set_effects([KEEPING, {}, {**CURVE, 'temporal_filter': {'share': 0.5}}])
+            more = {'pose_error': None, 'random_dropout': None}
+            cameras.set_effects([KEEPING, more, {**CURVE, 'temporal_filter': {'share': 0.5}}])
         film = moving(3, 12)
         for clean in film[:7]:
             look(device, cameras, clean)

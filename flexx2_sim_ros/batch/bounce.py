@@ -5,7 +5,6 @@ What patches get from each other is kept: it changes only when a patch does.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
@@ -327,11 +326,9 @@ class IndirectLight:
     `chosen` says which environments have the effect, `frequencies` is the most of a mode.
     """
 
-    def __init__(
-        self, chosen: Sequence[bool], frequencies: int, images: Images, device: Any
-    ) -> None:
+    def __init__(self, chosen: Sequence[bool], frequencies: int, images: Images) -> None:
         """Allocate what is kept of each chosen environment."""
-        self._images = images
+        self._images, device = images, images.device
         envs = sum(chosen)
 
         def zeros(size: int) -> wp.array:

@@ -309,8 +309,9 @@ class BatchCamera:
     ) -> None:
         frames: dict[int, np.ndarray] = {}
         if self._host is not None:  # first, since `out` may be the memory of `depth`
-            lens, is_due = self._intrinsics(images.height, images.width), self._rows.is_due
-            frames = self._host.look(depth, reflectivity, self.stamps, lens, is_due)
+            frames = self._host.look(
+                depth, reflectivity, self.stamps, images.camera, self._rows.is_due
+            )
         if self._host is None or len(self._host) < self.num_envs:
             self._launch(images, depth, reflectivity, out)
             images.blank_outside(out)
@@ -341,14 +342,9 @@ class BatchCamera:
 
     def _stages_for(self, images: Images) -> BatchStages:
         if self._stages is None or self._stages.images is not images:
-            self._stages = BatchStages(
-                [() if without_kernel(own) else changing(own) for own in self._effects],
-                self._latest_ns + self._timing.step_ns,  # Frames come up to a step early.
-                self.profile,
-                images,
-                self._rows,
-                self._intrinsics(images.height, images.width),
-            )
+            effects = [() if without_kernel(own) else changing(own) for own in self._effects]
+            latest_ns = self._latest_ns + self._timing.step_ns  # Frames come up to a step early.
+            self._stages = BatchStages(effects, latest_ns, images)
         return self._stages
 
     def _give(self, drawn: DrawnCameras | None) -> None:
@@ -380,13 +376,10 @@ class BatchCamera:
                     f'depth: must have at most {MOST_PIXELS} pixels in all, got '
                     f'{self.num_envs} x {height} x {width} pixels'
                 )
-            lens = self._intrinsics(height, width)
+            lens = self.profile.intrinsics.resized(width, height)
+            if self._matrix is not None:
+                lens = Intrinsics.from_matrix(self._matrix, width, height)
             self._images = Images(self._rows, lens, self.profile, self._invalid)
             wp.synchronize_device(self.device)  # Frames may be made on another stream.
         self._timing.keep(self._longest_ns, self._shortest_ns, self._images, steps)
         return self._images
-
-    def _intrinsics(self, height: int, width: int) -> Intrinsics:
-        if self._matrix is not None:
-            return Intrinsics.from_matrix(self._matrix, width, height)
-        return self.profile.intrinsics.resized(width, height)

@@ -5,7 +5,6 @@ from flexx2_sim_ros.batch.compiled import COLUMN_EDGES, compiled, counter_of, ed
 from flexx2_sim_ros.batch.frame import (
     BORDER,
     Frame,
-    Lens,
     Noise,
     of_listed,
     OPTIONS,
@@ -54,10 +53,7 @@ def is_upright(s: Surfaces, n: wp.int32, y: wp.int32, x: wp.int32) -> wp.bool:
 
 @wp.func
 def displace(
-    lens: Lens,
-    moved: wp.array(dtype=wp.uint16),
-    listed: wp.array(dtype=wp.int32),
-    pixel_list: wp.array(dtype=wp.int32),
+    f: Frame,
     n: wp.int32,
     along: wp.int32,
     shift: wp.int32,
@@ -82,9 +78,8 @@ def displace(
         pixel = first + position * pitch
         offset = _source_of(position, shift, last) - position
         code = wp.uint16((step << 9) | (column << 8) | (offset + 128))
-        if put_least(moved, pixel, code) == _STILL and lists:
-            own = pixel - n * lens.height * lens.width
-            add_to_list(lens, listed, pixel_list, n, own, 1, 1, 1)
+        if put_least(f.moved, pixel, code) == _STILL and lists:
+            add_to_list(f, n, pixel - n * f.lens.height * f.lens.width, 1, 1, 1)
         step += 1
 
 
@@ -123,20 +118,7 @@ def move_edges(f: Frame, column: wp.int32):
                     shift = edge_shift(own.noise, own.key, own.stamp, y * width + x, column)
                 last_edge = along
                 step = wp.where(column == 1, width, 1)
-                displace(
-                    f.lens,
-                    f.moved,
-                    f.listed,
-                    f.pixel_list,
-                    n,
-                    along,
-                    shift,
-                    end,
-                    first,
-                    step,
-                    column,
-                    True,
-                )
+                displace(f, n, along, shift, end, first, step, column, True)
         along += 1
 
 
@@ -176,17 +158,4 @@ def move_marked(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
         shift = edge_shift(own.noise, own.key, own.stamp, index, column)
         end = wp.where(column == 1, f.lens.height, f.lens.width) - 1
         first = n * f.lens.height * f.lens.width + pixel - along * pitch
-        displace(
-            f.lens,
-            f.moved,
-            f.listed,
-            f.pixel_list,
-            n,
-            along,
-            shift,
-            end,
-            first,
-            pitch,
-            column,
-            False,
-        )
+        displace(f, n, along, shift, end, first, pitch, column, False)

@@ -68,14 +68,6 @@ def begin(f: Frame):
     f.last[n] = stamp
 
 
-@wp.kernel
-def forget(mask: wp.array(dtype=wp.bool), was_reset: wp.array(dtype=wp.uint8)):
-    """Reset the chosen environments."""
-    n = wp.tid()
-    if mask[n]:
-        was_reset[n] = YES
-
-
 @of_pixels(launch_bounds=(256, 4))  # docs/batch.md#on-a-gpu
 def measure(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
     """Write measured depth, and what later kernels need to know of what is seen."""

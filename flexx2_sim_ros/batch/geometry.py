@@ -8,9 +8,9 @@ from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.frame import Frame, OPTIONS, padded, place, Surfaces
 from flexx2_sim_ros.batch.history import each_with, FrameHistory, needs_of
-from flexx2_sim_ros.batch.images import Images, launch, Rows
+from flexx2_sim_ros.batch.images import Images, launch
 from flexx2_sim_ros.batch.kernels import slopes
-from flexx2_sim_ros.camera import Intrinsics, Profile
+from flexx2_sim_ros.camera import Intrinsics
 from flexx2_sim_ros.effects import Effect, pose_error
 from flexx2_sim_ros.errors import InputError
 from flexx2_sim_ros.formulas import surfaces as surface_formulas
@@ -201,21 +201,14 @@ class SceneGeometry:
     What the environments of a pass see, after the effects of geometry and time.
 
     `effects` are of every environment, those that are on; `latest_ns` is the longest latency that
-    an environment may have, nanoseconds; `camera` is of the depth images.
+    an environment may have, nanoseconds.
     """
 
     def __init__(
-        self,
-        effects: Sequence[Sequence[Effect]],
-        latest_ns: int,
-        profile: Profile,
-        images: Images,
-        rows: Rows,
-        camera: Intrinsics,
+        self, effects: Sequence[Sequence[Effect]], latest_ns: int, images: Images
     ) -> None:
         """Put the parameters on the device and allocate the images."""
-        device = rows.stamps.device
-        self._images = images
+        self._images, device = images, images.device
         needs = needs_of(effects)
 
         def image() -> wp.array:
@@ -227,11 +220,9 @@ class SceneGeometry:
             poses = (_poses(effects, device),)
             self._steps.append((look_from, poses, image(), image()))
         if 'view' in needs:
-            views = _views(effects, camera, device)
+            views = _views(effects, images.camera, device)
             self._steps.append((look_up, views, image(), image()))
-        self._history = (
-            FrameHistory(effects, latest_ns, profile, images, rows) if 'history' in needs else None
-        )
+        self._history = FrameHistory(effects, latest_ns, images) if 'history' in needs else None
         if self._steps:
             wp.load_module(__name__, device=device)
 

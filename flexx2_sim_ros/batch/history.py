@@ -11,8 +11,7 @@ from typing import Any
 from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.frame import Frame, NO, OPTIONS, place, YES
-from flexx2_sim_ros.batch.images import check_kept, Images, launch, Rows
-from flexx2_sim_ros.camera import Profile
+from flexx2_sim_ros.batch.images import check_kept, Images, launch
 from flexx2_sim_ros.effects import between, Effect
 from flexx2_sim_ros.effects.time_offset import FRAMES_KEPT
 import numpy as np
@@ -142,24 +141,18 @@ class FrameHistory:
     """
     Memory for earlier frames, as many as the longest latency needs in the fastest mode.
 
-    `effects` are of every environment; `latest_ns` is the longest latency that one may have;
-    `profile` gives the time between frames. Raises InputError when the frames of all environments
-    are too many.
+    `effects` are of every environment; `latest_ns` is the longest latency that one may have.
+    Raises InputError when the frames of all environments are too many.
     """
 
     def __init__(
-        self,
-        effects: Sequence[Sequence[Effect]],
-        latest_ns: int,
-        profile: Profile,
-        images: Images,
-        rows: Rows,
+        self, effects: Sequence[Sequence[Effect]], latest_ns: int, images: Images
     ) -> None:
         """Allocate it, but not for reflectivity, which may never be given."""
-        self._images, self._rows, device = images, rows, rows.stamps.device
+        self._images, device = images, images.device
         self._pixels = images.height * images.width
         chosen = [one is not None for one in each_with('history', effects)]
-        interval = 1e9 / max(mode.rate_hz for mode in profile.modes)
+        interval = 1e9 / max(mode.rate_hz for mode in images.profile.modes)
         slots = min(max(math.ceil(latest_ns / interval) + 1, 2), FRAMES_KEPT)
         self._frames = slots * sum(chosen)
         check_kept('time_offset.latency', latest_ns, self._frames * self._pixels)
@@ -187,9 +180,8 @@ class FrameHistory:
         if with_reflectivity and not history.reflectivity.size:
             history.reflectivity = wp.full_like(history.depth, 1.0)
             self._reflectivity = wp.full_like(self._depth, 1.0)
-        rows = self._rows
-        frame = self._images.frame
-        launch(find_moment, rows.stamps.size, frame, rows.latencies, history)
+        images, rows = self._images, self._images.rows
+        launch(find_moment, rows.stamps.size, images.frame, rows.latencies, history)
 
     def look_back(self, depth: wp.array, first: int) -> tuple[wp.array, wp.array]:
         """

@@ -111,15 +111,18 @@ class Images:
     """
     Memory for frames of one size, used again for every frame.
 
-    The distortion of `camera` is not used. `invalid` is what invalid pixels are. ``frame`` is what
-    kernels take: its `listed` says how many pixels of each environment are listed (every
-    `SPREAD`), and `pixel_list` which: those that see another surface; with many threads those with
-    a jump. Its `moved` is 0 everywhere between frames. ``out`` are finished frames, (N, H, W).
+    `rows` are of all environments, `camera` of their depth images; its distortion is not used.
+    `invalid` is what invalid pixels are. ``frame`` is what kernels take: its `listed` says how
+    many pixels of each environment are listed (every `SPREAD`), and `pixel_list` which: those that
+    see another surface; with many threads those with a jump. Its `moved` is 0 everywhere between
+    frames. ``out`` are finished frames, (N, H, W).
     """
 
     def __init__(self, rows: Rows, camera: Intrinsics, profile: Profile, invalid: float) -> None:
         """Allocate the memory."""
+        self.rows, self.camera, self.profile = rows, camera, profile
         device, num_envs = rows.stamps.device, rows.stamps.size
+        self.device = device
         self.height, self.width = camera.height, camera.width
         # Whether there are many threads, so that lists share out the work of a few pixels.
         self.lists = many_threads(device)

@@ -72,22 +72,19 @@ def invert(f: Frame, depth: wp.array(dtype=wp.float32), first: wp.int32):
 
 
 @wp.func
+def jumps_to(s: Surfaces, i: wp.int32, step: wp.int32) -> wp.bool:
+    """Say whether depth jumps to the next pixel of a line whose pixels are ``step`` apart."""
+    before, here = at(s.p, i - step), at(s.p, i)
+    after, beyond = at(s.p, i + step), at(s.p, i + 2 * step)
+    return _is_jump(before, here, after, beyond, s.lens.jump_share, s.lens.steep_share)
+
+
+@wp.func
 def jumps_at(s: Surfaces, n: wp.int32, y: wp.int32, x: wp.int32) -> wp.uint8:
     """Return the depth jumps to the right of (1) and below (2) a pixel."""
     i = padded(s.lens, n, y, x)
-    pitch = s.lens.width + BORDER
-    here = at(s.p, i)
-    across = _is_jump(
-        at(s.p, i - 1), here, at(s.p, i + 1), at(s.p, i + 2), s.lens.jump_share, s.lens.steep_share
-    )
-    down = _is_jump(
-        at(s.p, i - pitch),
-        here,
-        at(s.p, i + pitch),
-        at(s.p, i + 2 * pitch),
-        s.lens.jump_share,
-        s.lens.steep_share,
-    )
+    across = jumps_to(s, i, 1)
+    down = jumps_to(s, i, s.lens.width + BORDER)
     below = wp.where(y < s.lens.height - 1, _COLUMN, _NONE)
     return wp.where(across and x < s.lens.width - 1, _ROW, _NONE) | wp.where(down, below, _NONE)
 
@@ -117,62 +114,46 @@ def list_jumps(f: Frame):
             found += 1
         x += stride
     last = y * f.lens.width + x - stride
-    add_to_list(f.lens, f.listed, f.pixel_list, n, last, stride, bits, found)
+    add_to_list(f, n, last, stride, bits, found)
 
 
 @wp.func
 def add_to_list(
-    lens: Lens,
-    listed: wp.array(dtype=wp.int32),
-    pixel_list: wp.array(dtype=wp.int32),
-    n: wp.int32,
-    last: wp.int32,
-    stride: wp.int32,
-    bits: wp.int32,
-    found: wp.int32,
+    f: Frame, n: wp.int32, last: wp.int32, stride: wp.int32, bits: wp.int32, found: wp.int32
 ):
     """List pixels of an environment of the pass: of every ``stride``, back from the last."""
-    entry = n * lens.height * lens.width + add_each(listed, n * SPREAD, found)
+    entry = n * f.lens.height * f.lens.width + add_each(f.listed, n * SPREAD, found)
     pixel = wp.int32(last)
     left = wp.int32(bits)
     while left > 0:
         if left % 2 == 1:
-            pixel_list[entry] = pixel
+            f.pixel_list[entry] = pixel
             entry += 1
         left = left / 2
         pixel -= stride
 
 
 @wp.func
+def slope_along(s: Surfaces, i: wp.int32, step: wp.int32, jump: wp.uint8) -> wp.float32:
+    """Return the slope of inverse depth along a line whose pixels are ``step`` apart."""
+    before, after = at(s.p, i - step), at(s.p, i + step)
+    return _slope_between(
+        at(s.p, i - 2 * step),
+        before,
+        at(s.p, i),
+        after,
+        at(s.p, i + 2 * step),
+        # Where a line ends there is nothing to take a slope to.
+        before <= 0.0 or (at_byte(s.jumps, i - step) & jump) != _NONE,
+        after <= 0.0 or (at_byte(s.jumps, i) & jump) != _NONE,
+    )
+
+
+@wp.func
 def slopes(s: Surfaces, i: wp.int32) -> wp.vec2f:
     """Return the slopes of inverse depth along the row and the column, 1/m a pixel."""
     pitch = s.lens.width + BORDER
-    here = at(s.p, i)
-    left = at(s.p, i - 1)
-    right = at(s.p, i + 1)
-    above = at(s.p, i - pitch)
-    below = at(s.p, i + pitch)
-    own = at_byte(s.jumps, i)
-    # Where a line ends there is nothing to take a slope to.
-    du = _slope_between(
-        at(s.p, i - 2),
-        left,
-        here,
-        right,
-        at(s.p, i + 2),
-        left <= 0.0 or (at_byte(s.jumps, i - 1) & _ROW) != _NONE,
-        right <= 0.0 or (own & _ROW) != _NONE,
-    )
-    dv = _slope_between(
-        at(s.p, i - 2 * pitch),
-        above,
-        here,
-        below,
-        at(s.p, i + 2 * pitch),
-        above <= 0.0 or (at_byte(s.jumps, i - pitch) & _COLUMN) != _NONE,
-        below <= 0.0 or (own & _COLUMN) != _NONE,
-    )
-    return wp.vec2f(du, dv)
+    return wp.vec2f(slope_along(s, i, 1, _ROW), slope_along(s, i, pitch, _COLUMN))
 
 
 @wp.func

@@ -1,7 +1,6 @@
 """The light, shift and noise of each pixel's own surface, and what effects add to them."""
 
 from collections.abc import Sequence
-from typing import Any
 
 from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.bounce import IndirectLight
@@ -32,7 +31,6 @@ from flexx2_sim_ros.batch.history import each_with, needs_of
 from flexx2_sim_ros.batch.images import Images
 from flexx2_sim_ros.batch.kernels import add_to_list, distance
 from flexx2_sim_ros.batch.scatter import ScatteredLight
-from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import (
     ambient_light,
     amplitude_bias,
@@ -128,7 +126,7 @@ def list_mixed(f: Frame):
             found += 1
         x += stride
     last = y * f.lens.width + x - stride
-    add_to_list(f.lens, f.listed, f.pixel_list, n, last, stride, bits, found)
+    add_to_list(f, n, last, stride, bits, found)
 
 
 @of_listed(when=mixes)
@@ -259,15 +257,13 @@ class PixelLight:
     """
     The light of the pixels of a pass, before effects change the phase of each frequency.
 
-    `effects` are of every environment; `profile` gives the number of modulation frequencies.
+    `effects` are of every environment.
     """
 
-    def __init__(
-        self, effects: Sequence[Sequence[Effect]], profile: Profile, images: Images, device: Any
-    ) -> None:
+    def __init__(self, effects: Sequence[Sequence[Effect]], images: Images) -> None:
         """Allocate the images."""
-        self._images = images
-        most = max(len(mode.modulation_hz) for mode in profile.modes)
+        self._images, device = images, images.device
+        most = max(len(mode.modulation_hz) for mode in images.profile.modes)
         frequencies = min(max(most, 1), MOST_FREQUENCIES)
         images.frame.amplitude, images.frame.total, images.frame.shifts = (
             wp.zeros(count * images.pixels, dtype=wp.float32, device=device)
@@ -278,9 +274,9 @@ class PixelLight:
         self._indirect = self._scattered = None
         self._mixes = 'footprint' in needs_of(effects)
         if any(bounces):
-            self._indirect = IndirectLight(bounces, frequencies, images, device)
+            self._indirect = IndirectLight(bounces, frequencies, images)
         if any(widths):
-            self._scattered = ScatteredLight(widths, frequencies, images, device)
+            self._scattered = ScatteredLight(widths, frequencies, images)
         wp.load_module(__name__, device=device)
 
     def begin(self) -> None:

@@ -1,7 +1,5 @@
 """The effects motion_artefact and motion_dropout in a batch; see `effects.moving`."""
 
-from typing import Any
-
 from flexx2_sim_ros.batch.arrays import at, put
 from flexx2_sim_ros.batch.compiled import compiled
 from flexx2_sim_ros.batch.effect_formulas import agreed, draw, reflectivity_at, TURN
@@ -251,9 +249,9 @@ def unwrap(f: Frame, own: Own, n: wp.int32, y: wp.int32, x: wp.int32):
                 put(f.shifts, k * f.pitch + i, shifts[k])
 
 
-def prepare(images: Images, num_envs: int, device: Any) -> None:
+def prepare(images: Images, num_envs: int) -> None:
     """Allocate memory for the frame before, and for what moves."""
-    motion = Motion()
+    motion, device = Motion(), images.device
     kept = num_envs * images.height * images.width
     for name in Motion.vars:
         size = kept if name in ('depth', 'reflectivity') else images.pixels

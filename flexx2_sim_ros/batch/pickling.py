@@ -21,6 +21,8 @@ class _Pickler(pickle.Pickler):
             return _array, (value.numpy(), value.dtype, value.device.alias)
         if isinstance(value, wp.Device):
             return wp.get_device, (value.alias,)
+        if isinstance(value, wp.Kernel):
+            return _named, (value.module.name, value.key)
         if isinstance(value, _Struct):
             return _named, (value.cls.__module__, value.cls.__name__)
         if isinstance(getattr(value, '_cls', None), _Struct):

@@ -7,7 +7,6 @@ The kernel over the image is a sum of products of a function of the row and one 
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 from flexx2_sim_ros.batch.arrays import at, end_of, first_of, put, stride_of
 from flexx2_sim_ros.batch.compiled import compiled
@@ -207,11 +206,9 @@ class ScatteredLight:
     off. `frequencies` is the most modulation frequencies of a mode.
     """
 
-    def __init__(
-        self, widths: Sequence[float | None], frequencies: int, images: Images, device: Any
-    ) -> None:
+    def __init__(self, widths: Sequence[float | None], frequencies: int, images: Images) -> None:
         """Put the kernels on the device, and allocate the images of a pass."""
-        self._images, self._frequencies = images, frequencies
+        self._images, self._frequencies, device = images, frequencies, images.device
         rows, columns = -(-images.height // BLOCK), -(-images.width // BLOCK)
         different = sorted({width for width in widths if width is not None})
         kinds: dict[float | None, int] = {width: i for i, width in enumerate(different)}

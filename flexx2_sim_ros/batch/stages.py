@@ -7,8 +7,8 @@ from flexx2_sim_ros.batch import effect_kernels, kernels, light, motion
 from flexx2_sim_ros.batch.geometry import SceneGeometry
 from flexx2_sim_ros.batch.grain import make_grain
 from flexx2_sim_ros.batch.history import needs_of
-from flexx2_sim_ros.batch.images import Images, launch, Rows
-from flexx2_sim_ros.camera import Intrinsics, Profile
+from flexx2_sim_ros.batch.images import Images, launch
+from flexx2_sim_ros.batch.timing import forget
 from flexx2_sim_ros.effects import Effect
 import warp as wp
 
@@ -18,34 +18,26 @@ class BatchStages:
     The stages of frames with effects, of all environments, for images of one size.
 
     `effects` are of every environment, those that are on and have a kernel; `latest_ns` is the
-    longest latency that an environment may have, nanoseconds; `camera` is of the depth images.
+    longest latency that an environment may have, nanoseconds.
     """
 
     def __init__(
-        self,
-        effects: Sequence[Sequence[Effect]],
-        latest_ns: int,
-        profile: Profile,
-        images: Images,
-        rows: Rows,
-        camera: Intrinsics,
+        self, effects: Sequence[Sequence[Effect]], latest_ns: int, images: Images
     ) -> None:
         """Put the parameters on the device and allocate the images."""
         self.images = images
-        num_envs, device = len(effects), rows.stamps.device
-        self._loses = [
-            lose
-            for name, lose in effect_kernels.LOSES.items()
-            if any(effect.name == name for own in effects for effect in own)
-        ]
+        num_envs, device = len(effects), images.device
+        on = {effect.name for own in effects for effect in own}
+        self._loses = [name for name in effect_kernels.LOSES if name in on]
         self._needs = needs_of(effects)
-        self._depends_on_surfaces = any(mode.noise.surfaces is not None for mode in profile.modes)
+        modes = images.profile.modes
+        self._depends_on_surfaces = any(mode.noise.surfaces is not None for mode in modes)
         self._allocate(num_envs, device)
-        rows.was_reset.fill_(1)
-        self._geometry = SceneGeometry(effects, latest_ns, profile, images, rows, camera)
-        self._light = light.PixelLight(effects, profile, images, device)
+        images.rows.was_reset.fill_(1)
+        self._geometry = SceneGeometry(effects, latest_ns, images)
+        self._light = light.PixelLight(effects, images)
         if 'motion' in self._needs:
-            motion.prepare(images, num_envs, device)
+            motion.prepare(images, num_envs)
         wp.load_module(effect_kernels, device=device)
         if 'grain' in self._needs:
             make_grain(images, num_envs)
@@ -67,7 +59,7 @@ class BatchStages:
 
     def forget(self, mask: wp.array) -> None:
         """Reset the environments that a (N,) bool array on the device chooses."""
-        launch(effect_kernels.forget, mask.size, mask, self.images.frame.was_reset)
+        launch(forget, mask.size, mask, self.images.frame.was_reset)
 
     def begin(self, with_reflectivity: bool) -> None:
         """Register a new frame in all environments, and whether it has reflectivity."""
@@ -107,8 +99,8 @@ class BatchStages:
         if 'measured' in needs:
             images.each_pixel(effect_kernels.filter_in_time)
         images.each_pixel(effect_kernels.finish)
-        for lose in self._loses:
-            images.each_pixel(lose)
+        for name in self._loses:
+            images.each_pixel(effect_kernels.LOSES[name])
         if 'passing' in needs:
             images.each_pixel(motion.drop)
         if 'motion' in needs:

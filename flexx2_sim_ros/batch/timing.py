@@ -129,7 +129,7 @@ def tick(step: wp.int64, periods: wp.array(dtype=wp.int64), stamps: wp.array(dty
 
 @wp.kernel
 def forget(mask: wp.array(dtype=wp.bool), was_reset: wp.array(dtype=wp.uint8)):
-    """Let the chosen environments begin with a first frame."""
+    """Let the chosen environments begin with a first frame, of a camera or of its effects."""
     n = wp.tid()
     if mask[n]:
         was_reset[n] = YES
