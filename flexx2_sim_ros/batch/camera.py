@@ -9,7 +9,7 @@ from flexx2_sim_ros.batch.drawn import DrawnCameras
 from flexx2_sim_ros.batch.effect_tables import each_environment
 from flexx2_sim_ros.batch.exchange import checked, flat, from_warp, given_images, stream_of
 from flexx2_sim_ros.batch.host import HostCameras, without_kernel, write_frames
-from flexx2_sim_ros.batch.images import Images, MOST_PIXELS, period_ns, Rows
+from flexx2_sim_ros.batch.images import Images, MOST_PIXELS, Rows
 from flexx2_sim_ros.batch.pickling import reduced
 from flexx2_sim_ros.batch.stages import BatchStages
 from flexx2_sim_ros.batch.timing import FrameTiming
@@ -114,7 +114,7 @@ class BatchCamera:
         keys = np.stack([camera_key(one, name) for one in self._seeds])
         self._rows = Rows(keys, self.device)
         self.stamps = self._rows.stamps
-        self._shortest_ns = min(map(period_ns, self.profile.modes))
+        self._shortest_ns = min(mode.period_ns for mode in self.profile.modes)
         self._timing = FrameTiming(step_s, self._rows, self.device)
         self.image_stamps = self._timing.image_stamps
         self._images: Images | None = None

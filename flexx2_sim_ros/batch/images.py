@@ -78,7 +78,7 @@ class Rows:
             for mode in modes
         ]
         self.surface_noise.assign(np.array(surfaces, np.float32))
-        self.periods.assign(np.array([period_ns(mode) for mode in modes]))
+        self.periods.assign(np.array([mode.period_ns for mode in modes]))
 
     def set_effects(self, effects: Sequence[tuple[Effect, ...]]) -> None:
         """Put the effects of every environment on the device; none where one has no kernel."""
@@ -87,11 +87,6 @@ class Rows:
         self.effects.assign(np.array([rows[own] for own in effects]))
         self.latencies.assign(np.array([offset.latency_ns for offset in offsets]))
         self.delays.assign(np.array([offset.delay_ns for offset in offsets]))
-
-
-def period_ns(mode: Mode) -> int:
-    """Return the time from frame to frame, nanoseconds."""
-    return round(1e9 / mode.rate_hz)
 
 
 def check_kept(name: str, longest_ns: int, pixels: int) -> None:

@@ -261,7 +261,7 @@ def _difference(reader: RecordingReader, task: _Task) -> str | None:
     # The first frame shows whether the camera was the same, and reading all of them whether the
     # file is whole: checksums are verified on the way.
     camera = _camera(task)
-    stamps = _stamps(task, camera)
+    stamps = camera.mode.stamps(task.frames)
     wanted = {
         'usecase': np.array(camera.usecase),
         'seed': np.array(task.seed),
@@ -296,15 +296,9 @@ def _board(task: _Task) -> np.ndarray | None:
     return np.full(task.clean.shape, task.condition.reflectivity, np.float32)
 
 
-def _stamps(task: _Task, camera: Camera) -> np.ndarray:
-    # Whole nanoseconds, so that a frame's stamp does not depend on how it is computed.
-    stamps: np.ndarray = np.rint(np.arange(task.frames) * (1e9 / camera.mode.rate_hz)) / 1e9
-    return stamps
-
-
 def _record(task: _Task) -> Path:
     camera = _camera(task)
-    stamps = _stamps(task, camera)
+    stamps = camera.mode.stamps(task.frames)
     matrix, board = task.profile.intrinsics.matrix, _board(task)
     with RecordingWriter(task.path, task.frames, *task.clean.shape) as writer:
         for start in range(0, task.frames, _CHUNK):

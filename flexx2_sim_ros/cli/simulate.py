@@ -13,7 +13,7 @@ from flexx2_sim_ros.effects.registry import effects_yaml
 from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, printable, shown_path
 from flexx2_sim_ros.profiles.files import find_profile
-from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE
+from flexx2_sim_ros.profiles.modes import DEFAULT_USECASE, Mode
 from flexx2_sim_ros.recording import load_scene, RecordingWriter, Scene
 import numpy as np
 from rich.console import Console
@@ -71,9 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f'OUT.npz: must end in .npz, got {shown_path(arguments.output)}')
     scene = load_scene(arguments.input)
     camera, effects = _make_camera(arguments, scene)
-    stamps = _stamps(
-        scene, arguments.frames, arguments.start, camera.mode.rate_hz, arguments.input
-    )
+    stamps = _stamps(scene, arguments.frames, arguments.start, camera.mode, arguments.input)
     console = messages()
     count = len(stamps)
     _check_images(scene, count, arguments.input)
@@ -206,7 +204,7 @@ def _uptime(scene: Scene, given: float | None, path: str) -> float | None:
 
 
 def _stamps(
-    scene: Scene, frames: int | None, start: float | None, rate_hz: float, path: str
+    scene: Scene, frames: int | None, start: float | None, mode: Mode, path: str
 ) -> np.ndarray:
     available = len(scene.clean_depth) if scene.clean_depth.ndim == 3 else None
     if scene.stamp is not None:
@@ -230,8 +228,7 @@ def _stamps(
         start = _own_start(scene)
     if not 0 <= start <= _LATEST:
         raise InputError(f'--start: must be 0 to {_LATEST:g} seconds, got {start:g}')
-    # Whole nanoseconds, so that a frame's stamp does not depend on how it is computed.
-    return np.rint(start * 1e9 + np.arange(count) * (1e9 / rate_hz)) / 1e9
+    return mode.stamps(count, start)
 
 
 def _own_start(scene: Scene) -> float:

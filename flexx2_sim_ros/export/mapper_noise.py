@@ -167,7 +167,7 @@ def _wall(camera: Camera, distance: float, angle: float) -> tuple[float, float, 
     camera.reset()
     # Whole milliseconds apart for each wall, so that walls do not share their noise.
     first = round(1e3 * distance) * 1_000_000_000 + round(angle) * 10_000_000_000_000
-    stamps = first + np.arange(FRAMES + _SETTLING) * round(1e9 / camera.mode.rate_hz)
+    stamps = first + np.arange(FRAMES + _SETTLING) * camera.mode.period_ns
     frames = camera.capture(clean, intrinsics.matrix, stamps).depth[_SETTLING:]
     middle = tuple(
         slice(max((size - part) // 2, 0), (size + part) // 2)

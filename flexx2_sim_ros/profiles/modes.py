@@ -169,6 +169,17 @@ class Mode:
         return replace(self, noise=replace(self.noise, **noise))
 
     @property
+    def period_ns(self) -> int:
+        """Return the time from frame to frame, nanoseconds."""
+        return round(1e9 / self.rate_hz)
+
+    def stamps(self, count: int, start: float = 0.0) -> np.ndarray:
+        """Return the stamps of so many frames, (T,) float64 seconds, the first at ``start``."""
+        # Whole nanoseconds, so that a frame's stamp does not depend on how it is computed.
+        stamps: np.ndarray = np.rint(start * 1e9 + np.arange(count) * (1e9 / self.rate_hz)) / 1e9
+        return stamps
+
+    @property
     def measured(self) -> bool:
         """Whether the noise was measured in this very mode."""
         return self.noise_from == 'measured'
