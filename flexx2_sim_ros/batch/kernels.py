@@ -72,10 +72,9 @@ def invert(f: Frame, depth: wp.array(dtype=wp.float32), first: wp.int32):
 
 
 @wp.func
-def jumps_to(s: Surfaces, i: wp.int32, step: wp.int32) -> wp.bool:
+def jumps_to(s: Surfaces, i: wp.int32, step: wp.int32, here: wp.float32) -> wp.bool:
     """Say whether depth jumps to the next pixel of a line whose pixels are ``step`` apart."""
-    before, here = at(s.p, i - step), at(s.p, i)
-    after, beyond = at(s.p, i + step), at(s.p, i + 2 * step)
+    before, after, beyond = at(s.p, i - step), at(s.p, i + step), at(s.p, i + 2 * step)
     return _is_jump(before, here, after, beyond, s.lens.jump_share, s.lens.steep_share)
 
 
@@ -83,8 +82,9 @@ def jumps_to(s: Surfaces, i: wp.int32, step: wp.int32) -> wp.bool:
 def jumps_at(s: Surfaces, n: wp.int32, y: wp.int32, x: wp.int32) -> wp.uint8:
     """Return the depth jumps to the right of (1) and below (2) a pixel."""
     i = padded(s.lens, n, y, x)
-    across = jumps_to(s, i, 1)
-    down = jumps_to(s, i, s.lens.width + BORDER)
+    here = at(s.p, i)
+    across = jumps_to(s, i, 1, here)
+    down = jumps_to(s, i, s.lens.width + BORDER, here)
     below = wp.where(y < s.lens.height - 1, _COLUMN, _NONE)
     return wp.where(across and x < s.lens.width - 1, _ROW, _NONE) | wp.where(down, below, _NONE)
 
@@ -134,26 +134,30 @@ def add_to_list(
 
 
 @wp.func
-def slope_along(s: Surfaces, i: wp.int32, step: wp.int32, jump: wp.uint8) -> wp.float32:
+def slope_along(
+    s: Surfaces, i: wp.int32, step: wp.int32, here: wp.float32, own: wp.uint8, jump: wp.uint8
+) -> wp.float32:
     """Return the slope of inverse depth along a line whose pixels are ``step`` apart."""
     before, after = at(s.p, i - step), at(s.p, i + step)
     return _slope_between(
         at(s.p, i - 2 * step),
         before,
-        at(s.p, i),
+        here,
         after,
         at(s.p, i + 2 * step),
         # Where a line ends there is nothing to take a slope to.
         before <= 0.0 or (at_byte(s.jumps, i - step) & jump) != _NONE,
-        after <= 0.0 or (at_byte(s.jumps, i) & jump) != _NONE,
+        after <= 0.0 or (own & jump) != _NONE,
     )
 
 
 @wp.func
 def slopes(s: Surfaces, i: wp.int32) -> wp.vec2f:
     """Return the slopes of inverse depth along the row and the column, 1/m a pixel."""
-    pitch = s.lens.width + BORDER
-    return wp.vec2f(slope_along(s, i, 1, _ROW), slope_along(s, i, pitch, _COLUMN))
+    here, own = at(s.p, i), at_byte(s.jumps, i)
+    du = slope_along(s, i, 1, here, own, _ROW)
+    dv = slope_along(s, i, s.lens.width + BORDER, here, own, _COLUMN)
+    return wp.vec2f(du, dv)
 
 
 @wp.func
