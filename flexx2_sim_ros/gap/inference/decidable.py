@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.effects import of_role, registry
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
-from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS, Thresholds
+from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.hidden import Hidden
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
@@ -41,10 +41,7 @@ class Undecided:
 
 
 def undecided(
-    model: Model,
-    candidates: Sequence[Candidate],
-    thresholds: Thresholds = THRESHOLDS,
-    tick: Callable[[], None] = lambda: None,
+    model: Model, candidates: Sequence[Candidate], tick: Callable[[], None] = lambda: None
 ) -> list[Undecided]:
     """
     List the effects that this ground truth leaves undecided, in the order of the catalogue.
@@ -61,7 +58,7 @@ def undecided(
     confounded = set()
     for candidate in candidates:
         tick()
-        shift, least = _typical(model, candidate), _least(model, candidate, thresholds)
+        shift, least = _typical(model, candidate), _least(model, candidate)
         known = model.as_if(shift, exact, exact=True)
         if float(known.losses(shift).sum()) < least:
             continue  # These recordings would not show it in any case.
@@ -78,35 +75,30 @@ def undecided(
             worst[candidate.effect] = absorbed, candidate
     return [
         Undecided(
-            effect,
-            absorbed,
-            _settled_by(model, candidate, covariances, thresholds),
-            effect in confounded,
+            effect, absorbed, _settled_by(model, candidate, covariances), effect in confounded
         )
         for effect, (absorbed, candidate) in worst.items()
     ]
 
 
-def unseen(
-    model: Model, candidates: Sequence[Candidate], thresholds: Thresholds = THRESHOLDS
-) -> list[str]:
+def unseen(model: Model, candidates: Sequence[Candidate]) -> list[str]:
     """
     List the effects that would not make a gap in these recordings.
 
     At typical strength, without noise, each variant of such an effect leaves less loss than that
     of a gap, after the recordings' own errors are fitted.
     """
-    least, most = thresholds.gap * len(model.gap), dict[str, float]()
+    least, most = THRESHOLDS.gap * len(model.gap), dict[str, float]()
     for one in candidates:
         changed = fit(model.as_if(_typical(model, one)), [], scales=GROUND_TRUTH.scales)
         most[one.effect] = max(most.get(one.effect, 0.0), changed.inside)
     return [effect for effect, loss in most.items() if loss < least]
 
 
-def _least(model: Model, candidate: Candidate, about: Thresholds) -> float:
-    terms = len(candidate.terms) + about.pose_terms * (candidate.kind.role == 'pose')
+def _least(model: Model, candidate: Candidate) -> float:
+    terms = len(candidate.terms) + THRESHOLDS.pose_terms * (candidate.kind.role == 'pose')
     count = max(len(model.gap) - 1, 1)
-    return GROUND_TRUTH.margin * count * (about.gain + about.term_cost * terms)
+    return GROUND_TRUTH.margin * count * (THRESHOLDS.gain + THRESHOLDS.term_cost * terms)
 
 
 def _left(model: Model) -> float:
@@ -133,13 +125,10 @@ def _typical(model: Model, candidate: Candidate) -> np.ndarray:
 
 
 def _settled_by(
-    model: Model,
-    candidate: Candidate,
-    covariances: Sequence[np.ndarray | None],
-    thresholds: Thresholds,
+    model: Model, candidate: Candidate, covariances: Sequence[np.ndarray | None]
 ) -> str:
     # The first measurement with which enough of the effect is left.
-    shift, least = _typical(model, candidate), _least(model, candidate, thresholds)
+    shift, least = _typical(model, candidate), _least(model, candidate)
     about = GROUND_TRUTH
     given = [c for c in covariances if c is not None]
     planes = any(len(c) > POSE for c in given)

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence, Set
 from dataclasses import dataclass, replace
 
-from flexx2_sim_ros.gap.calibration.decisions import calibrated, Decisions
-from flexx2_sim_ros.gap.calibration.inference import ROUNDS, THRESHOLDS, Thresholds
+from flexx2_sim_ros.gap.calibration.decisions import calibrated
+from flexx2_sim_ros.gap.calibration.inference import ROUNDS, THRESHOLDS
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.decidable import decidable_part, Undecided, undecided
 from flexx2_sim_ros.gap.inference.disagreement import Disagreement
@@ -113,10 +113,8 @@ def decide(
     model: Model,
     candidates: Sequence[Candidate],
     tick: Callable[[], None] = lambda: None,
-    thresholds: Thresholds = THRESHOLDS,
     absorbed: Sequence[Undecided] = (),
     not_seen: Sequence[Undecided] | None = None,
-    rule: Decisions | None = None,
 ) -> Decision:
     """
     Explain the gap.
@@ -125,10 +123,9 @@ def decide(
       are no candidates, or for the most part. Without a finding the verdict is ``not_decidable``.
     * `not_seen`: the result of `undecided`, which does not depend on the gap; computed when left
       out.
-    * `rule`: the rule of the verdict (default: that of ``config/decisions.yaml``).
     """
     if not_seen is None:
-        not_seen = undecided(model, candidates, thresholds, tick)
+        not_seen = undecided(model, candidates, tick)
     known = {one.effect for one in absorbed}
     hidden = [one for one in not_seen if one.confounded]
     seen = {one.effect for one in hidden}
@@ -139,7 +136,7 @@ def decide(
     left = {one.effect for one in candidates} - names
     open_ones = [decidable_part(one, left) for one in candidates if one.effect in names]
     candidates = [decidable_part(one, names) for one in candidates if one.effect in left]
-    trials = Trials(model, thresholds)
+    trials = Trials(model)
     singles = []
     for candidate in candidates:
         singles.append(trials.single(candidate))
@@ -147,9 +144,8 @@ def decide(
     considered = best_of_each(singles)
     selection = select(trials, candidates, singles)
     found, excess = selection.chosen, trials.excess(selection.chosen)
-    rule = rule or calibrated()
     support = support_of(trials, selection, without_each(trials, found), considered)
-    said = judge(support, rule)
+    said = judge(support, calibrated())
     verdict, refused = said.verdict, said.refused
     if verdict == 'none' and (hidden or absorbed):
         verdict = 'not_decidable'
@@ -162,7 +158,7 @@ def decide(
         if (
             hidden_could_explain(trials, found, everyone, more, names)
             if verdict in EXPLAINED
-            else hidden_would_be_named(trials, everyone, more, names, rule)
+            else hidden_would_be_named(trials, everyone, more, names)
         ):
             # The recordings cannot tell the effects found from one that the ground truth hides.
             verdict, refused = 'unknown', 'hidden'
@@ -177,7 +173,7 @@ def decide(
         trials.base,
         chosen.fit,
         [said.effects[c.effect] for c in chosen.fit.candidates],
-        [_alternative(one, instead, said) for one in alternatives[: thresholds.most_alternatives]],
+        [_alternative(one, instead, said) for one in alternatives[: THRESHOLDS.most_alternatives]],
         considered,
         excess,
         [*(one for one in absorbed if one.effect not in settled | names), *hidden],
@@ -223,7 +219,7 @@ def hidden_could_explain(
     It may do so alone, or in place of some of them in a selection from all `candidates`, which
     include those of the undecided effects, `hidden`. `singles` has each candidate alone.
     """
-    enough = trials.thresholds.alternative * found.gain
+    enough = THRESHOLDS.alternative * found.gain
     if any(
         one.gain >= enough and {c.effect for c in one.fit.candidates} & hidden for one in singles
     ):
@@ -237,14 +233,13 @@ def hidden_would_be_named(
     candidates: Sequence[Candidate],
     singles: Sequence[Choice],
     hidden: Set[str],
-    rule: Decisions,
 ) -> bool:
     """Return whether an undecided effect were named, if it could; as `hidden_could_explain`."""
     selection = select(trials, candidates, singles)
     found = selection.chosen
     support = support_of(trials, selection, without_each(trials, found), best_of_each(singles))
     named = {c.effect for c in found.fit.candidates} & hidden
-    return bool(named) and judge(support, rule).verdict in EXPLAINED
+    return bool(named) and judge(support, calibrated()).verdict in EXPLAINED
 
 
 def _as_in_catalogue(trials: Trials, found: Choice) -> Choice:

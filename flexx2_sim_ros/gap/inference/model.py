@@ -7,7 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
-from flexx2_sim_ros.gap.calibration.inference import LOSS, Loss
+from flexx2_sim_ros.gap.calibration.inference import LOSS
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.pose import STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
@@ -56,11 +56,10 @@ class Model:
         evidence: Sequence[Evidence],
         columns: Sequence[Column],
         prior: np.ndarray,
-        constants: Loss = LOSS,
         held: bool = False,
     ) -> None:
         """Stack the summaries."""
-        self.constants, self.held = constants, held
+        self.constants, self.held = LOSS, held
         self.evidence = list(evidence)
         self._nodes: dict[tuple[Any, ...], tuple[np.ndarray, np.ndarray]] = {}
         self.index = {column.name: i for i, column in enumerate(columns)}
@@ -73,19 +72,17 @@ class Model:
         real[[one is not None for one in self.same_noise], repeat] = np.nan
         base[:, repeat] = repeats([e.null_grain for e in evidence])
         noise = np.array([e.noise + e.base_variance for e in evidence])
-        self.scale2 = np.square(TOLERANCE) + constants.noise_factor * np.nan_to_num(
-            noise, posinf=0.0
-        )
+        self.scale2 = np.square(TOLERANCE) + LOSS.noise_factor * np.nan_to_num(noise, posinf=0.0)
         gap = real - base
         self.good = np.isfinite(gap)
         self.gap = np.where(self.good, gap, 0.0)
         self.weights = np.where(
-            self.good, np.where(_STRUCTURED, constants.structure_weight, 1 / np.sqrt(_BINS)), 0.0
+            self.good, np.where(_STRUCTURED, LOSS.structure_weight, 1 / np.sqrt(_BINS)), 0.0
         )
-        self._mismatch2 = np.where(_COUNTED, constants.mismatch**2, 0.0).astype(np.float32)
+        self._mismatch2 = np.where(_COUNTED, LOSS.mismatch**2, 0.0).astype(np.float32)
         stated = np.diag(np.square(prior)) if held else None
         known = [stated if e.covariance is None else e.covariance for e in evidence]
-        self.own = OwnErrors(evidence, known, constants)
+        self.own = OwnErrors(evidence, known, LOSS)
         self._pose_columns = np.array([e.pose_columns for e in evidence])
         self._plane_columns = np.zeros((len(gap), self.own.count - COMMON, SIZE))
         for columns_of, e in zip(self._plane_columns, evidence, strict=True):
@@ -101,9 +98,9 @@ class Model:
                 ],
                 axis=1,
             )
-            * constants.edge_shift
+            * LOSS.edge_shift
         )
-        far = 1 + constants.edges_moved * np.square(self.own.pose / self._prior).mean(axis=1)
+        far = 1 + LOSS.edges_moved * np.square(self.own.pose / self._prior).mean(axis=1)
         self.scale2 += far[:, None] * np.array([e.displaced for e in evidence])
         self._truth2 = np.square(GROUND_TRUTH.reach * np.array([e.truth_spread for e in evidence]))
         self.scale2 += self._truth2

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
-from flexx2_sim_ros.gap.calibration.inference import ROUNDS, THRESHOLDS, Thresholds
+from flexx2_sim_ros.gap.calibration.inference import ROUNDS, THRESHOLDS
 from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.decidable import constants, decidable_part
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
@@ -54,12 +54,11 @@ class Trials:
     of recordings that are nothing but the base simulator's.
     """
 
-    def __init__(self, model: Model, thresholds: Thresholds = THRESHOLDS) -> None:
+    def __init__(self, model: Model) -> None:
         """Fit the base simulator."""
-        self.model, self.thresholds = model, thresholds
-        self.count = len(model.gap)
+        self.model, self.count = model, len(model.gap)
         self.base = fit(model, [])
-        self.null = float(model.null_loss.sum()) + thresholds.floor * self.count
+        self.null = float(model.null_loss.sum()) + THRESHOLDS.floor * self.count
 
     def choice(
         self,
@@ -69,10 +68,9 @@ class Trials:
     ) -> Choice:
         """Fit a candidate set; arguments as for `fit`."""
         one = fit(self.model, parts, start, scales)
-        about = self.thresholds
         posed = any(c.kind.role == 'pose' for c in parts)
-        terms = len(one.values) + about.pose_terms * posed
-        cost = self.count * (about.term_cost * terms + _oddity(one, about))
+        terms = len(one.values) + THRESHOLDS.pose_terms * posed
+        cost = self.count * (THRESHOLDS.term_cost * terms + _oddity(one))
         return Choice(one, self.base.total - one.total - cost)
 
     def single(self, candidate: Candidate) -> Choice:
@@ -132,8 +130,7 @@ class FittedSet:
         """Return the set without an effect, fitted again."""
         trials, model = self.trials, self.trials.model
         if name in self.kept:
-            model = model.with_gap(model.gap - model.column(self.kept[name]))
-            trials = Trials(model, trials.thresholds)
+            trials = Trials(model.with_gap(model.gap - model.column(self.kept[name])))
         parts = [one for one in self.chosen.fit.candidates if one.effect != name]
         return FittedSet(
             trials,
@@ -234,12 +231,12 @@ def select(
     """
     considered, model = best_of_each(singles), trials.model
     posed = [c for c in candidates if c.kind.role == 'pose']
-    posed = posed if model.pose_scatter() > trials.thresholds.scattered else []
-    begin, about = FittedSet(trials, trials.choice(posed)), trials.thresholds
+    posed = posed if model.pose_scatter() > THRESHOLDS.scattered else []
+    begin, least = FittedSet(trials, trials.choice(posed)), THRESHOLDS.next_gain
     in_sets = [louder(without_constants(one)) for one in candidates]
     own = {one.fit.candidates[0]: one.fit.values for one in singles}
-    largest = [begin, *grown(begin, in_sets, ROUNDS.first, about.next_gain, own)][-1]
-    now = pruned(largest, ROUNDS.kept * about.next_gain)[-1]
+    largest = [begin, *grown(begin, in_sets, ROUNDS.first, least, own)][-1]
+    now = pruned(largest, ROUNDS.kept * least)[-1]
     parts, values = now.chosen.fit.candidates, now.chosen.fit.values
     names = [one.effect for one in parts]
     if len(names) < 2:
@@ -268,7 +265,7 @@ def without_each(trials: Trials, chosen: Choice) -> list[Choice]:
     return [trials.choice([c for c in parts if c is not part]) for part in parts]
 
 
-def _oddity(one: Fit, about: Thresholds) -> float:
+def _oddity(one: Fit) -> float:
     # Penalty for effects far below typical strength, which are less likely than other effects at
     # typical strength.
     cost = 0.0
@@ -278,5 +275,5 @@ def _oddity(one: Fit, about: Thresholds) -> float:
             term = candidate.terms[0]
             usual = abs(term.nodes[len(term.nodes) // 2][0] - term.neutral)
             size = max(abs(float(values[0]) - term.neutral), 1e-3 * usual)
-            cost += about.weak_cost * max(np.log(usual / size) - np.log(about.weak), 0.0)
+            cost += THRESHOLDS.weak_cost * max(np.log(usual / size) - np.log(THRESHOLDS.weak), 0.0)
     return cost
