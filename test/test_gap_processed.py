@@ -100,5 +100,5 @@ def test_images_that_are_too_small_are_no_reason_to_fail(folder):
     assert 'crop: must leave pixels' in table['processed']['reason']
     (recording, *_) = read_all(folder / 'recordings')
     tiny = parse_chain([{'resize': {'width': 2, 'height': 2}}]).stages
-    with pytest.raises(ValueError, match='process: must leave more than 50 depths'):
-        process_both(PlacedScene.at(recording, np.zeros(6)), {}, tiny, 0)
+    why = process_both(PlacedScene.at(recording, np.zeros(6)), {}, tiny, 0)
+    assert 'process: must leave more than 50 depths' in why

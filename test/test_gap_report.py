@@ -1,6 +1,7 @@
 """The report of a diagnosis: what it says of the gap, its causes and its size."""
 
-from flexx2_sim_ros.gap.features.confirm import NOISE, parts
+from flexx2_sim_ros.gap.features.confirm import parts
+from flexx2_sim_ros.gap.features.physical import NOISE
 from flexx2_sim_ros.gap.report.places import difference, finding
 from flexx2_sim_ros.gap.report.sizes import attribution, lengths, shown_by_one
 from flexx2_sim_ros.gap.report.table import makes_larger, verdict_of

@@ -7,7 +7,7 @@ from typing import Any
 from flexx2_sim_ros.effects import Effect, parse_effects
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.features.confirm import apart, confirm, measured_parts, Outcome
-from flexx2_sim_ros.gap.features.processed import process_both_or_why, Processed
+from flexx2_sim_ros.gap.features.processed import process_both, Processed
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_named, Calibrated
 from flexx2_sim_ros.gap.forms.looked import confirm_settled, Settings, Simulator
 from flexx2_sim_ros.gap.forms.proposals import rounds
@@ -258,7 +258,7 @@ def processed_table(
         return {'reason': 'the recordings are processed already, and diagnosed as they are'}
     used, same = named.used, [stages] * len(named.used)
     jobs = jobs_at(used, named.motions, effects=named.own, bare=named.bare, stages=same)
-    found = named.simulator.run(at_pose, jobs, step, look=process_both_or_why)
+    found = named.simulator.run(at_pose, jobs, step, look=process_both)
     good = [one for one in found if isinstance(one, Processed)]
     if len(good) < len(found):
         return {'reason': next(one for one in found if isinstance(one, str))}

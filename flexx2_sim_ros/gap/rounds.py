@@ -11,7 +11,7 @@ from flexx2_sim_ros.gap.calibration.inference import ROUNDS
 from flexx2_sim_ros.gap.data.campaign import Found, read
 from flexx2_sim_ros.gap.data.given import Table as Given
 from flexx2_sim_ros.gap.features.catalogue import Candidate, nuisances
-from flexx2_sim_ros.gap.features.confirm import how_far
+from flexx2_sim_ros.gap.features.confirm import far_in_all
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_named
 from flexx2_sim_ros.gap.forms.looked import Simulator
@@ -32,21 +32,13 @@ class ExplainedSet:
     """
     A set of effects, and how near it comes.
 
-    * `proposal`: the set; its sigma is that of all rounds together.
-    * `far`: (R, 4) how far each recording is from its simulation with values that were fitted
-      without it; see `how_far`.
-    * `moved`: (R,) what its camera and planes cost where they are; see `OwnErrors.cost`. Poses
-      take up a bias, but not for nothing.
+    The sigma of `proposal` is that of all rounds together. `apart` is (R,) how far each recording
+    is from its simulation with values that were fitted without it, noise included, and what its
+    camera and planes cost where they are: poses take up a bias, but not for nothing.
     """
 
     proposal: Proposal
-    far: np.ndarray
-    moved: np.ndarray
-
-    @property
-    def apart(self) -> np.ndarray:
-        """Return how far each recording is, noise and its pose included, (R,)."""
-        return _whole(self.far) + self.moved
+    apart: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -77,8 +69,8 @@ class Campaign:
             for r, found in enumerate(self.found)
         ]
         work = bind(_far, profile=one.profile, seed=one.seed, known=one.known)
-        apart = np.array(self.mapped(work, jobs, self.step))
-        return [ExplainedSet(p, apart[:, i], self.own.cost(p.motions)) for i, p in enumerate(some)]
+        far = np.array(self.mapped(work, jobs, self.step))
+        return [ExplainedSet(p, far[:, i] + self.own.cost(p.motions)) for i, p in enumerate(some)]
 
     def proposed(self, best: Proposal) -> list[Proposal]:
         """Return what a round could make of a set; see `joint.proposals`."""
@@ -176,11 +168,6 @@ def _together(model: Model, forms: dict[str, Candidate]) -> list[Proposal]:
     return [Proposal(effects, without, motions, 0.0, np.inf, forms, label=AS_SEARCHED)]
 
 
-def _whole(far: np.ndarray) -> np.ndarray:
-    # (R,) distance and noise, of (R, 4) as from `how_far`.
-    return far[:, 0] + far[:, 3]
-
-
 def unneeded(rises: Mapping[str, np.ndarray], left: float) -> list[str]:
     """
     Return the effects that a set does not need, the least needed first.
@@ -247,11 +234,11 @@ def _far(
     profile: Profile | None,
     seed: int,
     known: Given | None,
-) -> list[list[float]]:
+) -> list[float]:
     found, some = job
     out = []
     for motion, effects, sigma in some:
         (noisy,), own = noisier([found], profile, 1 + sigma)
         scene = PlacedScene.at(read(noisy, own, known), motion)
-        out.append(how_far(scene, effects, seed))
+        out.append(far_in_all(scene, effects, seed))
     return out

@@ -5,22 +5,23 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
-from flexx2_sim_ros.gap.calibration.features import FEATURES, SIMULATION
+from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.features.features import features, lattice_spectrum, static_grain
-from flexx2_sim_ros.gap.features.physical import distance, distances, histogram, Measures, UNITS
+from flexx2_sim_ros.gap.features.physical import (
+    distance,
+    distances,
+    histogram,
+    in_tolerances,
+    Measures,
+    NOISE,
+    UNITS,
+)
 from flexx2_sim_ros.gap.features.pixel_groups import GroupSums, PixelGroups
 from flexx2_sim_ros.gap.features.row_sums import EXPECT
 from flexx2_sim_ros.gap.features.simulation import counts_edges, PlacedScene, with_uptime
 from flexx2_sim_ros.gap.features.single_frame import single_frame, SingleFrame
 from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
-
-_TOLERANCES = FEATURES.tolerances
-NOISE = {
-    'log_variance': _TOLERANCES['log_variance'],
-    'correlation': _TOLERANCES['neighbour'],
-    'lag': _TOLERANCES['lag'],
-}
 
 
 class Apart(NamedTuple):
@@ -37,8 +38,7 @@ class Apart(NamedTuple):
 
     def far(self, which: int) -> np.ndarray:
         """Return (4,) as from `how_far`: before (0), after (1), or of two simulations (2)."""
-        values = {unit: several[which] for unit, several in self.physical.items()}
-        return np.array(in_tolerances(values))
+        return how_far({unit: several[which] for unit, several in self.physical.items()})
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def confirm(
         return _Look(seen_in(scene, depth, effects), grouped.add(depth), depth)
 
     real = look(recording.depth)
-    before = [look(depth) for depth in simulated(placed_without(scene, bare), {}, seed)]
+    before = [look(depth) for depth in simulated(scene.without(bare), {}, seed)]
     after = [look(depth) for depth in simulated(scene, effects, seed)] if effects else before
     spectrum = np.mean([lattice_spectrum(one.seen.sums) for one in before], axis=0)
     own, _ = features(real.seen.sums, spectrum)
@@ -150,10 +150,12 @@ def apart(
     scene: PlacedScene, effects: dict[str, Any], seed: int, bare: np.ndarray | None = None
 ) -> Apart:
     """Return how far a recording is from its simulations; parameters and seeds as of `confirm`."""
-    before, after = (
-        [seen_in(scene, depth, effects) for depth in simulated(where, table, seed)]
-        for where, table in ((placed_without(scene, bare), {}), (scene, effects))
-    )
+
+    def look(where: PlacedScene, table: dict[str, Any]) -> list[Seen]:
+        return [seen_in(scene, depth, effects) for depth in simulated(where, table, seed)]
+
+    before = look(scene.without(bare), {})
+    after = look(scene, effects) if effects else before
     return apart_in(seen_in(scene, scene.recording.depth, effects), before, after)
 
 
@@ -195,30 +197,25 @@ def parts(
     return out
 
 
-def how_far(scene: PlacedScene, effects: dict[str, Any], seed: int) -> list[float]:
+def how_far(gaps: Mapping[str, float]) -> np.ndarray:
     """
-    Return how far a recording is from its simulation with effects, in tolerances.
+    Return how far a recording is from a simulation, (4,), from their `physical.distances`.
 
-    Errors of depth, lost pixels and noise count, jumps included. The values are
-    `physical.distance`; of it, depth in millimetres and lost pixels in percent; and the difference
-    of the noise and its correlations, the sum of `NOISE`, each over its tolerance.
+    The values are `physical.distance`; of it, depth in millimetres and lost pixels in percent; and
+    the difference of the noise and its correlations, in tolerances.
     """
+    noise = in_tolerances(gaps, NOISE)
+    return np.array([distance(gaps), gaps['wasserstein_mm'], 100 * gaps['invalid_rate'], noise])
+
+
+def far_in_all(scene: PlacedScene, effects: dict[str, Any], seed: int) -> float:
+    """Return `physical.distance` and noise of a recording and its simulation, in tolerances."""
     depth = next(simulated(scene, effects, seed))
     real, other = (
         histogram(one, scene.covariates, scene.sums(one)) for one in (scene.recording.depth, depth)
     )
-    return in_tolerances(distances(real, other))
-
-
-def in_tolerances(gaps: Mapping[str, float]) -> list[float]:
-    """Return what `how_far` does, of `physical.distances`."""
-    noise = sum(gaps[unit] / tolerance for unit, tolerance in NOISE.items())
-    return [distance(gaps), gaps['wasserstein_mm'], 100 * gaps['invalid_rate'], noise]
-
-
-def placed_without(scene: PlacedScene, bare: np.ndarray | None) -> PlacedScene:
-    """Return the scene where it is without effects, as for `confirm`."""
-    return scene if bare is None else PlacedScene.at(scene.recording, bare)
+    gaps = distances(real, other)
+    return distance(gaps) + in_tolerances(gaps, NOISE)
 
 
 def simulated(scene: PlacedScene, table: dict[str, Any], seed: int) -> Iterator[np.ndarray]:

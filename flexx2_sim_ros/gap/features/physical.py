@@ -26,21 +26,21 @@ import numpy as np
 _REGIONS = AXES['region'].bins
 _BIN_MM, _HALF, _NORMAL = MEASURES.bin_mm, MEASURES.half, MEASURES.normal
 _SIGMAS = FEATURES.gross
-UNITS = (
-    'wasserstein_mm',
-    'wasserstein_sigma',
-    'edge_sigma',
-    'invalid_rate',
-    'log_variance',
-    'correlation',
-    'lag',
-    'kl_nats',
-)
-# The two measures that the distance of two recordings is made of; see `distance`.
-COUNTED = {
+# By how much each measure may change without mattering: the tolerances of the features. That of
+# ``kl_nats`` is the divergence of two normal distributions that are a tolerance of bias apart.
+TOLERANCES = {
     'wasserstein_sigma': FEATURES.tolerances['bias'],
+    'edge_sigma': FEATURES.tolerances['bias'],
     'invalid_rate': FEATURES.tolerances['invalid'],
+    'log_variance': FEATURES.tolerances['log_variance'],
+    'correlation': FEATURES.tolerances['neighbour'],
+    'lag': FEATURES.tolerances['lag'],
+    'kl_nats': FEATURES.tolerances['bias'] ** 2 / 2,
 }
+UNITS = ('wasserstein_mm', *TOLERANCES)
+# What the distance of two recordings is made of, see `distance`; and their noise.
+COUNTED = 'wasserstein_sigma', 'invalid_rate'
+NOISE = 'log_variance', 'correlation', 'lag'
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,12 @@ def distance(apart: Mapping[str, float]) -> float:
     invalid pixels in units of 0.8 %, the diagnosis' tolerances. Below 1 a difference does not
     matter.
     """
-    return sum(apart[unit] / tolerance for unit, tolerance in COUNTED.items())
+    return in_tolerances(apart, COUNTED)
+
+
+def in_tolerances(apart: Mapping[str, float], units: Sequence[str]) -> float:
+    """Return the sum of some of `distances`, each over its tolerance."""
+    return sum(apart[unit] / TOLERANCES[unit] for unit in units)
 
 
 def mismatch(real: Measures, other: Measures) -> float:
@@ -213,7 +218,7 @@ def mismatch(real: Measures, other: Measures) -> float:
     over bins of the squared difference of the fraction of invalid pixels, plus that of
     `noise_growth`; all in squared tolerances, and as a pseudo-Huber loss.
     """
-    shifted = COUNTED['wasserstein_sigma'] ** 2 / math.sqrt(math.pi)
+    shifted = TOLERANCES['wasserstein_sigma'] ** 2 / math.sqrt(math.pi)
     to_energy = 2 * (2 * _SIGMAS / _NORMAL) / shifted
     grown = (real.growth - other.growth) / FEATURES.tolerances['log_variance']
     return (
@@ -221,7 +226,9 @@ def mismatch(real: Measures, other: Measures) -> float:
             real.normal, other.normal, lambda gaps: _huber(to_energy * (gaps**2).sum(axis=1))
         )
         + _over_bins(
-            real.invalid, other.invalid, lambda gaps: _huber((gaps / COUNTED['invalid_rate']) ** 2)
+            real.invalid,
+            other.invalid,
+            lambda gaps: _huber((gaps / TOLERANCES['invalid_rate']) ** 2),
         )
         + float(_huber(grown**2).mean())
     )

@@ -39,6 +39,10 @@ class PlacedScene:
         placed = place(recording, motion)
         return cls(recording, placed, Scenes(recording, placed), warm_of(recording.fresh))
 
+    def without(self, bare: np.ndarray | None) -> 'PlacedScene':
+        """Return the scene to simulate where it is without effects, as for `confirm.confirm`."""
+        return self if bare is None else PlacedScene.at(self.recording, bare)
+
     @property
     def moving(self) -> bool:
         """Return whether each frame has a clean image of its own."""

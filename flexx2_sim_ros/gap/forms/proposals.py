@@ -6,12 +6,12 @@ from typing import Any
 
 from flexx2_sim_ros.effects import registry
 from flexx2_sim_ros.effects.shapes import Shape
-from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.forms import FORMS
-from flexx2_sim_ros.gap.features.physical import distance
+from flexx2_sim_ros.gap.features.physical import distance, NOISE, TOLERANCES
 from flexx2_sim_ros.gap.forms.bias import BIASES
 from flexx2_sim_ros.gap.forms.bias_fit import is_surely_less
-from flexx2_sim_ros.gap.forms.binned import KINDS, NOISE
+from flexx2_sim_ros.gap.forms.binned import KINDS
+from flexx2_sim_ros.gap.forms.binned import NOISE as EXCESS
 from flexx2_sim_ros.gap.forms.geometry import is_fitted_with_poses
 from flexx2_sim_ros.gap.forms.looked import Settings
 from flexx2_sim_ros.gap.forms.shape_search import evaluations
@@ -20,13 +20,7 @@ from flexx2_sim_ros.physics.frame_state import Stage
 import numpy as np
 
 PATTERN, DEAD = 'fixed_pattern', 'random_dropout'  # effects that have a map of the image
-# Measures that the distance has no part of, with the change of each that matters.
-_OTHERS = {
-    'edge_sigma': FEATURES.tolerances['bias'],
-    'log_variance': FEATURES.tolerances['log_variance'],
-    'correlation': FEATURES.tolerances['neighbour'],
-    'lag': FEATURES.tolerances['lag'],
-}
+_OTHERS = 'edge_sigma', *NOISE  # measures that the distance has no part of
 
 
 def calibratable(effects: Settings, quick: bool) -> list[str]:
@@ -42,7 +36,7 @@ def calibratable(effects: Settings, quick: bool) -> list[str]:
     ]
     before = [name for name in shaped if registry()[name].stage <= Stage.PHASOR]
     after = [name for name in shaped if name not in before]
-    places = *BIASES, PATTERN, DEAD, NOISE, *(name for name in KINDS if name != NOISE)
+    places = *BIASES, PATTERN, DEAD, EXCESS, *(name for name in KINDS if name != EXCESS)
     names = [*before, *(name for name in places if name in effects), *after]
     return [one for one in names if not (quick and is_searched(one)) or shapes_of(one, quick)]
 
@@ -114,11 +108,6 @@ class FormVerdict:
         }
 
 
-def totals(apart: Sequence[dict[str, float]]) -> np.ndarray:
-    """Return (R,) `physical.distance` of several recordings."""
-    return np.array([distance(one) for one in apart])
-
-
 def judged(
     proposal: FormProposal, before: Sequence[dict[str, float]], after: Sequence[dict[str, float]]
 ) -> FormVerdict:
@@ -130,13 +119,14 @@ def judged(
     What was fitted together with the poses is taken unless left-out recordings are surely farther
     away: their poses are fitted again, and make up for a wrong lens.
     """
-    old, new = totals(before), totals(after)
+    old, new = (np.array([distance(one) for one in some]) for some in (before, after))
     nearer, farther = _matters(new, old), _matters(old, new)
     others = {
         unit: measured(
-            np.array([[a[unit], b[unit], 0.0] for a, b in zip(before, after, strict=True)]), limit
+            np.array([[a[unit], b[unit], 0.0] for a, b in zip(before, after, strict=True)]),
+            TOLERANCES[unit],
         )
-        for unit, limit in _OTHERS.items()
+        for unit in _OTHERS
     }
     worse = tuple(unit for unit, one in others.items() if one['worse'])
     better = any(one['better'] for one in others.values())

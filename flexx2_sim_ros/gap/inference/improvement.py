@@ -3,13 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
-from flexx2_sim_ros.gap.calibration.features import FEATURES
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.features.confirm import Apart, Outcome
 from flexx2_sim_ros.gap.features.features import LAYOUT
 from flexx2_sim_ros.gap.features.grain import repeats
-from flexx2_sim_ros.gap.features.physical import UNITS
+from flexx2_sim_ros.gap.features.physical import TOLERANCES, UNITS
 from flexx2_sim_ros.gap.inference.fitting import Fit, fit
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.uncertainty import mean_interval, ratio_interval
@@ -27,23 +26,13 @@ def tolerances(model: Model) -> dict[str, float]:
     """
     Return by how much each of `physical.UNITS` may change without mattering.
 
-    These are the tolerances of the diagnosis' features: 0.1 sigma_z of bias (in millimetres with
-    the mean sigma_z of the recordings, and as the divergence of two normal distributions), 0.8 %
-    of invalid pixels, 0.1 of log variance, 0.04 of a correlation.
+    That of ``wasserstein_mm`` is that of ``wasserstein_sigma`` with the mean sigma_z of the
+    recordings.
     """
-    table = FEATURES.tolerances
     sigmas = np.array([one.sigma[AXES['all'].start] for one in model.evidence], float)
     sigmas = sigmas[np.isfinite(sigmas)]  # A recording without surfaces has none.
-    return {
-        'wasserstein_mm': 1000 * table['bias'] * float(sigmas.mean() if len(sigmas) else 0.0),
-        'wasserstein_sigma': table['bias'],
-        'edge_sigma': table['bias'],
-        'invalid_rate': table['invalid'],
-        'log_variance': table['log_variance'],
-        'correlation': table['neighbour'],
-        'lag': table['lag'],
-        'kl_nats': table['bias'] ** 2 / 2,
-    }
+    mean = float(sigmas.mean() if len(sigmas) else 0.0)
+    return {'wasserstein_mm': 1000 * TOLERANCES['wasserstein_sigma'] * mean, **TOLERANCES}
 
 
 def all_measured(model: Model, apart: Sequence[Apart]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import re
 from typing import Any
 
 from flexx2_sim_ros import html_parts as html
-from flexx2_sim_ros.gap.features.confirm import NOISE
+from flexx2_sim_ros.gap.features.physical import in_tolerances, NOISE
 from flexx2_sim_ros.gap.report import words
 from flexx2_sim_ros.gap.report.text import percent, short, spaced
 from flexx2_sim_ros.html_drawing import bar
@@ -34,7 +34,7 @@ def attribution(table: dict[str, Any]) -> list[tuple[str, ...]]:
     ]
     rows += [(_OTHERS[key], '', *_taken(part)) for key, part in _others(gap).items()]
     for key, text in (('null', 'two simulations'), ('before', 'together')):
-        noise = sum(gap[unit][key] / tolerance for unit, tolerance in NOISE.items())
+        noise = in_tolerances({unit: gap[unit][key] for unit in NOISE}, NOISE)
         values = gap['wasserstein_mm'][key], 100 * gap['invalid_rate'][key], noise
         shown = zip(values, _UNITS.values(), strict=True)
         rows.append((text, '', *(f'{_rounded(one)}{unit}' for one, unit in shown)))
