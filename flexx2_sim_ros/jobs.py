@@ -41,12 +41,13 @@ def workers(jobs: int, scheduler: str | None) -> Iterator[Map]:
             yield partial(_shared, submit, jobs - 1)
     else:
         with threadpool_limits(1, 'blas'):
-            yield _here
+            yield here
 
 
-def _here(
+def here(
     function: Callable[[Any], Any], items: Sequence[Any], tick: Callable[[], None]
 ) -> list[Any]:
+    """Map a function over items in this process."""
     out = []
     for item in items:
         out.append(function(item))

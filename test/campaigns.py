@@ -6,7 +6,7 @@ from flexx2_sim_ros.camera import Camera, flexx2
 from flexx2_sim_ros.cli.main import main
 from flexx2_sim_ros.effects import parse_effects, registry, save_effects
 from flexx2_sim_ros.gap.data.campaign import read
-from flexx2_sim_ros.gap.work import find
+from flexx2_sim_ros.gap.features.work import find
 from flexx2_sim_ros.jobs import workers
 import numpy as np
 

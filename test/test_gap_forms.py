@@ -12,11 +12,11 @@ from flexx2_sim_ros.gap import diagnose, measure, randomise
 from flexx2_sim_ros.gap.cost import known_of
 from flexx2_sim_ros.gap.data.campaign import read
 from flexx2_sim_ros.gap.data.registration import register
+from flexx2_sim_ros.gap.features.work import find, Simulator
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_named
-from flexx2_sim_ros.gap.forms.looked import look, look_again, Simulator
+from flexx2_sim_ros.gap.forms.looked import look, look_again
 from flexx2_sim_ros.gap.report.charts import forms
 from flexx2_sim_ros.gap.report.reading import read_diagnosis
-from flexx2_sim_ros.gap.work import find
 from flexx2_sim_ros.jobs import workers
 import numpy as np
 import pytest

@@ -9,11 +9,11 @@ from flexx2_sim_ros.gap.data.axes import AXES, axes_of
 from flexx2_sim_ros.gap.features.catalogue import catalogue, Decaying
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import LAYOUT, SIZE
+from flexx2_sim_ros.gap.features.work import Simulator
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.joint import around, nothing, Proposal, proposals
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.selection import select, Trials
-from flexx2_sim_ros.gap.work import Simulations
 from flexx2_sim_ros.recording.truth import Accuracy
 import numpy as np
 import pytest
@@ -241,9 +241,9 @@ def test_what_is_in_a_set_is_not_simulated_a_second_time(monkeypatch, modulation
     monkeypatch.setattr(rounds, 'summarise_all', interrupted)
     effects = {'intrinsics_error': {'focal': 0.01}}
     best = Proposal(effects, [effects], [np.zeros(6)], 0.0, 0.0, {})
-    simulations = Simulations(None, columns, 0, tuple(PRIOR))
+    simulator = Simulator(map, None, {}, 0, tuple(PRIOR), columns)
     with pytest.raises(InterruptedError):
-        rounds.Campaign('', [], candidates, simulations, None, map).proposed(best)
+        rounds.Campaign('', [], candidates, simulator, None).proposed(best)
     again = [one.name for one in seen if set(one.effects) & set(effects) and not one.without]
     assert seen
     assert not again

@@ -1,6 +1,7 @@
 """Check a diagnosis on recordings that it has never seen."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 import time
 from typing import Any
@@ -17,14 +18,14 @@ from flexx2_sim_ros.gap.data.given import given_effects, in_one_table, Table
 from flexx2_sim_ros.gap.features.confirm import apart_in, seen_in, simulated
 from flexx2_sim_ros.gap.features.physical import UNITS
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
+from flexx2_sim_ros.gap.features.work import find, noisier, portion, Progress, Simulator, stepper
 from flexx2_sim_ros.gap.given_effects import fit_without_and_with, FittedRecordings
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.inference.improvement import measured, tolerances
 from flexx2_sim_ros.gap.report.check_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
 from flexx2_sim_ros.gap.report.text import short
-from flexx2_sim_ros.gap.work import find, noisier, portion, Progress, Simulations, stepper
-from flexx2_sim_ros.jobs import bind, Map, workers
+from flexx2_sim_ros.jobs import workers
 import numpy as np
 
 SCHEMA = 1
@@ -82,22 +83,22 @@ def check(
     folder = Path(fresh).absolute() if scheduler is not None else Path(fresh)
     with workers(jobs, scheduler) as mapped:
         found, left_out = find(folder, profile, mapped, before.full_scale)
-        _refuse_seen(before, found, profile, mapped)
+        simulator = Simulator(mapped, profile, given, seed, prior)
+        _refuse_seen(before, found, simulator)
         fitted = fit_without_and_with(
             folder,
             found,
             left_out,
             effects,
-            Simulations(profile, (), seed, prior, given),
+            simulator,
             before.pose_held or pose_prior is not None,
-            mapped,
             portion(progress, 0.05, 0.6),
         )
         noisy, own = noisier(fitted.found, profile, before.noise_factor)
-        fixed = {'profile': own, 'effects': table_of(effects), 'seed': seed, 'known': given}
+        simulator = replace(simulator, profile=own)
         placed = list(zip(noisy, *fitted.motions(), strict=True))
         step = stepper(progress, 'measuring in physical units', 0.65, 0.33, len(placed))
-        physical = mapped(bind(_physical, **fixed), placed, step)
+        physical = simulator.run(_physical, placed, step, effects=table_of(effects))
     values = {'loss': fitted.losses()}
     values.update({unit: np.array([one[unit] for one in physical]) for unit in UNITS})
     least = {'loss': THRESHOLDS.gain, **tolerances(fitted.models[1])}
@@ -162,14 +163,11 @@ def judged(measures: Mapping[str, Mapping[str, Any]]) -> tuple[bool, list[str]]:
     return not reasons, reasons
 
 
-def _refuse_seen(
-    before: Diagnosed, found: Sequence[Found], profile: Profile | None, mapped: Map
-) -> None:
+def _refuse_seen(before: Diagnosed, found: Sequence[Found], simulator: Simulator) -> None:
     # Recordings are compared by checksum, because two recordings may have the same name. Names are
     # compared only where the diagnosis has no checksums.
-    sums = mapped(bind(_checksum, profile=profile), found, lambda: None)
     seen = []
-    for file, checksum in zip(found, sums, strict=True):
+    for file, checksum in zip(found, simulator.run(_checksum, found), strict=True):
         name = file.path.name
         if checksum in before.checksums:
             seen.append(f'{unquoted(name)} (there {unquoted(before.checksums[checksum])})')
@@ -183,7 +181,7 @@ def _refuse_seen(
         )
 
 
-def _checksum(found: Found, profile: Profile | None) -> str:
+def _checksum(found: Found, profile: Profile | None, **_: Any) -> str:
     try:
         return read(found, profile).checksum
     except InputError:  # `summarise` reports the error.

@@ -19,11 +19,11 @@ from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
+from flexx2_sim_ros.gap.features.work import find, Progress, stepper
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.renditions import Known, render
 from flexx2_sim_ros.gap.report.cost_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find, Progress, stepper
 from flexx2_sim_ros.jobs import bind, Map, workers
 from flexx2_sim_ros.limits import check_whole, CONSUMER_SECONDS
 import numpy as np

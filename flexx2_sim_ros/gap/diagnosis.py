@@ -23,7 +23,17 @@ from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
 from flexx2_sim_ros.gap.data.prior import prior_from_scatter, USUAL
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import confirm
-from flexx2_sim_ros.gap.forms.looked import Simulator
+from flexx2_sim_ros.gap.features.work import (
+    at_pose,
+    find,
+    jobs_at,
+    portion,
+    Progress,
+    search_inside,
+    Simulator,
+    stepper,
+    summarise_all,
+)
 from flexx2_sim_ros.gap.inference.decidable import decidable_candidates
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
 from flexx2_sim_ros.gap.inference.disagreement import disagreement, likelier_mode
@@ -35,17 +45,6 @@ from flexx2_sim_ros.gap.report.reading import diagnosed
 from flexx2_sim_ros.gap.report.table import makes_larger, patch_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.rounds import Campaign
-from flexx2_sim_ros.gap.work import (
-    at_pose,
-    find,
-    jobs_at,
-    portion,
-    Progress,
-    search_inside,
-    Simulations,
-    stepper,
-    summarise_all,
-)
 from flexx2_sim_ros.jobs import Map, workers
 from flexx2_sim_ros.limits import check_whole
 from flexx2_sim_ros.physics.frame_state import why_no_phases
@@ -140,15 +139,14 @@ def diagnose(
         no_phases = why_no_phases(found[0].mode)
         left = {*without, *known}
         step = stepper(progress, 'looking into the camera', 0.01, 0.04, len(found))
-        inside = search_inside(found, profile, mapped, step, known)
+        simulator = Simulator(mapped, profile, known, seed, tuple(prior))
+        inside = search_inside(found, simulator, step)
         columns, candidates = catalogue(left, not no_phases, inside)
         hidden = [one for one in hidden_effects(campaign_dir) if one.effect not in left]
         text = 'simulating what could explain the recordings'
         step = stepper(progress, text, 0.05, 0.35, len(found))
-        simulations = Simulations(profile, columns, seed, tuple(prior), known, inside)
-        used, evidence, unusable = summarise_all(
-            campaign_dir, found, left_out, simulations, mapped, step
-        )
+        simulator = replace(simulator, columns=columns, inside=inside)
+        used, evidence, unusable = summarise_all(campaign_dir, found, left_out, simulator, step)
         model = Model(evidence, columns, prior, held=pose_prior is not None)
         decision = _decide(model, candidates, hidden, progress)
         left_out = left_out + unusable
@@ -156,16 +154,15 @@ def diagnose(
         if scatter is not None:
             still = portion(progress, 0.5, 0.0)
             step = stepper(still, 'simulating at poses as they scatter', 0.0, 0.0, len(used))
-            simulations = replace(simulations, prior=tuple(scatter))
-            _, evidence, _ = summarise_all(campaign_dir, used, [], simulations, mapped, step)
+            simulator = replace(simulator, prior=tuple(scatter))
+            _, evidence, _ = summarise_all(campaign_dir, used, [], simulator, step)
             model = Model(evidence, columns, scatter, held=True)
             candidates = [one for one in candidates if one.kind.role != 'pose']
             decision = _decide(model, candidates, hidden, still)
         step = stepper(progress, 'fitting effects together', 0.5, 0.3, _ROUNDS * len(used))
         recorded = str(campaign_dir), used, candidates
-        campaign = Campaign(*recorded, simulations, model.own, mapped, step, held=model.held)
+        campaign = Campaign(*recorded, simulator, model.own, step, held=model.held)
         chosen = explained(decision, model, campaign)
-        simulator = Simulator(mapped, profile, known, seed, simulations.prior)
         named = simulate_named(model, chosen, used, simulator, forms, progress)
         table = named.table(model, used, left_out)
         if makes_larger(table):

@@ -23,20 +23,20 @@ from flexx2_sim_ros.gap.features.confirm import confirm
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.search import inside_of
 from flexx2_sim_ros.gap.features.simulation import counts_edges, definitions
-from flexx2_sim_ros.gap.inference.effects import table_of
-from flexx2_sim_ros.gap.inference.fitting import Fit, fit
-from flexx2_sim_ros.gap.inference.improvement import simulated_losses
-from flexx2_sim_ros.gap.inference.model import Model
-from flexx2_sim_ros.gap.work import (
+from flexx2_sim_ros.gap.features.work import (
     at_pose,
     find,
     jobs_at,
     Progress,
-    Simulations,
+    Simulator,
     stepper,
     summarise_all,
 )
-from flexx2_sim_ros.jobs import bind, Map, workers
+from flexx2_sim_ros.gap.inference.effects import table_of
+from flexx2_sim_ros.gap.inference.fitting import Fit, fit
+from flexx2_sim_ros.gap.inference.improvement import simulated_losses
+from flexx2_sim_ros.gap.inference.model import Model
+from flexx2_sim_ros.jobs import workers
 import numpy as np
 
 _SET = 'set'
@@ -80,9 +80,8 @@ def fit_without_and_with(
     found: Sequence[Found],
     left_out: Sequence[tuple[str, str]],
     effects: tuple[Effect, ...],
-    simulations: Simulations,
+    simulator: Simulator,
     held: bool,
-    mapped: Map,
     progress: Progress,
 ) -> FittedRecordings:
     """
@@ -95,11 +94,11 @@ def fit_without_and_with(
     * `folder`, `left_out`: the campaign, and name and reason of each recording that was left out
       before; for errors.
     * `effects`: what is given. A pose error is where the poses of the recordings lie about.
-    * `simulations`: how they are simulated; columns and what is inside the camera follow from the
+    * `simulator`: how they are simulated; columns and what is inside the camera follow from the
       effects.
-    * `held`: whether the prior of the simulations holds the poses; see `Model`.
+    * `held`: whether the prior of the simulator holds the poses; see `Model`.
     """
-    deviation = np.array(simulations.prior)
+    deviation = np.array(simulator.prior)
     table = table_of(effects)
     posed = table.pop(of_role('pose').name, None)
     shifting = _shift_surfaces(table)
@@ -116,10 +115,10 @@ def fit_without_and_with(
     def summaries(
         some: Sequence[Found], what: list[Column], given: Table
     ) -> tuple[list[Found], list[Evidence], list[tuple[str, str]]]:
-        told = replace(simulations, columns=what, known=given, inside=inside_of(effects))
-        return summarise_all(folder, some, left_out, told, mapped, step)
+        told = replace(simulator, columns=what, known=given, inside=inside_of(effects))
+        return summarise_all(folder, some, left_out, told, step)
 
-    known = simulations.known or {}
+    known = simulator.known
     with_known = in_one_table(given_effects(known), shifting) if shifting else known
     used, after, unusable = summaries(found, more, with_known)
     if shifting:
@@ -192,22 +191,21 @@ def measure(
     prior = tuple(np.repeat(pose_prior or USUAL, 3))
     with workers(jobs, None) as mapped:
         found, left_out = find(campaign_dir, profile, mapped)
+        simulator = Simulator(mapped, profile, {}, seed, prior)
         fitted = fit_without_and_with(
             campaign_dir,
             found,
             left_out,
             parsed,
-            Simulations(profile, (), seed, prior),
+            simulator,
             pose_prior is not None,
-            mapped,
             lambda text, fraction: None,
         )
         _, motions = fitted.motions()
         table = table_of(one for one in parsed if one.role != 'pose')
         tables = [table] * len(motions)
-        work = bind(at_pose, look=confirm, profile=profile, seed=seed)
         there = jobs_at(fitted.found, motions, effects=tables, wrong=tables)
-        simulated = mapped(work, there, lambda: None)
+        simulated = simulator.run(at_pose, there, look=confirm)
     without, given = zip(fitted.models, fitted.fits, strict=True)
     losses = simulated_losses(without, given, simulated, motions, counts_edges(table))
     before, after, null = (float(one) for one in losses.sum(axis=0))

@@ -8,8 +8,16 @@ from flexx2_sim_ros.effects import Effect, parse_effects
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.features.confirm import apart, confirm, measured_parts, Outcome
 from flexx2_sim_ros.gap.features.processed import process_both, Processed
+from flexx2_sim_ros.gap.features.work import (
+    at_pose,
+    jobs_at,
+    noisier,
+    Progress,
+    Simulator,
+    stepper,
+)
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_named, Calibrated
-from flexx2_sim_ros.gap.forms.looked import confirm_settled, Settings, Simulator
+from flexx2_sim_ros.gap.forms.looked import confirm_settled, Settings
 from flexx2_sim_ros.gap.forms.proposals import rounds
 from flexx2_sim_ros.gap.inference.decide import Decision, with_effects
 from flexx2_sim_ros.gap.inference.effects import (
@@ -25,7 +33,6 @@ from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.report.frames import MOST_FRAMES
 from flexx2_sim_ros.gap.report.table import calibrated_table, diagnosis_table, verdict_of
 from flexx2_sim_ros.gap.rounds import as_searched, Campaign, explain
-from flexx2_sim_ros.gap.work import at_pose, jobs_at, noisier, Progress, stepper
 from flexx2_sim_ros.processing import Chain
 from flexx2_sim_ros.recording.reader import PROCESSED
 import numpy as np

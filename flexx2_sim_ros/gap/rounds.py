@@ -13,15 +13,13 @@ from flexx2_sim_ros.gap.data.given import Table as Given
 from flexx2_sim_ros.gap.features.catalogue import Candidate, nuisances
 from flexx2_sim_ros.gap.features.confirm import far_in_all
 from flexx2_sim_ros.gap.features.simulation import PlacedScene
+from flexx2_sim_ros.gap.features.work import noisier, Simulator, summarise_all
 from flexx2_sim_ros.gap.forms.calibrating import calibrate_named
-from flexx2_sim_ros.gap.forms.looked import Simulator
 from flexx2_sim_ros.gap.inference.joint import around, nothing, Parts, Proposal, proposals, Table
 from flexx2_sim_ros.gap.inference.model import Model
 from flexx2_sim_ros.gap.inference.own_errors import OwnErrors
 from flexx2_sim_ros.gap.inference.selection import louder, without_constants
 from flexx2_sim_ros.gap.inference.uncertainty import t_of
-from flexx2_sim_ros.gap.work import noisier, Simulations, summarise_all
-from flexx2_sim_ros.jobs import bind, Map
 import numpy as np
 
 _LOG = logging.getLogger(__name__)
@@ -46,59 +44,52 @@ class Campaign:
     """
     The recordings of a campaign and how they are simulated.
 
-    `folder` is for errors; `mapped` is a map as from `workers`. `step` is called after each job of
-    a recording. `own` says what it costs to move cameras and planes. `posed` is a pose error that
-    the recordings have in common, if there is one; `held` is that of `Model`.
+    `folder` is for errors. `step` is called after each job of a recording. `own` says what it
+    costs to move cameras and planes. `posed` is a pose error that the recordings have in common,
+    if there is one; `held` is that of `Model`.
     """
 
     folder: str
     found: Sequence[Found]
     candidates: Sequence[Candidate]
-    simulations: Simulations
+    simulator: Simulator
     own: OwnErrors
-    mapped: Map
     step: Callable[[], None] = lambda: None
     posed: Parts = ()
     held: bool = False
 
     def judged(self, some: Sequence[Proposal]) -> list[ExplainedSet]:
         """Simulate several proposals."""
-        one = self.simulations
         jobs = [
             (found, [(p.motions[r], p.without[r], p.sigma) for p in some])
             for r, found in enumerate(self.found)
         ]
-        work = bind(_far, profile=one.profile, seed=one.seed, known=one.known)
-        far = np.array(self.mapped(work, jobs, self.step))
+        far = np.array(self.simulator.run(_far, jobs, self.step))
         return [ExplainedSet(p, far[:, i] + self.own.cost(p.motions)) for i, p in enumerate(some)]
 
     def proposed(self, best: Proposal) -> list[Proposal]:
         """Return what a round could make of a set; see `joint.proposals`."""
-        one, now = self.simulations, best.effects
+        one, now = self.simulator, best.effects
         others = [c for c in one.columns if not set(c.effects) & set(now)]
         own, members = around(now, self.candidates)
         always = [c for c in one.columns if c.name in nuisances().columns]
         columns = list({c.name: c for c in (*always, *others, *own)}.values())
         found, profile = noisier(self.found, one.profile, 1 + best.sigma)
-        here = replace(one, profile=profile, columns=columns, known={**(one.known or {}), **now})
+        here = replace(one, profile=profile, columns=columns, known={**one.known, **now})
         there = best.motions
-        _, evidence, _ = summarise_all(
-            self.folder, found, [], here, self.mapped, self.step, motions=there
-        )
+        _, evidence, _ = summarise_all(self.folder, found, [], here, self.step, there)
         model = Model(evidence, columns, np.array(one.prior), held=self.held)
         left = [c for c in self.candidates if c.effect not in now]
         return proposals(model, best, members, left, self.posed)
 
     def formed(self, best: Proposal) -> list[Proposal]:
         """Return a set with the forms that its recordings show, if there are any."""
-        one = self.simulations
-        simulator = Simulator(self.mapped, one.profile, one.known or {}, one.seed, one.prior)
         forms = calibrate_named(
             self.found,
             best.motions,
             parse_effects(best.effects),
             [parse_effects(own) for own in best.without],
-            simulator,
+            self.simulator,
             lambda: None,
         )
         if forms is None or not forms.taken:

@@ -12,9 +12,9 @@ from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.errors import InputError, shown
 from flexx2_sim_ros.gap.data.given import given_effects, in_one_table, Table
 from flexx2_sim_ros.gap.features.simulation import with_uptime
+from flexx2_sim_ros.gap.features.work import Progress, stepper
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.report.reading import read_diagnosis
-from flexx2_sim_ros.gap.work import Progress, stepper
 from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.limits import check_whole
 from flexx2_sim_ros.physics.geometry import centred

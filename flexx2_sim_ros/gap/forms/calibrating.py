@@ -8,6 +8,7 @@ from flexx2_sim_ros.effects import Effect, of_role, parse_effects, registry
 from flexx2_sim_ros.effects.tables import PixelMap
 from flexx2_sim_ros.gap.calibration.forms import FORMS
 from flexx2_sim_ros.gap.data.campaign import Found
+from flexx2_sim_ros.gap.features.work import Simulator
 from flexx2_sim_ros.gap.forms.bias import BIASES, covariate_of, Form, forms_of
 from flexx2_sim_ros.gap.forms.bias_fit import BiasFit, FittedForms
 from flexx2_sim_ros.gap.forms.binned import best_kind, dead_of, KINDS, map_of, NOISE, pooled
@@ -26,7 +27,6 @@ from flexx2_sim_ros.gap.forms.looked import (
     look_at_scale,
     Looked,
     Settings,
-    Simulator,
 )
 from flexx2_sim_ros.gap.forms.proposals import (
     calibratable,

@@ -1,6 +1,6 @@
 """The work on single recordings, for processes of their own."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -34,38 +34,9 @@ from flexx2_sim_ros.gap.forms.binned import (
 from flexx2_sim_ros.gap.forms.geometry import slopes_of
 from flexx2_sim_ros.gap.forms.samples import Samples, samples_of, shift_alike, shift_of, shifters
 from flexx2_sim_ros.gap.forms.scale import columns_of, ScaleColumns
-from flexx2_sim_ros.jobs import bind, Map
 import numpy as np
 
 Settings = dict[str, dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class Simulator:
-    """
-    How recordings are read and simulated, and by whom.
-
-    `mapped` is a map as from `jobs.workers`. The camera is the Flexx2 if `profile` is None;
-    `known` are effects that the base simulator has, parameters by name. `prior` is six standard
-    deviations of pose errors, metres and degrees.
-    """
-
-    mapped: Map
-    profile: Profile | None
-    known: Table
-    seed: int
-    prior: tuple[float, ...]
-
-    def run(
-        self,
-        function: Any,
-        items: Sequence[Any],
-        step: Callable[[], None] = lambda: None,
-        **more: Any,
-    ) -> list[Any]:
-        """Return a function of this module, or one like them, of several recordings."""
-        fixed = {'profile': self.profile, 'known': self.known, 'seed': self.seed}
-        return self.mapped(bind(function, **fixed, **more), items, step)
 
 
 @dataclass(frozen=True)

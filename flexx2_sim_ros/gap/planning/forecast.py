@@ -17,6 +17,7 @@ from flexx2_sim_ros.gap.data.hidden import Hidden
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import SIZE
+from flexx2_sim_ros.gap.features.work import Simulator
 from flexx2_sim_ros.gap.inference.decidable import decidable_candidates, undecided, unseen
 from flexx2_sim_ros.gap.inference.decide import decide, Decision
 from flexx2_sim_ros.gap.inference.effects import fitted_effects, table_of
@@ -26,7 +27,6 @@ from flexx2_sim_ros.gap.inference.selection import Trials
 from flexx2_sim_ros.gap.planning.power import noise, wrong_truth
 from flexx2_sim_ros.gap.report.reading import Diagnosed
 from flexx2_sim_ros.gap.report.text import spaced
-from flexx2_sim_ros.gap.work import Simulations
 import numpy as np
 from scipy.special import softmax
 
@@ -138,7 +138,7 @@ class DiagnosedRecordings:
     The recordings that were diagnosed, and how they are explained.
 
     * `evidence`: their summaries.
-    * `simulations`: how these and new recordings are simulated; its seed is that of draws, too.
+    * `simulator`: how these and new recordings are simulated; its seed is that of draws, too.
     * `catalogue`: the effects that it lacks, and whether the modulation frequencies are known.
     * `hidden`: what the ground truth of the campaign hides.
     * `held`: whether the prior holds the poses; see `Model`.
@@ -147,7 +147,7 @@ class DiagnosedRecordings:
     """
 
     evidence: tuple[Evidence, ...]
-    simulations: Simulations
+    simulator: Simulator
     catalogue: tuple[frozenset[str], bool]
     hidden: tuple[Hidden, ...]
     held: bool
@@ -156,7 +156,7 @@ class DiagnosedRecordings:
 
     def model(self, new: Sequence[Evidence] = ()) -> Model:
         """Return the model of these recordings and of new ones."""
-        told = self.simulations
+        told = self.simulator
         every = [*self.evidence, *new]
         return Model(every, told.columns, np.array(told.prior), held=self.held)
 
@@ -176,7 +176,7 @@ def what_is_known(before: DiagnosedRecordings) -> DiagnosedRecordings:
     # The simulations that these candidates need.
     every = [*compared, *(one.given for one in compared if one.given)]
     names = {*nuisances().columns, *(name for one in every for name in one.columns)}
-    needed = [column for column in before.simulations.columns if column.name in names]
+    needed = [column for column in before.simulator.columns if column.name in names]
     own = [Column(one.name, one.effects, few=False) for one in standing if one.effects]
     index = [model.index[column.name] for column in needed]
     blank = np.zeros((len(own), SIZE), np.float32)
@@ -186,7 +186,7 @@ def what_is_known(before: DiagnosedRecordings) -> DiagnosedRecordings:
             replace(one, columns=np.concatenate([one.columns[index], blank]))
             for one in model.evidence
         ),
-        simulations=replace(before.simulations, columns=(*needed, *own)),
+        simulator=replace(before.simulator, columns=(*needed, *own)),
         labels=frozenset((one.effect, one.label) for one in compared),
         standing=tuple(standing),
     )
@@ -212,7 +212,7 @@ def expect(
             continue
         total += one.weight
         for draw in range(_DRAWS):
-            rng = np.random.default_rng([known.simulations.seed, draw])
+            rng = np.random.default_rng([known.simulator.seed, draw])
             gap = _gap(model, one, len(new), fitted, rng)
             decision = decide(
                 model.with_gap(gap), candidates, absorbed=absorbed, not_seen=not_seen

@@ -16,6 +16,7 @@ from flexx2_sim_ros.gap.data.hidden import hidden_effects
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.simulation import simulate, with_uptime
+from flexx2_sim_ros.gap.features.work import find, Progress, Simulator, stepper, summarise_all
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.planning.forecast import (
     check_open,
@@ -27,8 +28,7 @@ from flexx2_sim_ros.gap.planning.forecast import (
 from flexx2_sim_ros.gap.planning.plan import Plan, PlannedRecording
 from flexx2_sim_ros.gap.planning.truths import ALL_KINDS, smaller, TruthKind, write_recording
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.gap.work import find, Progress, Simulations, stepper, summarise, summarise_all
-from flexx2_sim_ros.jobs import bind, Map, workers
+from flexx2_sim_ros.jobs import bind, here, Map, workers
 from flexx2_sim_ros.recording import load_scene
 import numpy as np
 
@@ -117,7 +117,7 @@ def suggest(
         folder = Path(name)
         progress('reading the recordings', 0.0)
         known, repeated = _known(before, campaign, camera, seed, mapped, progress)
-        given = known.simulations.known or {}
+        given = known.simulator.known
         told = camera, given, seed
         possible = _of_plan(folder, plan, chosen, *told)
         own = [
@@ -185,10 +185,12 @@ def _known(
     columns, _ = catalogue(without, modulation)
     text = 'simulating what could explain the recordings'
     step = stepper(progress, text, 0.0, 0.2, len(found))
-    simulations = Simulations(camera, columns, seed, tuple(np.repeat(before.pose_prior, 3)), given)
-    used, evidence, _ = summarise_all(campaign, found, left_out, simulations, mapped, step)
+    prior = tuple(np.repeat(before.pose_prior, 3))
+    simulator = Simulator(mapped, camera, given, seed, prior, columns)
+    used, evidence, _ = summarise_all(campaign, found, left_out, simulator, step)
     hidden = tuple(one for one in hidden_effects(campaign) if one.effect not in without)
-    told = simulations, (frozenset(without), modulation), hidden, before.pose_held
+    simulator = replace(simulator, mapped=here)  # It is sent to other processes.
+    told = simulator, (frozenset(without), modulation), hidden, before.pose_held
     known = what_is_known(DiagnosedRecordings(tuple(evidence), *told))
     if len(known.standing) < 2:
         name = known.standing[0].name
@@ -278,7 +280,7 @@ def _of_still_scene(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _look_out(possible: Possible, known: DiagnosedRecordings) -> Possible | str:
     # A recording with what is expected of it, or the reason why it cannot be used.
-    told, never = known.simulations, possible.kind.never
+    told, never = known.simulator, possible.kind.never
     found = check(possible.path, told.profile)
     if not isinstance(found, Found):
         return found
@@ -293,7 +295,7 @@ def _look_out(possible: Possible, known: DiagnosedRecordings) -> Possible | str:
     told = replace(told, columns=columns, known=possible.known)
     pair: list[Evidence] = []
     for seed in (told.seed, told.seed + 1):
-        one = summarise((found, None), replace(told, seed=seed))
+        (one,) = replace(told, seed=seed).summaries([found])
         if isinstance(one, str):
             return one
         pair.append(one)

@@ -26,6 +26,7 @@ from flexx2_sim_ros.gap.data.prior import POSE, USUAL
 from flexx2_sim_ros.gap.data.unknown import PLANE_STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column
 from flexx2_sim_ros.gap.features.evidence import Evidence
+from flexx2_sim_ros.gap.features.work import find, portion, Progress, Simulator
 from flexx2_sim_ros.gap.inference.decidable import undecided
 from flexx2_sim_ros.gap.inference.decide import hidden_could_explain
 from flexx2_sim_ros.gap.inference.model import combine, Model
@@ -41,7 +42,6 @@ from flexx2_sim_ros.gap.inference.selection import (
 from flexx2_sim_ros.gap.inference.support import support_of
 from flexx2_sim_ros.gap.planning.plan import Plan
 from flexx2_sim_ros.gap.planning.truths import KINDS, TruthKind, write_campaign
-from flexx2_sim_ros.gap.work import find, portion, Progress, Simulations, summarise
 from flexx2_sim_ros.jobs import bind, Map, workers
 from flexx2_sim_ros.paths import config_dir
 from flexx2_sim_ros.physics.frame_state import why_no_phases
@@ -184,9 +184,9 @@ def _simulate(
         found, _ = find(folder, request.profile, mapped)
         for half, columns in enumerate((known, planned)):
             progress(f'{kind.name}: simulating', 0.25 * half)
-            simulations = Simulations(request.profile, columns, request.seed + half, prior)
-            job = bind(summarise, simulations=simulations)
-            outcomes.append(mapped(job, [(one, None) for one in found], lambda: None))
+            seed = request.seed + half
+            simulator = Simulator(mapped, request.profile, {}, seed, prior, columns)
+            outcomes.append(simulator.summaries(found))
     # Too little of a scene may be within the mode's range.
     evidence = [
         replace(one, columns=np.concatenate([one.columns, other.columns]))

@@ -24,23 +24,51 @@ Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
-class Simulations:
+class Simulator:
     """
-    How recordings are simulated, for their summaries.
+    How recordings are read and simulated, and by whom.
 
+    * `mapped`: a map as from `jobs.workers`.
     * `profile`: the camera; None: the Flexx2.
-    * `columns`: the simulations of each recording.
-    * `prior`: six standard deviations of pose errors, metres and degrees.
     * `known`: effects that the base simulator has: parameters by name.
+    * `prior`: six standard deviations of pose errors, metres and degrees.
+    * `columns`: the simulations of each recording for its summary.
     * `inside`: what is known of the camera's inside, as from `search_inside`.
     """
 
+    mapped: Map
     profile: Profile | None
-    columns: Sequence[Column]
+    known: Table
     seed: int
     prior: tuple[float, ...]
-    known: Table | None = None
+    columns: Sequence[Column] = ()
     inside: Inside = field(default_factory=dict)
+
+    def run(
+        self,
+        function: Any,
+        items: Sequence[Any],
+        step: Callable[[], None] = lambda: None,
+        **more: Any,
+    ) -> list[Any]:
+        """Return a function of `profile`, `known` and `seed`, such as `at_pose`, of each item."""
+        fixed = {'profile': self.profile, 'known': self.known, 'seed': self.seed}
+        return self.mapped(bind(function, **fixed, **more), items, step)
+
+    def summaries(
+        self,
+        found: Sequence[Found],
+        step: Callable[[], None] = lambda: None,
+        motions: Sequence[np.ndarray] | None = None,
+    ) -> list[Evidence | str]:
+        """
+        Return the summary of each recording, or why there is none.
+
+        `motions` are (6 + 3 P,) where the cameras and planes are; registered if left out.
+        """
+        jobs = list(zip(found, motions or repeat(None), strict=False))
+        told = {'columns': self.columns, 'prior': self.prior, 'inside': self.inside}
+        return self.run(_summarise, jobs, step, **told)
 
 
 def stepper(
@@ -85,7 +113,7 @@ def noisier(
     return as_noisy, (profile or flexx2()).noisier(factor)
 
 
-def _look(found: Found, profile: Profile | None, known: Table | None) -> Clues | None:
+def _look(found: Found, profile: Profile | None, known: Table, **_: Any) -> Clues | None:
     # What a recording shows of the inside of its camera.
     try:
         return clues_of(read(found, profile, known))
@@ -94,25 +122,27 @@ def _look(found: Found, profile: Profile | None, known: Table | None) -> Clues |
 
 
 def search_inside(
-    found: Sequence[Found],
-    profile: Profile | None,
-    mapped: Map,
-    step: Callable[[], None],
-    known: Table | None = None,
+    found: Sequence[Found], simulator: Simulator, step: Callable[[], None]
 ) -> Inside:
     """Find what is free inside the camera of a campaign; see `search.search`."""
-    clues = mapped(bind(_look, profile=profile, known=known), found, step)
-    some = [one for one in clues if one is not None]
+    some = [one for one in simulator.run(_look, found, step) if one is not None]
     return search(some, found[0].mode) if some else {}
 
 
-def summarise(job: tuple[Found, np.ndarray | None], simulations: Simulations) -> Evidence | str:
-    """Return the summary of a recording, at a motion if one is given, or why there is none."""
-    (found, motion), one, where = job, simulations, ''
+def _summarise(
+    job: tuple[Found, np.ndarray | None],
+    profile: Profile | None,
+    known: Table,
+    seed: int,
+    columns: Sequence[Column],
+    prior: tuple[float, ...],
+    inside: Inside,
+) -> Evidence | str:
+    (found, motion), where = job, ''
     try:
-        recording = read(found, one.profile, one.known)
+        recording = read(found, profile, known)
         where = f'{found.path}: '
-        return gather(recording, one.columns, one.seed, np.array(one.prior), one.inside, motion)
+        return gather(recording, columns, seed, np.array(prior), inside, motion)
     except InputError as error:
         return f'{where}{error}'
 
@@ -121,8 +151,7 @@ def summarise_all(
     folder: str | Path,
     found: Sequence[Found],
     left_out: Sequence[tuple[str, str]],
-    simulations: Simulations,
-    mapped: Map,
+    simulator: Simulator,
     step: Callable[[], None] = lambda: None,
     motions: Sequence[np.ndarray] | None = None,
 ) -> tuple[list[Found], list[Evidence], list[tuple[str, str]]]:
@@ -130,11 +159,10 @@ def summarise_all(
     Return the recordings that can be used, their summaries, and name and reason of each other one.
 
     `folder` and `left_out` (name and reason of each recording that was left out before) are for
-    errors. `motions` are (6 + 3 P,) where the cameras and planes are; registered if left out.
-    Raises `InputError` when no recording can be used.
+    errors; `motions` are as for `Simulator.summaries`. Raises `InputError` when no recording can
+    be used.
     """
-    jobs = list(zip(found, motions or repeat(None), strict=False))
-    outcomes = mapped(bind(summarise, simulations=simulations), jobs, step)
+    outcomes = simulator.summaries(found, step, motions)
     used, evidence, unusable = [], [], []
     for file, one in zip(found, outcomes, strict=True):
         if isinstance(one, Evidence):
@@ -152,7 +180,7 @@ def at_pose(
     look: Callable[..., Any],
     profile: Profile | None,
     seed: int,
-    known: Table | None = None,
+    known: Table,
 ) -> Any:
     """
     Return what `look` finds in the scene of a recording, such as `confirm`.
