@@ -7,7 +7,7 @@ of errors that it reached.
 
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 import math
 from pathlib import Path
@@ -18,16 +18,6 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.paths import config_dir
 
 FILE = 'decisions.yaml'
-# Of the table `gap` of the file, by field of `GapThresholds`.
-KEYS = {
-    'probability': 'threshold',
-    'excess': 'excess',
-    'excess_per_scatter': 'excess_per_scatter',
-    'agreement': 'agreement',
-    'most_depths': 'most_depths',
-    'odds_per_fewer': 'odds_per_fewer',
-    'excess_per_fewer': 'excess_per_fewer',
-}
 _FEWEST = 2  # recordings of a campaign that the margins were calibrated on
 
 
@@ -104,6 +94,10 @@ class GapThresholds:
         """Return the probability from which on there is a gap; ``depths`` are per recording."""
         more = self.odds_per_fewer * fewer_by(depths, self.most_depths)
         return times_odds(self.probability, math.exp(more))
+
+
+# Of the table `gap` of the file, by field.
+KEYS = {one.name: one.name for one in fields(GapThresholds)} | {'probability': 'threshold'}
 
 
 @dataclass(frozen=True)
