@@ -19,7 +19,7 @@ from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.cost import CostRequest, found_consumers, known_of, measure_cost
 from flexx2_sim_ros.gap.data.campaign import Found
 from flexx2_sim_ros.gap.data.given import given_effects, Table
-from flexx2_sim_ros.gap.data.hidden import Hidden, hidden_effects
+from flexx2_sim_ros.gap.data.hidden import hidden_effects, Undecided
 from flexx2_sim_ros.gap.data.prior import prior_from_scatter, USUAL
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue
 from flexx2_sim_ros.gap.features.confirm import confirm
@@ -221,7 +221,7 @@ def _check(
 
 
 def _decide(
-    model: Model, candidates: list[Candidate], hidden: list[Hidden], progress: Progress
+    model: Model, candidates: list[Candidate], hidden: list[Undecided], progress: Progress
 ) -> Decision:
     some, absorbed = decidable_candidates(model, candidates, hidden)
     step = stepper(progress, 'comparing explanations', 0.4, 0.1, 2 * len(some))
@@ -280,7 +280,7 @@ def _not_considered(
     known: Collection[str],
     no_phases: str,
     poses: str,
-    hidden: Collection[Hidden],
+    hidden: Collection[Undecided],
 ) -> list[dict[str, str]]:
     # Effects of the registry that are not in the catalogue, and why.
     reasons = {

@@ -1,7 +1,8 @@
 """What the ground truth of a campaign hides, as its ``truth.yaml`` says."""
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from flexx2_sim_ros.config_file import is_regular_file, Limits, read_config
 from flexx2_sim_ros.effects import registry
@@ -13,23 +14,26 @@ TRUTH_FILE = 'truth.yaml'
 _LIMITS = Limits(32 << 20, 400_000, 2_000_000)
 
 
-class Hidden(NamedTuple):
+@dataclass(frozen=True)
+class Undecided:
     """
-    An effect that ground truth hides by the way it was made.
+    An effect that cannot be decided with this ground truth.
 
-    `absorbed` is the fraction of the effect that is in `clean_depth` and so not in the difference
-    to it, `settled_by` what would decide it. `confounded`: an error of the ground truth looks like
-    the effect, so that it explains what others do, and is not named.
+    `absorbed` is the fraction of its change that is in `clean_depth`, or that errors of the ground
+    truth can explain; `settled_by` what would decide it. `reason` is why ground truth hides it by
+    the way it was made; empty otherwise. `confounded`: an error of the ground truth looks like the
+    effect, so that it explains what others do, and is not named. Otherwise the ground truth only
+    covers an effect of typical strength, and a stronger one can be found.
     """
 
     effect: str
     absorbed: float
     settled_by: str
-    reason: str
+    reason: str = ''
     confounded: bool = False
 
 
-def hidden_effects(folder: str | Path) -> list[Hidden]:
+def hidden_effects(folder: str | Path) -> list[Undecided]:
     """
     Return what `flexx2 gap truth` wrote down that the ground truth of a campaign hides.
 
@@ -46,7 +50,7 @@ def hidden_effects(folder: str | Path) -> list[Hidden]:
     return [_hidden(path, row) for row in rows if 'absorbed' in row]
 
 
-def _hidden(path: Path, row: dict[str, Any]) -> Hidden:
+def _hidden(path: Path, row: dict[str, Any]) -> Undecided:
     name, absorbed = row.get('effect'), row['absorbed']
     if not isinstance(name, str) or name not in registry():
         raise InputError(f'{shown_path(path)}: effect: must be an effect, got {shown(name)}')
@@ -58,5 +62,6 @@ def _hidden(path: Path, row: dict[str, Any]) -> Hidden:
         raise InputError(
             f'{shown_path(path)}: absorbed: must be a fraction, 0 to 1, got {shown(absorbed)}'
         )
-    words = [str(row.get(key, '')) for key in ('settled_by', 'reason')]
-    return Hidden(str(name), float(absorbed), *words, row.get('confounded') is True)
+    settled_by, reason = (str(row.get(key, '')) for key in ('settled_by', 'reason'))
+    confounded = row.get('confounded') is True
+    return Undecided(str(name), float(absorbed), settled_by, reason, confounded)

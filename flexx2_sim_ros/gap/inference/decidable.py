@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from flexx2_sim_ros.effects import of_role, registry
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
 from flexx2_sim_ros.gap.calibration.inference import THRESHOLDS
-from flexx2_sim_ros.gap.data.hidden import Hidden
+from flexx2_sim_ros.gap.data.hidden import Undecided
 from flexx2_sim_ros.gap.data.pose import NAMES, STEPS
 from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.data.unknown import PLANE_STEPS
@@ -21,23 +21,6 @@ from flexx2_sim_ros.gap.features.catalogue import Candidate
 from flexx2_sim_ros.gap.inference.fitting import fit
 from flexx2_sim_ros.gap.inference.model import combine, Model
 import numpy as np
-
-
-@dataclass(frozen=True)
-class Undecided:
-    """
-    An effect that cannot be decided with this ground truth.
-
-    `absorbed` is the fraction of its change that errors of the ground truth can explain,
-    `settled_by` what would decide it. `confounded`: errors of poses and planes look like the
-    effect. Otherwise the accuracy of the surfaces only covers an effect of typical strength, and a
-    stronger one can be found.
-    """
-
-    effect: str
-    absorbed: float
-    settled_by: str
-    confounded: bool = True
 
 
 def undecided(
@@ -75,7 +58,10 @@ def undecided(
             worst[candidate.effect] = absorbed, candidate
     return [
         Undecided(
-            effect, absorbed, _settled_by(model, candidate, covariances), effect in confounded
+            effect,
+            absorbed,
+            _settled_by(model, candidate, covariances),
+            confounded=effect in confounded,
         )
         for effect, (absorbed, candidate) in worst.items()
     ]
@@ -222,7 +208,7 @@ def decidable_part(candidate: Candidate, hidden: Set[str]) -> Candidate:
 
 
 def decidable_candidates(
-    model: Model, candidates: Sequence[Candidate], hidden: Sequence[Hidden]
+    model: Model, candidates: Sequence[Candidate], hidden: Sequence[Undecided]
 ) -> tuple[list[Candidate], list[Undecided]]:
     """
     Return the candidates that can explain a campaign, and what its ground truth hides.
@@ -235,9 +221,4 @@ def decidable_candidates(
     if not model.own.posed.any():
         left = [one for one in left if one.kind.role != 'pose']
     # A pose error is not an effect of the camera, so the verdict does not depend on it.
-    absorbed = [
-        Undecided(one.effect, one.absorbed, one.settled_by, one.confounded)
-        for one in hidden
-        if one.effect != of_role('pose').name
-    ]
-    return left, absorbed
+    return left, [one for one in hidden if one.effect != of_role('pose').name]

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 
 from flexx2_sim_ros.gap.calibration.decisions import calibrated
 from flexx2_sim_ros.gap.calibration.inference import ROUNDS, THRESHOLDS
+from flexx2_sim_ros.gap.data.hidden import Undecided
 from flexx2_sim_ros.gap.features.catalogue import Candidate
-from flexx2_sim_ros.gap.inference.decidable import decidable_part, Undecided, undecided
+from flexx2_sim_ros.gap.inference.decidable import decidable_part, undecided
 from flexx2_sim_ros.gap.inference.disagreement import Disagreement
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model

@@ -13,7 +13,7 @@ from typing import Any
 
 from flexx2_sim_ros.effects import of_role, registry
 from flexx2_sim_ros.errors import InputError, shown
-from flexx2_sim_ros.gap.data.hidden import Hidden
+from flexx2_sim_ros.gap.data.hidden import Undecided
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column, nuisances
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.features import SIZE
@@ -149,7 +149,7 @@ class DiagnosedRecordings:
     evidence: tuple[Evidence, ...]
     simulator: Simulator
     catalogue: tuple[frozenset[str], bool]
-    hidden: tuple[Hidden, ...]
+    hidden: tuple[Undecided, ...]
     held: bool
     labels: frozenset[tuple[str, str]] = frozenset()
     standing: tuple[Explanation, ...] = ()
