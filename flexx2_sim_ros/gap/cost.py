@@ -19,12 +19,12 @@ from flexx2_sim_ros.effects.registry import for_reports
 from flexx2_sim_ros.effects.time_offset import time_offset_of
 from flexx2_sim_ros.errors import InputError, shown, unquoted
 from flexx2_sim_ros.gap.data.campaign import Found, nothing_left
-from flexx2_sim_ros.gap.features.work import find, Progress, stepper
+from flexx2_sim_ros.gap.features.work import find, Progress, Simulator, stepper
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.renditions import Known, render
 from flexx2_sim_ros.gap.report.cost_page import page
 from flexx2_sim_ros.gap.report.reading import Diagnosed, read_diagnosis
-from flexx2_sim_ros.jobs import bind, Map, workers
+from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.limits import check_whole, CONSUMER_SECONDS
 import numpy as np
 
@@ -87,14 +87,16 @@ def cost(
     _check(seed, jobs, limit, mounting)
     if out is not None:
         check_outputs('--out', out, FILES)
-    request = CostRequest(*found_consumers(consumers), profile, seed, jobs, mounting, limit)
+    request = CostRequest(*found_consumers(consumers), jobs, mounting, limit)
     before = read_diagnosis(Path(diagnosis))
     known = known_of(before)
     progress('looking for recordings', 0.0)
     with workers(jobs, None) as mapped:
         found, left_out = find(campaign_dir, profile, mapped, before.full_scale)
+        prior = tuple(np.repeat(before.pose_prior, 3).tolist())
+        simulator = Simulator(mapped, profile, before.known, seed, prior)
         table, results = measure_cost(
-            request, known, campaign_dir, found, left_out, mapped, progress
+            request, known, campaign_dir, found, left_out, simulator, progress
         )
     table['seconds'] = round(time.monotonic() - began, 2)
     table['version'] = __version__
@@ -112,8 +114,6 @@ class CostRequest:
 
     consumers: Sequence[ConsumerSource]
     damaged: Sequence[str]
-    profile: Profile | None
-    seed: int
     jobs: int
     mounting: tuple[float, float] | None = None
     limit: float = CONSUMER_SECONDS
@@ -131,7 +131,7 @@ def measure_cost(
     campaign: str | Path,
     found: Sequence[Found],
     left_out: Sequence[tuple[str, str]],
-    mapped: Map,
+    simulator: Simulator,
     progress: Progress,
 ) -> tuple[dict[str, Any], list[Result]]:
     """
@@ -142,11 +142,9 @@ def measure_cost(
     recording that was left out before, and the reason. Raises `InputError` when no recording can
     be used.
     """
-    work = bind(
-        render, known=known, profile=request.profile, seed=request.seed, mounting=request.mounting
-    )
+    told = {'prior': simulator.prior, 'diagnosed': known, 'mounting': request.mounting}
     step = stepper(progress, 'simulating the recordings', 0.02, 0.6, len(found))
-    rendered = mapped(work, found, step)
+    rendered = simulator.run(render, found, step, **told)
     both = list(zip(found, rendered, strict=True))
     left_out = [*left_out, *((file.path.name, one) for file, one in both if isinstance(one, str))]
     used = [one for one in rendered if not isinstance(one, str)]
@@ -168,7 +166,7 @@ def measure_cost(
         'damaged_packages': list(request.damaged),
         'recordings': rows,
         'settings': {
-            'seed': request.seed,
+            'seed': simulator.seed,
             'mounting': request.mounting and list(request.mounting),
             'limit': request.limit,
             'delay': known.delay,
@@ -252,9 +250,7 @@ def known_of(before: Diagnosed) -> Known:
     delay = time_offset_of(parse_effects(before.known)).delay_ns / 1e9
     if before.arrival is not None:
         delay = before.arrival.median
-    prior = tuple(np.repeat(before.pose_prior, 3).tolist())
-    fitted = frozenset(before.checksums)
-    return Known(table_of(effects), before.known, prior, fitted, without, delay)
+    return Known(table_of(effects), frozenset(before.checksums), without, delay)
 
 
 def _check(seed: int, jobs: int, limit: float, mounting: tuple[float, float] | None) -> None:

@@ -45,7 +45,7 @@ from flexx2_sim_ros.gap.report.reading import diagnosed
 from flexx2_sim_ros.gap.report.table import makes_larger, patch_table
 from flexx2_sim_ros.gap.report.writing import FILES, write
 from flexx2_sim_ros.gap.rounds import Campaign
-from flexx2_sim_ros.jobs import Map, workers
+from flexx2_sim_ros.jobs import workers
 from flexx2_sim_ros.limits import check_whole
 from flexx2_sim_ros.physics.frame_state import why_no_phases
 from flexx2_sim_ros.processing import Chain
@@ -126,7 +126,7 @@ def diagnose(
     known = table_of(given_effects(known or {}))
     whole = progress or (lambda text, fraction: None)
     progress = portion(whole, 0.0, _BEFORE_COST) if cost else whole
-    request = CostRequest(*found_consumers(()), profile, seed, jobs) if cost else None
+    request = CostRequest(*found_consumers(()), jobs) if cost else None
     if out is not None:
         check_outputs('--out', out, FILES)
         check_map_files(out)
@@ -185,7 +185,7 @@ def diagnose(
             table['processed'] = processed_table(process, model, named, step)
         if request is not None:
             later = portion(whole, _BEFORE_COST, 0.98 - _BEFORE_COST)
-            table['cost'] = _cost(request, table, effects, campaign_dir, used, mapped, later)
+            table['cost'] = _cost(request, table, effects, campaign_dir, used, simulator, later)
     whole('writing', 0.98)
     table.update(_costs(began, min(jobs - 1, len(found))))
     if out is not None:
@@ -262,7 +262,7 @@ def _cost(
     effects: Sequence[Effect],
     campaign: str | Path,
     used: Sequence[Found],
-    mapped: Map,
+    simulator: Simulator,
     progress: Progress,
 ) -> dict[str, Any]:
     # The table of `gap.cost`, or the reason why there is none.
@@ -270,7 +270,7 @@ def _cost(
         return {'reason': 'no effect that changes images is named'}
     known = known_of(diagnosed(table, effects))
     try:
-        return measure_cost(request, known, campaign, used, (), mapped, progress)[0]
+        return measure_cost(request, known, campaign, used, (), simulator, progress)[0]
     except InputError as error:
         return {'reason': str(error)}
 

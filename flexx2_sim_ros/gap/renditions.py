@@ -29,16 +29,12 @@ class Known:
     What a diagnosis knows of its camera and its recordings.
 
     * `effects`: the diagnosed effects: parameters by name.
-    * `given`: effects taken as given: the simulation has them.
-    * `prior`: standard deviations of pose errors, metres and degrees, six in all.
     * `fitted`: checksums of the recordings that the effects were fitted to.
     * `without`: by checksum: the effects as fitted without this recording.
     * `delay`: how late images arrive, seconds; 0 if that is not known.
     """
 
     effects: Settings
-    given: Table
-    prior: tuple[float, ...]
     fitted: frozenset[str]
     without: dict[str, Settings]
     delay: float = 0.0
@@ -46,9 +42,11 @@ class Known:
 
 def render(
     found: Found,
-    known: Known,
     profile: Profile | None,
+    known: Table,
     seed: int,
+    prior: tuple[float, ...],
+    diagnosed: Known,
     mounting: tuple[float, float] | None,
 ) -> tuple[ConsumerViews, str] | str:
     """
@@ -59,10 +57,10 @@ def render(
     cannot be used. `mounting` is as for `cost`.
     """
     try:
-        recording = read(found, profile, known.given)
-        effects = known.without.get(recording.checksum, known.effects)
+        recording = read(found, profile, known)
+        effects = diagnosed.without.get(recording.checksum, diagnosed.effects)
         own = with_uptime(effects, recording.uptime)
-        _, _, scene = registered(recording, np.array(known.prior), own)
+        _, _, scene = registered(recording, np.array(prior), own)
     except InputError as error:
         return str(error)
     distortion = open_recording(found.path, profile=profile).distortion
@@ -91,7 +89,7 @@ def render(
         tuple(view for view, *_ in poses),
         {name: tuple(_seen(depth, *pose) for pose in poses) for name, depth in seen.items()},
     )
-    fitted = recording.checksum in known.fitted - known.without.keys()
+    fitted = recording.checksum in diagnosed.fitted - diagnosed.without.keys()
     return views, 'this recording' if fitted else 'other recordings'
 
 
