@@ -11,7 +11,7 @@ from flexx2_sim_ros.gap.calibration.features import MEASURES
 from flexx2_sim_ros.gap.data.frames import at_frame
 from flexx2_sim_ros.gap.data.registration import Placed, RecordingData
 from flexx2_sim_ros.gap.features.confirm import Apart, apart, measured_parts, seen_in
-from flexx2_sim_ros.gap.features.simulation import PlacedScene, Scenes, warm_of
+from flexx2_sim_ros.gap.features.simulation import PlacedScene, Scenes
 from flexx2_sim_ros.processing import Chain, Stage
 import numpy as np
 
@@ -92,7 +92,7 @@ class ProcessedScene(PlacedScene):
             stamp=recording.stamp[frames],
             fresh=fresh,
         )
-        return cls(small, shown, Scenes(small, shown), warm_of(fresh), tuple(stages), scene)
+        return cls(small, shown, Scenes(small, shown), tuple(stages), scene)
 
     def without(self, bare: np.ndarray | None) -> PlacedScene:
         """Return the scene to simulate where it is without effects."""

@@ -25,19 +25,18 @@ class PlacedScene:
     A recording with its registered scene.
 
     `placed` is clean depth and reflectivity from the fitted pose; `covariates` is one for a still
-    scene, otherwise one for each frame. `warm` frames after a gap are left out.
+    scene, otherwise one for each frame.
     """
 
     recording: RecordingData
     placed: Placed
     covariates: Sequence[PixelCovariates]
-    warm: int
 
     @classmethod
     def at(cls, recording: RecordingData, motion: np.ndarray) -> 'PlacedScene':
         """Return the scene where the camera was moved by ``motion``, as for `place`."""
         placed = place(recording, motion)
-        return cls(recording, placed, Scenes(recording, placed), warm_of(recording.fresh))
+        return cls(recording, placed, Scenes(recording, placed))
 
     def without(self, bare: np.ndarray | None) -> 'PlacedScene':
         """Return the scene to simulate where it is without effects, as for `confirm.confirm`."""
@@ -48,13 +47,26 @@ class PlacedScene:
         """Return whether each frame has a clean image of its own."""
         return self.placed.clean.ndim == 3
 
+    @property
+    def warm(self) -> int:
+        """Return how many frames a camera gets to settle in after each gap; they are left out."""
+        fresh = self.recording.fresh
+        return SIMULATION.settling if len(fresh) >= 6 and fresh.sum() <= len(fresh) / 6 else 0
+
     def sums(self, depth: np.ndarray) -> Sums:
         """Return the sums over (T, H, W) depth of this scene, metres."""
         return accumulate(depth, self.covariates, self.recording.fresh, self.warm)
 
     def simulate(self, effects: Any, seed: int) -> np.ndarray:
-        """Return (T, H, W) depth as the simulator sees the scene with effects, metres."""
-        return simulate(self.recording, self.placed.clean, self.placed.reflectivity, effects, seed)
+        """Return (T, H, W) metres, as the simulator with given and other effects sees it."""
+        recording, placed = self.recording, self.placed
+        camera = base_camera(recording.mode, recording.profile, seed, recording.name)
+        scene = placed.clean, recording.K, recording.stamp, placed.reflectivity
+        if recording.given:
+            effects = together(recording.given, effects)
+        if effects:  # Faster for a still scene, whose frames have much in common.
+            return CommonRandomNumbers(camera, *scene).depth(effects)
+        return camera.capture(*scene).depth
 
 
 class Scenes(Sequence[PixelCovariates]):
@@ -70,9 +82,7 @@ class Scenes(Sequence[PixelCovariates]):
         return 1 if self._placed.clean.ndim == 2 else len(self._placed.clean)
 
     def __getitem__(self, t: Any) -> Any:
-        """Return the covariates of a clean image, or a list of them for a slice."""
-        if isinstance(t, slice):
-            return [self[i] for i in range(*t.indices(len(self)))]
+        """Return the covariates of a clean image."""
         if not 0 <= t < len(self):
             raise IndexError(t)
         if t not in self._made:
@@ -94,35 +104,12 @@ class Scenes(Sequence[PixelCovariates]):
         )
 
 
-def simulate(
-    recording: RecordingData,
-    clean: np.ndarray,
-    reflectivity: np.ndarray | None,
-    effects: Any,
-    seed: int,
-) -> np.ndarray:
-    """Return (T, H, W) depth as the simulator with given and other effects sees the scene."""
-    camera = base_camera(recording.mode, recording.profile, seed, recording.name)
-    if recording.given:
-        effects = together(recording.given, effects)
-    if effects:  # Faster for a still scene, whose frames have much in common.
-        return CommonRandomNumbers(
-            camera, clean, recording.K, recording.stamp, reflectivity
-        ).depth(effects)
-    return camera.capture(clean, recording.K, recording.stamp, reflectivity).depth
-
-
 def with_uptime(effects: dict[str, dict[str, float]], uptime: float | None) -> dict[str, Any]:
     """Return effects with the recording's own time since power-on."""
     old = ageing(effects)
     if uptime is None:  # Nothing is known of it, so they explain nothing.
         return {name: values for name, values in effects.items() if name not in old}
     return {**effects, **{name: {**effects[name], 'uptime': uptime} for name in old}}
-
-
-def warm_of(fresh: np.ndarray) -> int:
-    """Return how many frames a camera gets to settle in after each gap."""
-    return SIMULATION.settling if len(fresh) >= 6 and fresh.sum() <= len(fresh) / 6 else 0
 
 
 def few_frames(count: int, moving: bool, few: int, stretches: int, length: int) -> np.ndarray:

@@ -13,9 +13,10 @@ from flexx2_sim_ros.errors import InputError, shown, shown_path
 from flexx2_sim_ros.gap.data.campaign import check, Found, read
 from flexx2_sim_ros.gap.data.given import at_size, given_effects, Table
 from flexx2_sim_ros.gap.data.hidden import hidden_effects
+from flexx2_sim_ros.gap.data.prior import POSE
 from flexx2_sim_ros.gap.features.catalogue import catalogue
 from flexx2_sim_ros.gap.features.evidence import Evidence
-from flexx2_sim_ros.gap.features.simulation import simulate, with_uptime
+from flexx2_sim_ros.gap.features.simulation import PlacedScene, with_uptime
 from flexx2_sim_ros.gap.features.work import find, Progress, Simulator, stepper, summarise_all
 from flexx2_sim_ros.gap.inference.effects import table_of
 from flexx2_sim_ros.gap.planning.forecast import (
@@ -344,10 +345,9 @@ def _look(
     if not isinstance(found, Found):
         raise InputError(found)
     one = read(found, profile, possible.known)
-    images = []
+    scene, images = PlacedScene.at(one, np.zeros(POSE)), []
     for explanation in standing:
-        effects = with_uptime(explanation.effects, one.uptime)
-        depth = simulate(one, one.clean, one.reflectivity, effects, seed)
+        depth = scene.simulate(with_uptime(explanation.effects, one.uptime), seed)
         images.append(_images(depth - one.clean, np.isfinite(depth), one.truth.known))
     error, noise, valid = (np.array(some) for some in zip(*images, strict=True))
     return PredictedView(possible, error, noise, valid)
