@@ -258,7 +258,7 @@ def _depths(
 
 def _reflectivity(
     found: Found,
-    K: np.ndarray,  # noqa: N803
+    K: np.ndarray,
     key: str,
     light: np.ndarray | None,
     clean: np.ndarray,

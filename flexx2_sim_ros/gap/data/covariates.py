@@ -78,7 +78,7 @@ def look_at(
     before: np.ndarray | None,
     interval: float,
     reflectivity: np.ndarray | None,
-    K: np.ndarray,  # noqa: N803
+    K: np.ndarray,
     mode: Mode,
     axes: Axes,
     border: int = 0,
@@ -223,7 +223,7 @@ def sort_everywhere(
     clean: np.ndarray,
     speed: np.ndarray | None,
     reflectivity: np.ndarray | None,
-    K: np.ndarray,  # noqa: N803
+    K: np.ndarray,
     sensor: Sensor,
     axes: Axes,
 ) -> tuple[np.ndarray, np.ndarray]:

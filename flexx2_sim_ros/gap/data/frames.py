@@ -59,7 +59,7 @@ def seen_at(depth: np.ndarray, t: int, still: bool) -> tuple[np.ndarray, np.ndar
     return np.where(valid > 0.5 * len(depth), np.nansum(depth, axis=0) / count, np.nan), count
 
 
-def surface_of(clean: np.ndarray, K: np.ndarray, sensor: Sensor) -> Surface:  # noqa: N803
+def surface_of(clean: np.ndarray, K: np.ndarray, sensor: Sensor) -> Surface:
     """Return jumps and incidence of a clean image, (H, W) metres."""
     lens = Intrinsics.from_matrix(K, clean.shape[1], clean.shape[0])
     return analyse(np.ascontiguousarray(clean), lens, sensor)

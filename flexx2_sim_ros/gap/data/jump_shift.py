@@ -50,11 +50,7 @@ class Jumps:
 
 
 def jumps_of(
-    clean: np.ndarray,
-    sigma: np.ndarray,
-    compared: np.ndarray,
-    K: np.ndarray,  # noqa: N803
-    sensor: Sensor,
+    clean: np.ndarray, sigma: np.ndarray, compared: np.ndarray, K: np.ndarray, sensor: Sensor
 ) -> Jumps:
     """
     Find the jumps of a clean frame that have one surface on each side.
@@ -119,12 +115,7 @@ def _across(
 
 
 def _slopes(
-    clean: np.ndarray,
-    across: np.ndarray,
-    sign: int,
-    tilt: np.ndarray,
-    turn: bool,
-    K: np.ndarray,  # noqa: N803
+    clean: np.ndarray, across: np.ndarray, sign: int, tilt: np.ndarray, turn: bool, K: np.ndarray
 ) -> np.ndarray:
     # (6, N) as in `Jumps`.
     v, u = np.unravel_index(across[:, across.shape[1] // 2 - 1], clean.shape)

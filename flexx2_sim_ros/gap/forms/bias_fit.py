@@ -70,7 +70,7 @@ class BiasFit:
         `FittedForms`.
         """
         parts = [part.equations(own) for own, part in zip(columns, self._parts, strict=True)]
-        S, s = (sum(part[i] for part in parts) for i in (0, 1))  # noqa: N806
+        S, s = (sum(part[i] for part in parts) for i in (0, 1))
         without = np.array([np.linalg.solve(S - a + penalty, s - b) for a, b, *_ in parts])
         losses = [
             (c - 2 * theta @ b + theta @ a @ theta) / n
@@ -229,7 +229,7 @@ def _robust_weights(samples: Samples) -> np.ndarray:
         return np.ones(0)
     free = np.concatenate(flexible) / samples.sigma
     lens = [slopes / samples.sigma for slopes in samples.slopes.values()]
-    A = np.concatenate([own, free, *lens])  # noqa: N806
+    A = np.concatenate([own, free, *lens])
     prior = np.full(len(A), 1.0)
     prior[: len(own)], prior[len(own) : len(own) + len(free)] = ridge, FORMS.ridge
     centre = np.zeros(len(A))

@@ -57,7 +57,7 @@ def _is_rigid(shift: np.ndarray, own: np.ndarray, frame: np.ndarray) -> np.ndarr
     out = np.zeros(len(shift), bool)
     for t in np.unique(frame):
         there = frame == t
-        A, b = own[:, there], shift[there]  # noqa: N806
+        A, b = own[:, there], shift[there]
         weight = np.ones(len(b))
         for _ in range(FORMS.iterations):
             root = np.sqrt(weight)
