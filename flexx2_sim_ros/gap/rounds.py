@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-import logging
 
 from flexx2_sim_ros.camera import Profile
 from flexx2_sim_ros.effects import parse_effects
@@ -21,8 +20,6 @@ from flexx2_sim_ros.gap.inference.own_errors import OwnErrors
 from flexx2_sim_ros.gap.inference.selection import louder, without_constants
 from flexx2_sim_ros.gap.inference.uncertainty import t_of
 import numpy as np
-
-_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -94,10 +91,10 @@ class Campaign:
         )
         if forms is None or not forms.taken:
             return []
-        motions = [looked.samples.motion for looked in forms.explained.looked]
-        effects, without = forms.explained.effects, list(forms.explained.now)
-        formed = replace(best, effects=effects, without=without, motions=motions)
-        return [replace(formed, label='forms', fitted=None)]
+        found = forms.explained
+        motions = [looked.samples.motion for looked in found.looked]
+        formed = replace(best, effects=found.effects, without=found.now, motions=motions)
+        return [replace(formed, fitted=None)]
 
 
 def explain(campaign: Campaign, model: Model, begin: Parts) -> Proposal:
@@ -156,7 +153,7 @@ def _together(model: Model, forms: dict[str, Candidate]) -> list[Proposal]:
     }
     motions = model.own.found(np.zeros((len(model.gap), model.own.count)))
     without = [effects] * len(motions)
-    return [Proposal(effects, without, motions, 0.0, np.inf, forms, label=AS_SEARCHED)]
+    return [Proposal(effects, without, motions, 0.0, np.inf, forms)]
 
 
 def unneeded(rises: Mapping[str, np.ndarray], left: float) -> list[str]:
@@ -190,8 +187,6 @@ def needed(campaign: Campaign, best: ExplainedSet) -> ExplainedSet:
             for name, some in less.items()
         }
         rises = {name: one.apart - best.apart for name, one in judged.items()}
-        for name, rise in rises.items():
-            _LOG.debug('%s: %.2f t %.1f', name, rise.mean(), t_of(rise))
         weak = unneeded(rises, float(best.apart.mean()))
         if not weak:
             break
@@ -200,14 +195,6 @@ def needed(campaign: Campaign, best: ExplainedSet) -> ExplainedSet:
 
 
 def _nearest(some: Sequence[ExplainedSet], within: float = ROUNDS.as_near) -> ExplainedSet:
-    for one in some:
-        _LOG.debug(
-            '%.2f loss %.2f %s: %s',
-            one.apart.mean(),
-            one.proposal.loss,
-            one.proposal.label,
-            ', '.join(one.proposal.effects),
-        )
     least = min(one.apart.mean() for one in some)
     near = [one for one in some if one.apart.mean() <= (1 + within) * least]
     # What more effects explain has to bring the simulation nearer as well.

@@ -40,7 +40,7 @@ class Member:
 @dataclass(frozen=True)
 class Proposal:
     """
-    What a round could make of a set; `label` says what was done.
+    What a round could make of a set.
 
     * `effects`: settings by effect.
     * `without`: (R,) the same, fitted without each recording.
@@ -58,20 +58,19 @@ class Proposal:
     sigma: float
     loss: float
     forms: dict[str, Candidate]
-    label: str = ''
     fitted: 'tuple[FittedSet, Proposal] | None' = None
 
     def less(self, name: str) -> list['Proposal']:
         """Return the set without an effect: the others as they are, and fitted again."""
         left = {key: own for key, own in self.effects.items() if key != name}
         without = [{key: own[key] for key in left} for own in self.without]
-        as_they_are = replace(self, effects=left, without=without, label=f'less {name}')
+        as_they_are = replace(self, effects=left, without=without)
         if not self.fitted:
             return [as_they_are]
         one, now = self.fitted
         less = one.less(name)
         as_they_are = replace(as_they_are, fitted=(less, now))
-        return [as_they_are, _proposal(less, now, f'without {name}')]
+        return [as_they_are, _proposal(less, now)]
 
 
 def around(
@@ -110,7 +109,7 @@ def proposals(
     posed = [one for one, _ in begin if one.kind.role == 'pose']
     new = {one.effect: one for one, _ in begin if one not in posed}
     state = FittedSet(trials, trials.choice(posed), {one.name: one.without for one in members})
-    as_it_is = _proposal(state, now, 'as it is')
+    as_it_is = _proposal(state, now)
     as_it_is = replace(as_it_is, effects=now.effects, without=now.without)
     out = []
     steps = [one.candidate for one in members if one.candidate]
@@ -120,14 +119,11 @@ def proposals(
         parts = [*(one for one, _ in begin), *steps]
         state = replace(state, chosen=trials.choice(parts, np.array(start)), added=new)
         as_it_is = replace(as_it_is, fitted=(state, now))
-        out.append(_proposal(state, now, 'new numbers'))
+        out.append(_proposal(state, now))
     most = ROUNDS.added if members else ROUNDS.first
-    for larger in grown(state, candidates, most, ROUNDS.gain):
-        state = larger
-        out.append(_proposal(state, now, f'with {list(state.added)[-1]}'))
-    _, *smaller = pruned(state, ROUNDS.kept * ROUNDS.gain)
-    out += [_proposal(one, now, f'with {", ".join(one.names)}') for one in smaller]
-    return [as_it_is, *out]
+    larger = grown(state, candidates, most, ROUNDS.gain)
+    _, *smaller = pruned([state, *larger][-1], ROUNDS.kept * ROUNDS.gain)
+    return [as_it_is, *out, *(_proposal(one, now) for one in (*larger, *smaller))]
 
 
 def nothing(model: Model) -> Proposal:
@@ -137,7 +133,7 @@ def nothing(model: Model) -> Proposal:
     return Proposal({}, [{}] * len(motions), motions, 0.0, np.inf, {})
 
 
-def _proposal(one: FittedSet, now: Proposal, label: str) -> Proposal:
+def _proposal(one: FittedSet, now: Proposal) -> Proposal:
     model, fit = one.trials.model, one.chosen.fit
     kept = {name: now.effects[name] for name in one.kept}
     return Proposal(
@@ -149,7 +145,6 @@ def _proposal(one: FittedSet, now: Proposal, label: str) -> Proposal:
         one.loss,
         {name: now.forms[name] for name in one.kept}
         | {name: new.given or new for name, new in one.added.items()},
-        label=label,
         fitted=(one, now),
     )
 
