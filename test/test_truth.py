@@ -167,14 +167,13 @@ def test_the_parameters_of_a_plane_move_it(distortion):
 
 
 def test_the_prior_of_a_pose_and_planes():
-    usual = np.array([0.01] * 3 + [0.5] * 3)
-    assert covariance_of(Truth(), usual) is None
+    assert covariance_of(Truth()) is None
     planes = Truth(**two_planes())
-    covariance = covariance_of(planes, usual)
+    covariance = covariance_of(planes)
     # Planes are given in the camera's frame: its pose has no error besides.
     assert not covariance[:6].any()
     assert covariance[6, 6] == pytest.approx(0.003**2)
-    pose = covariance_of(Truth(pose_covariance=np.radians(1) ** 2 * np.eye(6)), usual)
+    pose = covariance_of(Truth(pose_covariance=np.radians(1) ** 2 * np.eye(6)))
     assert pose[3, 3] == pytest.approx(1.0)  # degrees
     whole = factor(covariance)
     assert whole @ whole.T == pytest.approx(covariance)

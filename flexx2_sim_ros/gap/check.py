@@ -184,7 +184,7 @@ def _refuse_seen(before: Diagnosed, found: Sequence[Found], simulator: Simulator
 def _checksum(found: Found, profile: Profile | None, **_: Any) -> str:
     try:
         return read(found, profile).checksum
-    except InputError:  # `summarise` reports the error.
+    except InputError:  # Its summary says why.
         return ''
 
 

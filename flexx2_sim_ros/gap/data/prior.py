@@ -20,15 +20,14 @@ def prior_from_scatter(poses: np.ndarray) -> np.ndarray:
     return np.repeat(np.maximum(scatter, GROUND_TRUTH.least_scatter), 3)
 
 
-def covariance_of(truth: Truth, usual: np.ndarray) -> np.ndarray | None:
+def covariance_of(truth: Truth) -> np.ndarray | None:
     """
     Return the prior covariance of a recording's own errors, if its ground truth gives one.
 
     It is (6 + 3 P, 6 + 3 P): pose in metres and degrees, planes in metres and radians; None where
     the truth has neither `pose_covariance` nor planes. Planes are given in the camera's frame, so
     an error of the pose is an error of the planes. The pose is therefore exact if the recording
-    has planes and no covariance of the pose. `usual` is (6,) standard deviations of a pose whose
-    covariance is not given, metres and degrees.
+    has planes and no covariance of the pose.
     """
     pose, planes = truth.pose_covariance, truth.plane_covariance
     if pose is None and planes is None:
@@ -47,9 +46,10 @@ def spread_of(truth: Truth, usual: np.ndarray) -> np.ndarray:
     """
     Return the prior of a recording's own errors as standard deviations in independent directions.
 
-    It is (6 + 3 P, 6 + 3 P) as from `factor`; `usual` is as for `covariance_of`.
+    It is (6 + 3 P, 6 + 3 P) as from `factor`. `usual` is (6,) standard deviations of a pose whose
+    covariance is not given, metres and degrees.
     """
-    covariance = covariance_of(truth, usual)
+    covariance = covariance_of(truth)
     return np.diag(usual) if covariance is None else factor(covariance)
 
 

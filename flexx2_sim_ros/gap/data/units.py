@@ -19,15 +19,10 @@ def guessed_scale(brightest: float) -> float:
     return next((scale for scale in (1.0, 255.0) if brightest <= scale), 65535.0)
 
 
-def _median(values: np.ndarray) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.median(finite[:: max(len(finite) // 100_000, 1)])) if len(finite) else 1.0
-
-
 def reflectivity_from(
     amplitude: np.ndarray,
     clean: np.ndarray,
-    K: np.ndarray,  # noqa: N803
+    K: np.ndarray,
     mode: Mode,
     full_scale: float | None,
     path: Path,
@@ -62,9 +57,9 @@ def reflectivity_from(
     for one, depth in zip(images, depths, strict=True):
         out.append(one * falloff(depth, surface_of(depth, K, sensor).cos_incidence))
     reflectivity = np.nan_to_num(np.stack(out)) * scale
-    some = reflectivity[reflectivity > 0]
-    usual = _median(some)
-    if len(some) and not READING.reflectivities[0] < usual < READING.reflectivities[1]:
+    some = reflectivity[(reflectivity > 0) & np.isfinite(reflectivity)]
+    usual = float(np.median(some[:: max(len(some) // 100_000, 1)])) if len(some) else 1.0
+    if not READING.reflectivities[0] < usual < READING.reflectivities[1]:
         notes.append(
             f'{path}: amplitude: not used: at this distance it means a reflectivity of '
             f'{usual:.2g}, so it is on another scale; 8 or 16 bits or 0 to 1 are known'

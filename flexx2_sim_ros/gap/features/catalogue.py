@@ -100,21 +100,15 @@ class Nuisances:
     """
     Columns of the errors that any campaign has, and the values at which they are simulated.
 
-    `bias` and `ray_bias` are an offset, of depth and along the ray; `more` and `less` a base sigma
-    that is too small, and one that is too large, by the fractions `more_by` and `less_by`.
+    `columns` are an offset, of depth and along the ray, and `more` and `less`: a base sigma that
+    is too small, and one that is too large, by the fractions `more_by` and `less_by`.
     """
 
-    bias: str
-    ray_bias: str
+    columns: tuple[str, ...]
     more: str
     less: str
     more_by: float
     less_by: float
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Return all their names."""
-        return self.bias, self.more, self.ray_bias, self.less
 
 
 def catalogue(
@@ -163,13 +157,12 @@ def _needs_modulation(names: Iterable[str]) -> bool:
 
 def nuisances() -> Nuisances:
     """Return the columns that every model needs."""
-    bias, ray_bias, more, less = _nuisance_columns()
+    names = tuple(one.name for one in _nuisance_columns())
     (factor,) = of_role('sigma').hypotheses[0].terms
     return Nuisances(
-        bias.name,
-        ray_bias.name,
-        more.name,
-        less.name,
+        names,
+        names[2],
+        names[3],
         min(v for v in factor.values if v > factor.neutral) - factor.neutral,
         max(v for v in factor.values if v < factor.neutral) - factor.neutral,
     )

@@ -19,7 +19,7 @@ from flexx2_sim_ros.gap.features.features import (
     static_grain,
 )
 from flexx2_sim_ros.gap.features.grain import fingerprint
-from flexx2_sim_ros.gap.features.row_sums import EXPECT, INVERSE, N_ERROR
+from flexx2_sim_ros.gap.features.row_sums import INVERSE, N_ERROR
 from flexx2_sim_ros.gap.features.search import Found, of_registration
 from flexx2_sim_ros.gap.features.simulation import (
     definitions,
@@ -45,8 +45,8 @@ class Evidence:
     """
     A recording's summary; all that is decided is decided from these.
 
-    * `real`, `base`, `base_variance`, `noise`: (SIZE,) features of the recording; mean of those of
-      the base simulator, the variance of that mean; the variance of one simulated recording.
+    * `real`, `base`, `noise`: (SIZE,) features of the recording; mean of those of the base
+      simulator; the variance of one simulated recording.
     * `nulls`: (S, SIZE) the single simulations.
     * `columns`: (C, SIZE) float32, what each simulated effect changes.
     * `pose_columns`: (6, SIZE) per step of `pose.STEPS`.
@@ -66,8 +66,7 @@ class Evidence:
     * `grain`, `null_grain`: (H, W) float16 static pattern in sigma, of the recording and of a
       simulated one.
     * `fingerprint`: (N,) float16 the first frame's noise; see `grain.fingerprint`.
-    * `sigma`, `counts`: (BINS,) mean sigma_z of the depths that are compared, metres; pixels
-      looked at.
+    * `sigma`: (BINS,) mean sigma_z of the depths that are compared, metres.
     * `compared`: depths on surfaces that are compared: see `covariates.trusted_sigma`.
     * `notes`: what of the recording was converted or assumed.
     * `accuracy`: of its ground truth.
@@ -77,7 +76,6 @@ class Evidence:
     name: str
     real: np.ndarray
     base: np.ndarray
-    base_variance: np.ndarray
     noise: np.ndarray
     nulls: np.ndarray
     columns: np.ndarray
@@ -96,7 +94,6 @@ class Evidence:
     null_grain: np.ndarray
     fingerprint: np.ndarray
     sigma: np.ndarray
-    counts: np.ndarray
     compared: int
     frames: int
     moving: bool
@@ -115,16 +112,6 @@ class _Base:
     spectrum: np.ndarray
     features: np.ndarray
     noise: np.ndarray
-
-
-@dataclass(frozen=True)
-class _Changes:
-    # Changes of features by effects, by steps of the pose, by shifts of edges in both directions
-    # (2, 2, SIZE) and by steps of planes.
-    columns: np.ndarray
-    poses: np.ndarray
-    edges: np.ndarray
-    planes: np.ndarray
 
 
 def gather(
@@ -149,31 +136,24 @@ def gather(
     scene = PlacedScene.at(recording, motion)
     sums = scene.sums(recording.depth)
     base = _simulate_base(scene, seed)
-    changes = _simulate_changes(scene, columns, seed, base)
     return Evidence(
         name=recording.name,
         real=features(sums, base.spectrum)[0],
         base=base.features.mean(axis=0),
-        base_variance=base.noise / SIMULATION.null_seeds,
         noise=base.noise,
         nulls=base.features,
-        columns=changes.columns,
-        pose_columns=changes.poses,
-        edge_columns=(changes.edges[:, 0] - changes.edges[:, 1]) / 2,
-        displaced=_displaced(changes.edges),
-        plane_columns=changes.planes,
+        **_simulate_changes(scene, columns, seed, base),
         truth_spread=_truth_spread(scene, base, seed),
         pose=motion[:POSE],
         sure_pose=sure[:POSE],
         planes=motion[POSE:],
-        covariance=covariance_of(recording.truth, prior),
+        covariance=covariance_of(recording.truth),
         uptime=_mean_uptime(recording),
         step=lattice_peak(lattice_spectrum(sums), base.spectrum)[1],
         grain=static_grain(sums).astype(np.float16),
         null_grain=static_grain(base.sums[0]).astype(np.float16),
         fingerprint=fingerprint(recording.depth, scene.covariates),
         sigma=_mean_sigma(sums),
-        counts=sums.bins[:, EXPECT].astype(np.float32),
         compared=int(sums.bins[AXES['all'].start, N_ERROR]),
         frames=len(recording.depth),
         moving=scene.moving,
@@ -198,7 +178,8 @@ def _simulate_base(scene: PlacedScene, seed: int) -> _Base:
 
 def _simulate_changes(
     scene: PlacedScene, columns: Sequence[Column], seed: int, base: _Base
-) -> _Changes:
+) -> dict[str, np.ndarray]:
+    # Those fields of `Evidence` that are changes of features.
     recording, moving = scene.recording, scene.moving
     count = len(recording.depth)
     shifts = np.zeros((len(columns), SIZE), np.float32)
@@ -221,7 +202,13 @@ def _simulate_changes(
         # show other surfaces at the same place of the image.
         if kind == (_ALL if moving else _FEWEST):
             poses, edges = _pose_changes(part, recording)
-    return _Changes(shifts, poses, edges, part.plane_columns(recording.plane_shifts))
+    return {
+        'columns': shifts,
+        'pose_columns': poses,
+        'edge_columns': (edges[:, 0] - edges[:, 1]) / 2,
+        'displaced': _displaced(edges),
+        'plane_columns': part.plane_columns(recording.plane_shifts),
+    }
 
 
 def _pose_changes(

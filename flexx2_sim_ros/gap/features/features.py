@@ -91,6 +91,19 @@ _PICK = np.array(
 TOLERANCE = np.array([FEATURES.tolerances[f.channel] for f in LAYOUT])
 
 
+def noise_of(bins: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return log variance, lag and correlation of neighbours, (B,) each, of (B, WIDTH) sums.
+
+    They are the channels of these names, also where there are too few samples.
+    """
+    s = bins.T
+    with np.errstate(invalid='ignore', divide='ignore'):
+        square = s[SQUARE2] / s[N2]
+        lag = np.log(s[SQUARE1] / s[N1] / square)
+        return np.log(square / 2), lag, s[NEIGHBOUR] / s[N_NEIGHBOUR] / square
+
+
 def features(
     sums: Sums, lattice_base: np.ndarray | None = None, enough: int = ENOUGH
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -101,6 +114,7 @@ def features(
     lattice is compared with `lattice_base`, the spectrum of the depths of the base simulator.
     """
     s = sums.bins.T
+    log_variance, lag, neighbour = noise_of(sums.bins)
     with np.errstate(invalid='ignore', divide='ignore'):
         valid = np.clip(s[VALID] / s[EXPECT], 0, 1)
         bias, high, low = (s[k] / s[N_ERROR] for k in (ERROR, HIGH, LOW))
@@ -112,10 +126,10 @@ def features(
                 np.where(s[EXPECT] >= enough, 1 - valid, np.nan),
                 high,
                 low,
-                np.log(square / 2),
+                log_variance,
                 np.log(square) - 2 * np.log(s[ABS2] / s[N2]) - 0.4516,
-                np.log(s[SQUARE1] / s[N1] / square),
-                s[NEIGHBOUR] / s[N_NEIGHBOUR] / square,
+                lag,
+                neighbour,
                 (s[TREND] - bias * s[TIME]) / (s[TIME2] - s[TIME] ** 2 / s[N_ERROR]),
             ]
         )

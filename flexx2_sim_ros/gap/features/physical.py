@@ -8,18 +8,9 @@ from typing import Any
 from flexx2_sim_ros.gap.calibration.features import FEATURES, MEASURES
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.covariates import PixelCovariates
-from flexx2_sim_ros.gap.features.features import likeness
+from flexx2_sim_ros.gap.features.features import likeness, noise_of
 from flexx2_sim_ros.gap.features.pixel_patterns import count_errors
-from flexx2_sim_ros.gap.features.row_sums import (
-    EXPECT,
-    N1,
-    N2,
-    N_NEIGHBOUR,
-    NEIGHBOUR,
-    SQUARE1,
-    SQUARE2,
-    VALID,
-)
+from flexx2_sim_ros.gap.features.row_sums import EXPECT, N2, VALID
 from flexx2_sim_ros.gap.features.sums import Sums
 import numpy as np
 
@@ -103,12 +94,7 @@ def histogram(
         one = scenes[t] if len(scenes) > 1 else scenes[0]
         images = depth[t], one.clean, one.sigma, one.inside
         count_errors(*images, regions, tiles, at_edges, counts, normal, edges)
-    s = sums.bins.T
-    with np.errstate(invalid='ignore', divide='ignore'):
-        square = s[SQUARE2] / s[N2]
-        variance = np.log(square / 2)
-        lag = np.log(s[SQUARE1] / s[N1] / square)
-        correlation = s[NEIGHBOUR] / s[N_NEIGHBOUR] / square
+    s, (variance, lag, correlation) = sums.bins.T, noise_of(sums.bins)
     everywhere = AXES['all'].start
     return Measures(
         counts.astype(float),

@@ -118,7 +118,7 @@ def _look(found: Found, profile: Profile | None, known: Table, **_: Any) -> Clue
     try:
         return clues_of(read(found, profile, known))
     except InputError:
-        return None  # `summarise` says why.
+        return None  # Its summary says why.
 
 
 def search_inside(

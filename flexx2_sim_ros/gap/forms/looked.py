@@ -44,7 +44,6 @@ class Looked:
     """
     What is needed of a recording.
 
-    * `checksum`: of its measured depth; see `RecordingData`.
     * `registered`: (6 + 3 P,) its pose and planes before anything is known of its effects.
     * `samples`: errors on surfaces.
     * `binned`, `typical`: by effect of `binned.KINDS`: what its curve is the mean of, measured and
@@ -56,7 +55,6 @@ class Looked:
     """
 
     found: Found
-    checksum: str
     registered: np.ndarray
     samples: Samples
     binned: dict[str, Binned]
@@ -97,7 +95,6 @@ def look(
     binned, typical = ({**dict.fromkeys(KINDS, lost[i]), NOISE: noise[i]} for i in (0, 1))
     return Looked(
         found,
-        recording.checksum,
         begin,
         samples,
         binned,

@@ -124,9 +124,7 @@ def measured(values: np.ndarray, tolerance: float) -> dict[str, Any]:
     out['shrink'] = (
         float(np.clip(top.sum() / bottom.sum(), THRESHOLDS.least_shrink, 1)) if gap else 0.0
     )
-    out['shrink_interval'] = (
-        ratio_interval(top, bottom, THRESHOLDS.least_shrink) if gap and len(values) > 2 else None
-    )
+    out['shrink_interval'] = ratio_interval(top, bottom) if gap else None
     low, high = out['change_interval'] or [out['change']] * 2
     out['tolerance'] = tolerance
     out['better'] = bool(high < 0 and out['change'] < -tolerance)

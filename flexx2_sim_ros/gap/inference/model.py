@@ -7,6 +7,7 @@ from typing import Any
 
 from flexx2_sim_ros.effects import loadable
 from flexx2_sim_ros.gap.calibration.data import GROUND_TRUTH
+from flexx2_sim_ros.gap.calibration.features import SIMULATION
 from flexx2_sim_ros.gap.calibration.inference import LOSS
 from flexx2_sim_ros.gap.data.axes import AXES
 from flexx2_sim_ros.gap.data.pose import STEPS
@@ -71,7 +72,8 @@ class Model:
         # Noise that is the same looks like a pattern that is.
         real[[one is not None for one in self.same_noise], repeat] = np.nan
         base[:, repeat] = repeats([e.null_grain for e in evidence])
-        noise = np.array([e.noise + e.base_variance for e in evidence])
+        # That of a recording, and of the mean of simulations.
+        noise = np.array([e.noise + e.noise / SIMULATION.null_seeds for e in evidence])
         self.scale2 = np.square(TOLERANCE) + LOSS.noise_factor * np.nan_to_num(noise, posinf=0.0)
         gap = real - base
         self.good = np.isfinite(gap)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.selection import Choice, Selection, Trials
 from flexx2_sim_ros.gap.inference.uncertainty import advantage, improvements
 import numpy as np
@@ -94,6 +95,10 @@ def support_of(
     """
     count, chosen = trials.count, selection.chosen
     evidence = trials.model.evidence
+
+    def support(name: str, gain: float, one: Choice, other: Fit) -> EffectSupport:
+        return EffectSupport(name, gain / count, advantage(one.fit, other))
+
     return Support(
         count,
         float(np.mean([one.grain.size * one.frames for one in evidence])),
@@ -104,23 +109,15 @@ def support_of(
         trials.model.pose_scatter(),
         tuple(improvements(chosen.fit, trials.base).tolist()),
         tuple(
-            EffectSupport(
-                part.effect, (chosen.gain - one.gain) / count, advantage(chosen.fit, one.fit)
-            )
+            support(part.effect, chosen.gain - one.gain, chosen, one.fit)
             for part, one in zip(chosen.fit.candidates, without, strict=True)
         ),
         tuple(
-            EffectSupport(
-                one.fit.candidates[-1].effect, one.gain / count, advantage(one.fit, trials.base)
-            )
+            support(one.fit.candidates[-1].effect, one.gain, one, trials.base)
             for one in considered
         ),
         tuple(
-            EffectSupport(
-                one.fit.candidates[-1].effect,
-                (one.gain - selection.gained) / count,
-                advantage(chosen.fit, one.fit),
-            )
+            support(one.fit.candidates[-1].effect, one.gain - selection.gained, chosen, one.fit)
             for one in selection.rivals
         ),
     )

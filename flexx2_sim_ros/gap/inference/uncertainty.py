@@ -40,22 +40,23 @@ def improvements(one: Fit, other: Fit) -> np.ndarray:
     return np.asarray(other.held_out - one.held_out + poses)
 
 
-def ratio_interval(top: np.ndarray, bottom: np.ndarray, least: float = 0.0) -> list[float]:
+def ratio_interval(top: np.ndarray, bottom: np.ndarray) -> list[float] | None:
     """
     Return the 90 % interval of sum(top) / sum(bottom) in as many new recordings.
 
-    `top` and `bottom` are (R,), one value a recording. The ratio is from `least` to 1. The
-    jackknife (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11) gives its
-    standard error over sets of recordings; it counts twice, because both what is predicted and
-    what is found in the new set vary.
+    `top` and `bottom` are (R,), one value a recording; None with fewer than three. The ratio is
+    from `THRESHOLDS.least_shrink` to 1. The jackknife (Efron and Tibshirani, An Introduction to
+    the Bootstrap, 1993, chapter 11) gives its standard error over sets of recordings; it counts
+    twice, because both what is predicted and what is found in the new set vary.
     """
     count = len(top)
     whole = top.sum() / max(bottom.sum(), 1e-9)
     if count < 3:
-        return [least, 1.0]
+        return None
     rest = (top.sum() - top) / np.maximum(bottom.sum() - bottom, 1e-9)
     error = np.sqrt((count - 1) / count * np.square(rest - rest.mean()).sum())
     reach = float(stats.t.ppf(THRESHOLDS.quantile, count - 1)) * math.sqrt(2) * float(error)
+    least = THRESHOLDS.least_shrink
     return [float(np.clip(end, least, 1)) for end in (whole - reach, whole + reach)]
 
 

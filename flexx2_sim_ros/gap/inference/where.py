@@ -61,30 +61,14 @@ def places(
     return [row for *_, row in sorted(rows, key=lambda item: (not item[0], -item[1]))]
 
 
-def _interval(
-    axes: Axes, names: Sequence[str], axis: str, first: int, last: int
-) -> dict[str, Any]:
-    if axis == 'uptime':
-        edges = (None, *WHERE.uptimes, None)
-        return {
-            'covariate': axis,
-            'low': edges[first],
-            'high': edges[last + 1],
-            'unit': 's',
-            'detail': '',
-        }
-    cell = _bounds(axes, axis, first, last)
-    if axis == 'recording':
-        cell.update(low=first, high=first, detail=names[first])
-    return cell
-
-
 def _rows(one: WhereCondition, names: list[str], axes: Axes) -> list[tuple[float, dict[str, Any]]]:
     # One row for each channel that differs, with the difference as a multiple of its tolerance.
     ratio = np.abs(one.difference) / GROUP_TOLERANCE
     p = _tail(one.difference, GROUP_TOLERANCE, one.noise**2)
     out = []
-    cell = _interval(axes, names, one.axis, one.first, one.last)
+    cell = _bounds(axes, one.axis, one.first, one.last)
+    if one.axis == 'recording':
+        cell.update(low=one.first, high=one.first, detail=names[one.first])
     for k in np.flatnonzero(ratio >= min(1.0, float(ratio.max()))):
         size, unit = float(one.size[k]), CHANNEL_UNITS[GROUP_CHANNELS[k]]
         if unit == 'sigma':
@@ -158,15 +142,18 @@ def mean_sigma(model: Model) -> np.ndarray:
 def _bounds(axes: Axes, name: str, first: int, last: int) -> dict[str, Any]:
     # Columns of a row that describe the bins of an axis from first to last.
     out: dict[str, Any] = {'covariate': name, 'low': None, 'high': None, 'unit': '', 'detail': ''}
-    edges = (None, *axes[name].edges, None) if name in axes else ()
+    limits, unit = (axes[name].edges, axes[name].unit) if name in axes else ((), '')
+    if name == 'uptime':
+        limits, unit = WHERE.uptimes, 's'
+    edges = (None, *limits, None)
     if name == 'log_amplitude':
         low, high = (
             None if edge is None else float(np.exp(edge))
             for edge in (edges[first], edges[last + 1])
         )
         out.update(covariate='amplitude', low=low, high=high, unit='1/m^2')
-    elif len(edges) > 2:
-        out.update(low=edges[first], high=edges[last + 1], unit=axes[name].unit)
+    elif limits:
+        out.update(low=edges[first], high=edges[last + 1], unit=unit)
     elif name == 'edge':
         out.update(low=1, high=1)
     elif name == 'region':

@@ -349,5 +349,5 @@ def _loss(
         'after': float(after.sum()),
         'null': float(noise.sum()),
         'shrink': float(np.clip(taken.sum() / max(possible.sum(), 1e-9), least, 1)),
-        'shrink_interval': ratio_interval(taken, possible, least) if len(taken) > 2 else None,
+        'shrink_interval': ratio_interval(taken, possible),
     }
