@@ -230,10 +230,7 @@ def hidden_could_explain(
 
 
 def hidden_would_be_named(
-    trials: Trials,
-    candidates: Sequence[Candidate],
-    singles: Sequence[Choice],
-    hidden: Set[str],
+    trials: Trials, candidates: Sequence[Candidate], singles: Sequence[Choice], hidden: Set[str]
 ) -> bool:
     """Return whether an undecided effect were named, if it could; as `hidden_could_explain`."""
     selection = select(trials, candidates, singles)
