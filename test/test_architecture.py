@@ -139,7 +139,7 @@ BUDGETS = {
     'truth': 67, 'view': 13, 'walking': 10,
 }  # fmt: skip
 SMALL_FILES = 29
-TESTS, BENCH = 323, 49  # hundreds of lines in test/ and bench/
+TESTS, BENCH = 325, 51  # hundreds of lines in test/ and bench/
 
 
 def test_the_house_stays_small():

@@ -1,6 +1,7 @@
 """The short form of the measurements of `bench`: each runs and prints figures."""
 
 from pathlib import Path
+import re
 import runpy
 import sys
 
@@ -29,6 +30,11 @@ def printed(tmp_path, monkeypatch, capsys):
         return capsys.readouterr().out
 
     return run_here
+
+
+def test_an_offset_is_found_with_ground_truth_that_a_tape_makes(printed):
+    said = printed('owner', '--effects', 'offset', '--kinds', 'corners')
+    assert re.search(r'^\| corners \| 1 \| 1 \| 1 \| 0 \|', said, re.M)
 
 
 def test_measurements_run_for_a_moment(child_env, tmp_path):
