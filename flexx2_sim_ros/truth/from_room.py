@@ -299,7 +299,7 @@ class RoomSource:
         for effect, reason in why.items():
             remedy, more = 'a recording of a bright corner', {}
             if effect == 'depth_scale' or reason == DIFFER:
-                remedy = 'a length in the scan, measured with a tape (--scale-error),'
+                remedy = 'a length in the scan that is measured with a tape (--scale-error)'
                 part = absorbed('scan').get(effect, 0.0)
                 more = {'absorbed': part, 'settled_by': remedy, 'confounded': True}
             elif effect == 'offset':

@@ -207,6 +207,21 @@ def decidable_part(candidate: Candidate, hidden: Set[str]) -> Candidate:
     return replace(candidate, terms=terms, build=build, given=given)
 
 
+def parted(
+    candidates: Sequence[Candidate], hidden: Set[str]
+) -> tuple[list[Candidate], list[Candidate]]:
+    """
+    Return the candidates that can be decided, and those of `hidden` effects.
+
+    No candidate has terms that do what an effect of the other list does; see `decidable_part`.
+    """
+    known = {one.effect for one in candidates} - hidden
+    return (
+        [decidable_part(one, hidden) for one in candidates if one.effect in known],
+        [decidable_part(one, known) for one in candidates if one.effect in hidden],
+    )
+
+
 def decidable_candidates(
     model: Model, candidates: Sequence[Candidate], hidden: Sequence[Undecided]
 ) -> tuple[list[Candidate], list[Undecided]]:

@@ -7,7 +7,7 @@ from flexx2_sim_ros.gap.calibration.decisions import calibrated
 from flexx2_sim_ros.gap.calibration.inference import ROUNDS, THRESHOLDS
 from flexx2_sim_ros.gap.data.hidden import Undecided
 from flexx2_sim_ros.gap.features.catalogue import Candidate
-from flexx2_sim_ros.gap.inference.decidable import decidable_part, undecided
+from flexx2_sim_ros.gap.inference.decidable import parted, undecided
 from flexx2_sim_ros.gap.inference.disagreement import Disagreement
 from flexx2_sim_ros.gap.inference.fitting import Fit
 from flexx2_sim_ros.gap.inference.model import Model
@@ -134,9 +134,7 @@ def decide(
     covered = [one for one in not_seen if not one.confounded and one.effect not in known]
     absorbed = [*(one for one in absorbed if not one.confounded), *covered]
     names = {one.effect for one in hidden}
-    left = {one.effect for one in candidates} - names
-    open_ones = [decidable_part(one, left) for one in candidates if one.effect in names]
-    candidates = [decidable_part(one, names) for one in candidates if one.effect in left]
+    candidates, open_ones = parted(candidates, names)
     trials = Trials(model)
     singles = []
     for candidate in candidates:

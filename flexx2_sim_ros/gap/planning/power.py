@@ -27,7 +27,7 @@ from flexx2_sim_ros.gap.data.unknown import PLANE_STEPS
 from flexx2_sim_ros.gap.features.catalogue import Candidate, catalogue, Column
 from flexx2_sim_ros.gap.features.evidence import Evidence
 from flexx2_sim_ros.gap.features.work import find, portion, Progress, Simulator
-from flexx2_sim_ros.gap.inference.decidable import undecided
+from flexx2_sim_ros.gap.inference.decidable import parted, undecided
 from flexx2_sim_ros.gap.inference.decide import hidden_could_explain
 from flexx2_sim_ros.gap.inference.model import combine, Model
 from flexx2_sim_ros.gap.inference.own_errors import COMMON
@@ -278,7 +278,8 @@ def _considered(
     # The best variant of the effect, and the effects that explain its gap next best, without
     # noise: of effects that can be decided, and of those left undecided.
     trials = Trials(model.as_if(model.column(_column_name(effect, _TYPICAL))))
-    singles = best_of_each([trials.choice([one]) for one in candidates])
+    several = [one for some in parted(candidates, hidden) for one in some]
+    singles = best_of_each([trials.choice([one]) for one in several])
     best = [one.fit.candidates[0] for one in singles]
     own = [one for one in best if one.effect == effect]
     rivals = [one for one in best if one.effect != effect]
