@@ -183,9 +183,8 @@ class RoomSource:
         alone = solve([view for i in parts if i not in given for view in parts[i]], NO_ERRORS)
         first = judge(self.found, alone)
         good = [view for view in alone.views if first[view.recording].state != 'refused']
-        self.solution, self.shared = alone, {}
-        if good:
-            self.solution, self.shared = estimate(good, self.request.scale_error)
+        scale_error = self.request.scale_error
+        self.solution, self.shared = estimate(good, scale_error) if good else (alone, {})
         self.fits = judge(self.found, self.solution)
         self.fits |= {i: one for i, one in first.items() if one.state == 'refused'}
         if given and self.request.told is not None:
