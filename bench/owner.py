@@ -142,7 +142,9 @@ def case(kind, effect, number):
                 # Planes are described by these names.
                 name = f'corner{i}' if kind == 'corners' else str(i)
                 np.savez(given / f'{name}.npz', **{key: archive[key] for key in left})
+        began = time.process_time()
         row['exact'] = _judged(diagnose(exact), effect)
+        row['exact_s'] = round(time.process_time() - began, 1)
         began = time.process_time()
         try:
             truth = make_truth(replace(request, recordings=(given,), out=made))

@@ -113,6 +113,15 @@ def test_poses_of_a_known_accuracy_are_used_as_they_are(tmp_path, still):
     assert np.abs(written.clean_depth[5] - depth).max() > 0.05
 
 
+def test_motion_capture_of_a_still_camera_may_begin_late(tmp_path, still):
+    words, pose, _ = still
+    path = write_poses(tmp_path / 'vicon.txt', np.arange(3, 8) / 30, [pose] * 5)
+    options = '--clock-offset', 0, '--pose-accuracy', '0.002,0.2', '--motion', 'still'
+    (row,) = truth(tmp_path / 'out', *words, path, *options)['recordings']
+    assert (row['verdict'], row['motion']) == ('used', 'still')
+    assert row['pose'][:3] == pytest.approx(pose.t)
+
+
 @pytest.mark.parametrize('wrong', [False, True])
 def test_a_camera_that_is_mounted_otherwise_than_told_is_doubtful(tmp_path, walk, wrong):
     """Assert it for poses of motion capture: a mount that is off looks like errors of depth."""

@@ -1,4 +1,4 @@
-"""Read a profile's file field by field; what cannot be used is refused by file and field."""
+"""Read a file, as of a profile, field by field; refuse what cannot be used by file and field."""
 
 import math
 import re

@@ -297,8 +297,8 @@ class RoomSource:
         out = hidden_by_scan(moving, self.late is not None, hidden)
         for effect, reason in why.items():
             remedy, more = 'a recording of a bright corner', {}
-            if effect == 'depth_scale' or reason == DIFFER:
-                remedy = 'a length in the scan that is measured with a tape (--scale-error)'
+            if 'depth_scale' in why and (effect == 'depth_scale' or reason == DIFFER):
+                remedy = 'a length in the room that is measured with a tape (--scale-error)'
                 part = absorbed('scan').get(effect, 0.0)
                 more = {'absorbed': part, 'settled_by': remedy, 'confounded': True}
             elif effect == 'offset':

@@ -128,6 +128,8 @@ def register(recording: GivenRecording, guess: tuple[float, ...] | None) -> Regi
 
 
 def _as_given(poses: Sequence[Pose | None], moving: bool, covariance: np.ndarray) -> Registered:
+    if not moving:  # One pose, though motion capture may begin after the first frame.
+        poses = [one for one in poses if one is not None][:1]
     costs = tuple(math.inf if one is None else 0.0 for one in poses)
     return Registered(tuple(poses), costs, moving, given=covariance)
 

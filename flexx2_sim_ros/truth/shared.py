@@ -68,7 +68,7 @@ def estimate(
     scale = _scale(solution, scale_error)
     if scale:
         findings['depth_scale'] = scale
-    if 'fraction' in scale and scale_error is None:
+    if 'fraction' in scale:
         findings['offset'] |= {'verdict': 'confounded', 'reason': DIFFER}
     return solution, findings
 
@@ -148,18 +148,21 @@ def _too_few(least: int, solution: Solution) -> str:
 
 def _scale(solution: Solution, known: float | None) -> Finding:
     # The scale is reported but not subtracted: if it is an error of the camera, the diagnosis must
-    # see it. Of a scan whose own scale is not known to a fraction, it may be an error of the scan.
-    nothing = _finding('the scale of the scan is not known') if known is None else {}
+    # see it. Within the error of the room's own scale, `known`, it may be an error of the room.
+    loose = known is None or known > _LEAST_SCALE
+    told = 'not known' if known is None else f'known to {known:.2%} only'
+    nothing = _finding(f'the scale of the room is {told}') if loose else {}
     if solution.recordings < _LEAST_RECORDINGS:
         return nothing
     periods = tuple(one for one in solution.columns.periods if one < _LIKE_SCALE)
     columns = replace(solution.columns, bias=True, periods=periods, scale=True)
     trial = solve(solution.views, columns)
     size, deviation = _fitted(trial, 'scale')
-    if abs(size) < max(_CLEAR * math.hypot(deviation, known or 0), _LEAST_SCALE):
+    if abs(size) < max(_CLEAR * deviation, _LEAST_SCALE):
         return nothing
+    ours = known is not None and abs(size) > _CLEAR * math.hypot(deviation, known)
     return {
-        'verdict': 'confounded' if known is None else 'found',
+        'verdict': 'found' if ours else 'confounded',
         'fraction': size,
         'standard_deviation': deviation,
         'reason': f'measured depth grows by {size:+.2%} of distance against the room',

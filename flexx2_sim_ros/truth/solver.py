@@ -1,4 +1,4 @@
-"""The solver of all fits: robust weights, damped Gauss-Newton steps, sums for covariances."""
+"""What fits share: robust weights, damped Gauss-Newton steps, sums for covariances."""
 
 from typing import Protocol, Self, TypeVar
 

@@ -185,8 +185,7 @@ def decidable_part(candidate: Candidate, hidden: Set[str]) -> Candidate:
     Return a candidate without the terms that change depth just like one of the `hidden` effects.
 
     The constant of an amplitude bias is such a term where an offset is hidden: the fit would use
-    it for whatever the ground truth leaves open. Hidden are effects that errors of poses and
-    planes look like; `candidate` is of none of them.
+    it for whatever the ground truth leaves open. `candidate` is of none of them.
     """
     fixed = {name for name, effect in constants(candidate).items() if effect in hidden}
     free = [term.name not in fixed for term in candidate.terms]

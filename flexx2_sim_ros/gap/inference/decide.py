@@ -120,8 +120,8 @@ def decide(
     """
     Explain the gap.
 
-    * `absorbed`: effects that the ground truth hides because of how it was made: wholly, then they
-      are no candidates, or for the most part. Without a finding the verdict is ``not_decidable``.
+    * `absorbed`: effects that the ground truth hides by how it was made, wholly or in part, or
+      that its errors look like (`confounded`). Without a finding the verdict is ``not_decidable``.
     * `not_seen`: the result of `undecided`, which does not depend on the gap; computed when left
       out.
     """
@@ -230,7 +230,7 @@ def hidden_could_explain(
 def hidden_would_be_named(
     trials: Trials, candidates: Sequence[Candidate], singles: Sequence[Choice], hidden: Set[str]
 ) -> bool:
-    """Return whether an undecided effect were named, if it could; as `hidden_could_explain`."""
+    """Return whether an undecided effect would be named; as for `hidden_could_explain`."""
     selection = select(trials, candidates, singles)
     found = selection.chosen
     support = support_of(trials, selection, without_each(trials, found), best_of_each(singles))

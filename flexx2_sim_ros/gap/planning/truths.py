@@ -49,7 +49,7 @@ KINDS = (
     TruthKind(
         'exact', 'clean depth without errors, as of a simulated camera or of motion capture'
     ),
-    TruthKind('scan', 'flexx2 gap truth --scan, of a room known to 3 mm', pose=True),
+    TruthKind('scan', 'flexx2 gap truth --scan, of a room known to 3 mm and its scale', pose=True),
     TruthKind(
         'tape',
         'planes, measured with a tape (3 mm) and a set square (0.3 degrees)',
