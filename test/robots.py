@@ -48,14 +48,13 @@ class RobotUnderTest(NodeUser):
     def __init__(self, *remappings, **values):
         """Start the node; values are of its parameters."""
         self.space = f'/robot_{next(_numbers)}'
-        self.robot = RobotCameras(
-            namespace=self.space,
-            cli_args=['--ros-args', *(word for rule in remappings for word in ('-r', rule))],
-            parameter_overrides=[
-                Parameter(name, value=value) for name, value in {**USUAL, **values}.items()
-            ],
+        words = ['--ros-args', *(word for rule in remappings for word in ('-r', rule))]
+        given = [Parameter(name, value=value) for name, value in {**USUAL, **values}.items()]
+        super().__init__(
+            f'{self.space}/go1_cameras',
+            lambda: RobotCameras(namespace=self.space, cli_args=words, parameter_overrides=given),
         )
-        super().__init__(self.robot, f'{self.space}/go1_cameras')
+        self.robot = self._node
 
     def to(self, topic, kind):
         """Return a publisher that the node listens to."""

@@ -129,11 +129,11 @@ class NodeUser(Listener):
     * `clients`: of its parameters
     """
 
-    def __init__(self, node, name):
-        """Let the node, whose full name is `name`, run in this executor."""
+    def __init__(self, name, start):
+        """Join the graph, to hear all that the node of this full name logs; then start it."""
         super().__init__()
-        self._node = node
-        self.add(node)
+        self._node = start()
+        self.add(self._node)
         self.clients = AsyncParameterClient(self.node, name)
 
     def logged(self, *parts):
@@ -174,12 +174,12 @@ class Stream(NodeUser):
         """Start the node and wait until everybody knows everybody."""
         namespace = namespace or f'/stream_{next(_numbers)}'
         self.source = source
-        self.camera = Flexx2Camera(
-            namespace=namespace,
-            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
-        )
         self.name = f'{namespace}/flexx2_camera'
-        super().__init__(self.camera, self.name)
+        given = [Parameter(name, value=value) for name, value in values.items()]
+        super().__init__(
+            self.name, lambda: Flexx2Camera(namespace=namespace, parameter_overrides=given)
+        )
+        self.camera = self._node
         self._clean = {}
         self._missed = {}
         for topic in topics:

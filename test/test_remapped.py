@@ -31,8 +31,11 @@ class Simulator(NodeUser):
 
     def __init__(self, topics):
         remaps = [word for name in topics for word in ('-r', f'{name}:={TOPICS[name]}')]
-        self.camera = Flexx2Camera(namespace=SPACE, cli_args=['--ros-args', *remaps])
-        super().__init__(self.camera, f'{SPACE}/flexx2_camera')
+        super().__init__(
+            f'{SPACE}/flexx2_camera',
+            lambda: Flexx2Camera(namespace=SPACE, cli_args=['--ros-args', *remaps]),
+        )
+        self.camera = self._node
         self._send = {
             name: self.node.create_publisher(kind, TOPICS[name], 10)
             for name, kind in zip(TOPICS, (Image, CameraInfo, Image), strict=True)
